@@ -1,0 +1,104 @@
+"""Names, units and layouts of everything that is measured, sent and recorded.
+
+Tables are NumPy arrays of structured type, so that the compiled functions, the nodes and the
+analysis read the same fields by the same names. Times are integer nanoseconds of simulated time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+NANOSECONDS = 1_000_000_000
+
+# What a PMU station reports, in the order of the columns of a frame: name, unit. NaN = not available.
+CHANNELS = {
+    "voltage_magnitude": "pu",
+    "voltage_angle": "rad",
+    "speed_deviation": "pu",
+    "active_power": "pu",
+    "reactive_power": "pu",
+}
+
+# One entry of a PMU frame as a link delivers it. `values` are in the order of CHANNELS.
+DELIVERY = np.dtype(
+    [
+        ("tick", "i8"),  # tick in which it is delivered
+        ("station", "i8"),  # index of the station
+        ("measured_ns", "i8"),  # time of measurement
+        ("arrival_ns", "i8"),  # time of arrival at the controllers
+        ("values", "f8", (len(CHANNELS),)),
+    ]
+)
+
+# One setpoint of one device, as a controller issues it or as a link delivers it.
+SETPOINT = np.dtype(
+    [
+        ("tick", "i8"),  # tick in which it is issued, or delivered
+        ("controller", "i8"),  # index of the controller in the run
+        ("device", "i8"),  # index of the device in the run
+        ("measured_ns", "i8"),  # time of measurement of the newest frame it rests on
+        ("issued_ns", "i8"),  # time at which the controller computed it
+        ("effective_ns", "i8"),  # time at which it reaches the device (as issued: issued_ns)
+        ("value", "f8"),  # p.u. of the system's base voltage
+    ]
+)
+
+# The truth about a machine, which no PMU sees as a whole.
+MACHINE_TRUTH = np.dtype(
+    [
+        ("rotor_angle", "f8"),  # rad, against the synchronously rotating frame
+        ("speed_deviation", "f8"),  # p.u. of synchronous speed
+        ("electrical_power", "f8"),  # p.u. of the system base, air-gap power
+        ("field_voltage", "f8"),  # p.u., 1 = open-circuit rated voltage on the air-gap line
+        ("terminal_voltage", "f8"),  # p.u.
+    ]
+)
+
+# The truth about a FACTS device.
+DEVICE_TRUTH = np.dtype(
+    [
+        ("setpoint", "f8"),  # p.u., the setpoint in force, after limits
+        ("reference", "f8"),  # p.u., the setpoint after the rate limit
+        ("injected_voltage", "f8"),  # p.u., quadrature voltage, capacitive positive
+        ("active_voltage", "f8"),  # p.u., in phase with the current, drop positive
+        ("current", "f8"),  # p.u. of the system base
+        ("dc_voltage", "f8"),  # p.u. of the rated DC voltage
+        ("blocked", "f8"),  # 1 = blocked (no solution of the current, or too little of it)
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Record:
+    """Everything that one closed loop left behind: from `loop.run` or from a recording alike.
+
+    `frames` has shape (ticks, stations, channels), `machines` (ticks, machines) of MACHINE_TRUTH,
+    `devices` (ticks, devices) of DEVICE_TRUTH; `delivered` has a row an entry (DELIVERY), `issued`
+    and `applied` a row a setpoint (SETPOINT). `in_synchronism` is false at the tick that ended an
+    unstable run. `notes` says what a damaged recording lacks.
+    """
+
+    configuration: dict[str, Any]
+    stations: list[str]
+    machine_names: list[str]
+    device_names: list[str]
+    controller_names: list[str]
+    time_ns: NDArray[np.int64]
+    frames: NDArray[np.float64]
+    delivered: NDArray[Any]
+    issued: NDArray[Any]
+    applied: NDArray[Any]
+    machines: NDArray[Any]
+    devices: NDArray[Any]
+    in_synchronism: NDArray[np.bool_]
+    events: list[dict[str, Any]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        """Time of every tick, s."""
+        return self.time_ns / NANOSECONDS
