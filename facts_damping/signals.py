@@ -14,6 +14,12 @@ from numpy.typing import NDArray
 
 NANOSECONDS = 1_000_000_000
 
+
+def to_ns(seconds: float) -> int:
+    """Seconds as integer nanoseconds, to the nearest."""
+    return round(seconds * NANOSECONDS)
+
+
 # What a PMU station reports, in the order of the columns of a frame: name, unit. NaN = not available.
 CHANNELS = {
     "voltage_magnitude": "pu",

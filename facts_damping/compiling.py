@@ -1,0 +1,46 @@
+"""How the numerical kernels are compiled: one decorator, one on-disk cache that cannot be stale.
+
+Numba's cache does not notice a change in a compiled function that another file's compiled function
+calls. So the cache lies in a folder named after a hash of this package's sources: any change, a new
+folder. Old folders are removed. No fast-math: the same function gives the same bits wherever it is
+called from, in a node or inside the compiled loop.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+from pathlib import Path
+
+KEPT_CACHES = 4
+
+
+def _fingerprint(folder: Path) -> str:
+    digest = hashlib.sha256(sys.version.encode())
+    for file in sorted(folder.rglob("*.py")):
+        digest.update(str(file.relative_to(folder)).encode())
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path:
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "facts_damping" / "numba"
+    folder = home / _fingerprint(Path(__file__).parent)
+    if not folder.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        by_age = sorted((f for f in home.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime, reverse=True)
+        for old in by_age[KEPT_CACHES:]:
+            shutil.rmtree(old, ignore_errors=True)
+    return folder
+
+
+if "NUMBA_CACHE_DIR" not in os.environ:
+    os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder())
+
+import numba  # noqa: E402 (the cache's folder has to be set before)
+
+numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
+
+compiled = numba.njit(cache=True, error_model="numpy")

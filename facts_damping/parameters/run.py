@@ -1,0 +1,136 @@
+"""A run as data: system, scenario, devices, controllers, link; and the events of a scenario."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from facts_damping.parameters.base import Model, Name, quantity
+
+
+def _time() -> float:
+    return quantity(..., "s", "when it happens, from the start of the run", ge=0, le=1e5)  # type: ignore[no-any-return]
+
+
+class Fault(Model):
+    """A balanced three-phase fault at a bus, or on a line at a fraction of its length from its first bus.
+
+    With `duration` it clears itself; otherwise it lasts until a `clear` event or the end.
+    """
+
+    time: float = _time()
+    kind: Literal["fault"]
+    bus: Name | None = None
+    line: Name | None = None
+    location: float = quantity(0.5, "-", "place on the line, as fraction of its length", gt=0, lt=1)
+    duration: float | None = quantity(None, "s", "time to self-clearing", gt=0, le=1e5)
+    r: float = quantity(0.0, "p.u.", "fault resistance; 0 with x = 0: bolted", ge=0, le=1e3)
+    x: float = quantity(0.0, "p.u.", "fault reactance", ge=0, le=1e3)
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Fault:
+        if (self.bus is None) == (self.line is None):
+            raise ValueError("a fault needs either `bus` or `line`")
+        return self
+
+
+class Clear(Model):
+    """The end of the fault at a bus or on a line."""
+
+    time: float = _time()
+    kind: Literal["clear"]
+    bus: Name | None = None
+    line: Name | None = None
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Clear:
+        if (self.bus is None) == (self.line is None):
+            raise ValueError("a clear event needs either `bus` or `line`")
+        return self
+
+
+class LineSwitch(Model):
+    """A line or transformer taken out, or put back in."""
+
+    time: float = _time()
+    kind: Literal["line_out", "line_in"]
+    line: Name
+
+
+class LoadStep(Model):
+    """A load that changes to (1 + change) times its value at the start."""
+
+    time: float = _time()
+    kind: Literal["load_step"]
+    load: Name
+    change: float = quantity(..., "-", "relative change, -0.1: ten per cent less", ge=-1, le=10)
+
+
+class MechanicalPowerStep(Model):
+    """A mechanical power that changes to (1 + change) times its value at the start."""
+
+    time: float = _time()
+    kind: Literal["mechanical_power_step"]
+    machine: Name
+    change: float = quantity(..., "-", "relative change, 0.1: ten per cent more", ge=-2, le=10)
+
+
+class GeneratorTrip(Model):
+    """A machine disconnected for good."""
+
+    time: float = _time()
+    kind: Literal["generator_trip"]
+    machine: Name
+
+
+Event = Annotated[
+    Fault | Clear | LineSwitch | LoadStep | MechanicalPowerStep | GeneratorTrip, Field(discriminator="kind")
+]
+
+
+class Scenario(Model):
+    """A list of events, with the duration that a run needs to show what they do."""
+
+    name: Name
+    description: str = ""
+    duration: float = quantity(20.0, "s", "default duration of a run", gt=0, le=1e5)
+    events: list[Event] = []
+
+
+class Stage(Model):
+    """A stage of a link's chain."""
+
+    stage: Literal["pmu", "network", "alignment", "computation", "actuator"] = "network"
+    model: Literal["constant"] = "constant"
+    delay: float = quantity(0.0, "s", "delay of the stage", ge=0, le=60)
+
+
+class Link(Model):
+    """A wide-area link: chains of stages from stations to controllers (up) and from there to devices (down)."""
+
+    description: str = ""
+    up: list[Stage] = []
+    down: list[Stage] = []
+
+
+class Controller(Model):
+    """A controller node: which row of the table of controllers, what it is given, what it commands."""
+
+    name: Name = Field("LLC", description="a row of `facts-damping list controllers`")
+    devices: list[Name] = Field(["sssc"], min_length=1, description="installed devices that it commands")
+    signals: list[Name] = Field(["speed"], min_length=1, description="signals of the system that it is given")
+    parameters: dict[str, float] = Field({}, description="its parameters where they differ from the table's")
+
+
+class Run(Model):
+    """One closed loop."""
+
+    system: str = Field("two_area", description="name under config/systems, or path of a YAML file")
+    scenario: str | list[Event] = Field("small", description="name under config/scenarios, path, or a list of events")
+    devices: list[Name] = Field(["sssc"], description="devices of the system that are installed")
+    controllers: list[Controller] = Field([Controller()], max_length=16)
+    link: str | Link = Field("ideal", description="name under config/links, path, or a chain of stages")
+    frame_rate: int = quantity(60, "frames/s", "PMU frames per second", ge=1, le=1000)
+    duration: float | None = quantity(None, "s", "simulated time; none: the scenario's", gt=0, le=1e5)
+    seed: int = quantity(0, "-", "seed of all randomness", ge=0, le=2**31 - 1)

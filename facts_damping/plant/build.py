@@ -1,0 +1,193 @@
+"""From a system, its installed devices and a scenario's events to a plant at its equilibrium."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.errors import InputError
+from facts_damping.plant import excitation, machine, sssc
+from facts_damping.plant.dynamics import MACHINE, Plant, PlantState
+from facts_damping.plant.events import stages
+from facts_damping.plant.network import (
+    Branch,
+    Topology,
+    admittance,
+    branches,
+    bus_names,
+    grounded,
+    shunts,
+    two_port,
+)
+from facts_damping.plant.power_flow import PowerFlow, solve
+from facts_damping.signals import to_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.run import Event
+    from facts_damping.parameters.system import Sssc, Station, System
+
+
+class Built(NamedTuple):
+    """A plant, its state at the start, and the names of what its arrays hold."""
+
+    plant: Plant
+    state: PlantState
+    flow: PowerFlow
+    state_names: list[str]
+
+
+def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> Built:
+    """Power flow, steady state of every machine, and the reduced network of every stage.
+
+    Raises `InputError` for a power flow that does not converge, or an event that cannot happen.
+    """
+    flow = solve(system)
+    devices = [d for d in system.devices if d.name in installed]
+    index = {name: i for i, name in enumerate(flow.names)}
+    voltage = {name: abs(flow.voltage[i]) for name, i in index.items()}
+    machines = np.zeros(len(system.machines), MACHINE)
+    exciters = np.zeros(len(system.machines), excitation.EXCITER)
+    power = np.zeros(len(system.machines))
+    states, exciter_states, names, exciter_names = [], [], [], []
+    offset = machine.ROTOR_STATES * len(system.machines)
+    by_machine = {e.machine: e for e in system.exciters}
+    for g, m in enumerate(system.machines):
+        circuits = machine.MODELS[m.model](m)
+        ratio = m.rating / system.base_power
+        v = complex(flow.voltage[index[m.bus]])
+        start = machine.steady_state(m, circuits, v, (flow.generation[m.name] / v).conjugate() / ratio)
+        row, started = excitation.row(by_machine.get(m.name), offset, abs(v), start.field_voltage)
+        machines[g] = (ratio, m.H, m.D, ratio / complex(m.Ra, m.Xd2), *circuits)
+        exciters[g], power[g] = row, start.power
+        states.append(start.states)
+        exciter_states.append(started)
+        names += [f"{m.name}.{state}" for state in machine.STATE_NAMES[m.model]]
+        exciter_names += [f"{m.name}.{state}" for state in excitation.STATE_NAMES[int(row["code"])]]
+        offset += len(started)
+        if not _within(row, start.field_voltage):
+            raise InputError(
+                f"exciters: {m.name} needs a field voltage of {start.field_voltage:.3f} p.u. at the start; "
+                f"allowed by its limits: {row['minimum']:g} to {row['maximum']:g}"
+            )
+    converters = np.zeros(len(devices), sssc.SSSC)
+    for p, device in enumerate(devices):
+        converters[p] = sssc.row(device, offset + sssc.STATES * p)
+    names += exciter_names + [f"{d.name}.{state}" for d in devices for state in sssc.STATE_NAMES]
+    steps = stages(system, listed)
+    plant = Plant(
+        omega_0=2 * math.pi * system.frequency,
+        step_ns=to_ns(system.step),
+        machines=machines,
+        exciters=exciters,
+        converters=converters,
+        stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
+        mechanical_power=np.array(
+            [
+                [0.0 if m.name in s.topology.machines_out else power[g] * s.mechanical_scale.get(m.name, 1.0)
+                 for g, m in enumerate(system.machines)]
+                for s in steps
+            ]
+        ),
+        online=np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps]),
+        network=np.array([reduce_network(system, devices, s.topology, voltage) for s in steps]),
+        station_machine=np.array(
+            [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.stations]
+        ),
+    )
+    x = np.concatenate([*states, *exciter_states, *(sssc.start() for _ in devices)])
+    state = PlantState(x, np.zeros(len(devices)), np.zeros(len(devices)))
+    return Built(plant, state, flow, names)
+
+
+def _within(row: NDArray[np.void], field_voltage: float) -> bool:
+    """Whether an exciter's limits admit a field voltage at the start."""
+    if row["code"] == excitation.CONSTANT:
+        return True
+    if row["code"] == excitation.DC:
+        field_voltage *= row["KE"] + row["AEX"] * math.exp(row["BEX"] * field_voltage)
+    return bool(row["minimum"] <= field_voltage <= row["maximum"])
+
+
+def reduce_network(
+    system: System, devices: Sequence[Sssc], topology: Topology, voltage: dict[str, float]
+) -> NDArray[np.complex128]:
+    """The network as the dynamics need it: Kron reduction to machines, device ports and stations.
+
+    `V = Z I` with Z the inverse of the bus admittance matrix that includes loads and the machines' 1 / (Ra + j X'').
+    Columns: unit Norton current of each machine, unit current of each port (out of its first bus, into its
+    second). Rows: machine voltages, open-circuit voltages of ports (with -Z_th in a port's own column), station
+    voltages, station currents. Shape (machines + ports + 2 stations, machines + ports), p.u.
+    """
+    names = bus_names(system, topology)
+    index = {name: i for i, name in enumerate(names)}
+    ported = {d.name for d in devices}
+    present = branches(system, topology)
+    present += [Branch(d.name, d.from_bus, d.to_bus, two_port(d.rs, 0, 0)) for d in system.devices if d.name not in ported]
+    matrix = admittance(names, present)
+    for bus, shunt in shunts(system, topology, voltage).items():
+        matrix[index[bus], index[bus]] += shunt
+    norton = np.zeros(len(system.machines), np.complex128)
+    for g, m in enumerate(system.machines):
+        if m.name not in topology.machines_out:
+            norton[g] = m.rating / system.base_power / complex(m.Ra, m.Xd2)
+            matrix[index[m.bus], index[m.bus]] += norton[g]
+    ends = [(index[d.from_bus], index[d.to_bus]) for d in devices]
+    sources = np.zeros((len(names), len(norton) + len(ends)), np.complex128)
+    for g, m in enumerate(system.machines):
+        sources[index[m.bus], g] = 1.0
+    for p, (first, second) in enumerate(ends):
+        sources[first, len(norton) + p], sources[second, len(norton) + p] = -1.0, 1.0
+    live = [i for i, name in enumerate(names) if name not in grounded(topology)]
+    bus_voltage = np.zeros_like(sources)
+    try:
+        bus_voltage[live] = np.linalg.solve(matrix[np.ix_(live, live)], sources[live])
+    except np.linalg.LinAlgError as error:
+        raise InputError(f"system {system.name}: network equations are singular: {error}; allowed: a regular network") from error
+    machine_rows = bus_voltage[[index[m.bus] for m in system.machines]]
+    port_rows = [bus_voltage[first] - bus_voltage[second] for first, second in ends]
+    places = [index[_station_bus(system, s)] for s in system.stations]
+    currents = [_station_current(system, s, present, devices, bus_voltage, index, norton) for s in system.stations]
+    return np.array([*machine_rows, *port_rows, *bus_voltage[places], *currents])
+
+
+def _station_bus(system: System, station: Station) -> str:
+    """The bus a station stands at."""
+    if station.bus is not None:
+        return station.bus
+    return next(m.bus for m in system.machines if m.name == station.machine)
+
+
+def _station_current(
+    system: System,
+    station: Station,
+    present: Sequence[Branch],
+    devices: Sequence[Sssc],
+    bus_voltage: NDArray[np.complex128],
+    index: dict[str, int],
+    norton: NDArray[np.complex128],
+) -> NDArray[np.complex128]:
+    """Row that gives a station's current from the sources: out of its machine, or out of its bus into its branches."""
+    machines, columns = len(norton), bus_voltage.shape[1]
+    row = np.zeros(columns, np.complex128)
+    if station.machine is not None:
+        g = [m.name for m in system.machines].index(station.machine)
+        if norton[g] != 0:
+            row[g] = 1.0
+        row -= norton[g] * bus_voltage[index[_station_bus(system, station)]]
+        return row
+    for p, device in enumerate(devices):
+        if device.name in station.branches:
+            row[machines + p] += 1.0 if device.from_bus == station.bus else -1.0
+    for branch in present:
+        if branch.name not in station.branches or station.bus not in (branch.from_bus, branch.to_bus):
+            continue  # the far section of a line with a fault on it
+        own = 0 if branch.from_bus == station.bus else 1
+        ends = bus_voltage[[index[branch.from_bus], index[branch.to_bus]]]
+        row += branch.admittance[own] @ ends
+    return row

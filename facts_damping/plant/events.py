@@ -1,0 +1,112 @@
+"""Events as data: from a list of events to the stages between which the network changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+from facts_damping.errors import InputError
+from facts_damping.parameters import run as events
+from facts_damping.plant.network import FaultPlace, Topology, check_islands
+from facts_damping.signals import to_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from facts_damping.parameters.run import Event
+    from facts_damping.parameters.system import System
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The state of the grid from `start_ns` on: topology, and mechanical powers relative to the start."""
+
+    start_ns: int = 0
+    topology: Topology = field(default_factory=Topology)
+    mechanical_scale: Mapping[str, float] = field(default_factory=dict)
+
+
+class Change(NamedTuple):
+    """One change at one instant: `where` names the event in the user's list."""
+
+    time_ns: int
+    where: str
+    event: Event
+
+
+def timeline(listed: Sequence[Event]) -> list[Change]:
+    """All changes in order of time; a fault with a duration brings its own clearing along."""
+    found = []
+    for i, event in enumerate(listed):
+        found.append(Change(to_ns(event.time), f"events.{i}", event))
+        if isinstance(event, events.Fault) and event.duration is not None:
+            end = event.time + event.duration
+            clear = events.Clear(time=end, kind="clear", bus=event.bus, line=event.line)
+            found.append(Change(to_ns(end), f"events.{i}.duration", clear))
+    return sorted(found, key=lambda change: change.time_ns)
+
+
+def stages(system: System, listed: Sequence[Event]) -> list[Stage]:
+    """The stages of a run, the first from the start. Raises `InputError` where an event cannot happen."""
+    found = [Stage()]
+    for change in timeline(listed):
+        after = _apply(system, found[-1], change)
+        check_islands(system, after.topology, f"{change.where} ({change.event.kind}): leaves an")
+        if change.time_ns == found[-1].start_ns:
+            found[-1] = after
+        else:
+            found.append(replace(after, start_ns=change.time_ns))
+    return found
+
+
+def _known(where: str, name: str, allowed: Iterable[str]) -> None:
+    allowed = list(allowed)
+    if name not in allowed:
+        raise InputError(f"{where}: '{name}' given; allowed: {', '.join(allowed) or 'none'}")
+
+
+def _apply(system: System, stage: Stage, change: Change) -> Stage:
+    """The stage after a change."""
+    event, where, before = change.event, change.where, stage.topology
+    lines = [line.name for line in system.lines]
+    buses = [bus.name for bus in system.buses]
+    if isinstance(event, (events.Fault, events.Clear)):
+        if event.bus is not None:
+            _known(f"{where}.bus", event.bus, buses)
+        else:
+            assert event.line is not None
+            _known(f"{where}.line", event.line, lines)
+        return replace(stage, topology=_fault(before, event, where))
+    if isinstance(event, events.LineSwitch):
+        branches = lines + [t.name for t in system.transformers]
+        closed = [name for name in branches if name not in before.lines_out]
+        if event.kind == "line_out":
+            _known(f"{where}.line", event.line, closed)
+            return replace(stage, topology=replace(before, lines_out=before.lines_out | {event.line}))
+        _known(f"{where}.line", event.line, [name for name in branches if name in before.lines_out])
+        return replace(stage, topology=replace(before, lines_out=before.lines_out - {event.line}))
+    if isinstance(event, events.LoadStep):
+        _known(f"{where}.load", event.load, [load.name for load in system.loads])
+        return replace(
+            stage, topology=replace(before, load_scale={**before.load_scale, event.load: 1.0 + event.change})
+        )
+    running = [m.name for m in system.machines if m.name not in before.machines_out]
+    _known(f"{where}.machine", event.machine, running)
+    if isinstance(event, events.MechanicalPowerStep):
+        return replace(
+            stage, mechanical_scale={**stage.mechanical_scale, event.machine: 1.0 + event.change}
+        )
+    return replace(stage, topology=replace(before, machines_out=before.machines_out | {event.machine}))
+
+
+def _fault(before: Topology, event: events.Fault | events.Clear, where: str) -> Topology:
+    """Topology after a fault appears or is cleared."""
+    burning = [place.bus or place.line or "" for place in before.faults]
+    element = event.bus or event.line or ""
+    if isinstance(event, events.Clear):
+        _known(where, element, burning)
+        return before.without_fault(event.bus, event.line)
+    if element in burning:
+        raise InputError(f"{where}: '{element}' given, where a fault burns already; allowed: one fault an element")
+    location = event.location if event.line is not None else 0.0
+    return before.with_fault(FaultPlace(event.bus, event.line, location), complex(event.r, event.x))

@@ -1,0 +1,180 @@
+"""The network `I = Y V`: branches, switching state, admittance matrix, islands.
+
+A `Topology` is the network's switching state: what is in service, which faults burn, how much each
+load is. Events change it; the admittance matrix is built from it anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from facts_damping.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.system import Line, System, Transformer
+
+
+@dataclass(frozen=True)
+class FaultPlace:
+    """Where a fault burns: at a bus, or on a line at a fraction of its length from its first bus."""
+
+    bus: str | None
+    line: str | None
+    location: float = 0.5
+
+
+@dataclass(frozen=True)
+class Topology:
+    """The switching state of the network; the default is the state before the first event."""
+
+    lines_out: frozenset[str] = frozenset()
+    faults: Mapping[FaultPlace, complex] = field(default_factory=dict)  # place: impedance, p.u.; 0 = bolted
+    load_scale: Mapping[str, float] = field(default_factory=dict)
+    machines_out: frozenset[str] = frozenset()
+
+    def with_fault(self, place: FaultPlace, impedance: complex) -> Topology:
+        """The same with a fault more."""
+        return replace(self, faults={**self.faults, place: impedance})
+
+    def without_fault(self, bus: str | None, line: str | None) -> Topology:
+        """The same without the faults at the bus or on the line."""
+        kept = {place: z for place, z in self.faults.items() if (place.bus, place.line) != (bus, line)}
+        return replace(self, faults=kept)
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A two-port between buses: `[I_from, I_to] = Y [V_from, V_to]`, p.u. on the system base."""
+
+    name: str
+    from_bus: str
+    to_bus: str
+    admittance: NDArray[np.complex128]
+
+
+def line_section(line: Line, model: str, fraction: float = 1.0) -> NDArray[np.complex128]:
+    """Admittance two-port of a fraction of a line, shape (2, 2), p.u.
+
+    pi: series z l, shunts y l / 2. distributed: series z l sinh(g l) / (g l), shunts y l / 2
+    tanh(g l / 2) / (g l / 2), with g l = sqrt(z y) l (Kundur 1994, 6.1.4).
+    """
+    series = complex(line.r, line.x) * line.length * fraction
+    shunt = 1j * line.b * line.length * fraction
+    if model == "distributed" and line.b > 0:
+        gl = np.sqrt(series * shunt)
+        series, shunt = series * np.sinh(gl) / gl, shunt * np.tanh(gl / 2) / (gl / 2)
+    return two_port(series, shunt / 2, shunt / 2)
+
+
+def two_port(series: complex, shunt_from: complex, shunt_to: complex) -> NDArray[np.complex128]:
+    """Admittance two-port of a pi section: series impedance, shunt admittances, shape (2, 2)."""
+    y = 1 / series
+    return np.array([[y + shunt_from, -y], [-y, y + shunt_to]])
+
+
+def transformer_section(transformer: Transformer, base_power: float) -> NDArray[np.complex128]:
+    """Admittance two-port of a transformer, shape (2, 2), p.u. on the system base.
+
+    The magnetising branch lies at the first bus: all leakage is on the other side (thesis A.2: L1 = 0).
+    """
+    ratio = transformer.rating / base_power
+    magnetising = 0j
+    if transformer.magnetising_r is not None:
+        magnetising += ratio / transformer.magnetising_r
+    if transformer.magnetising_x is not None:
+        magnetising += ratio / (1j * transformer.magnetising_x)
+    return two_port(complex(transformer.r, transformer.x) / ratio, magnetising, 0j)
+
+
+def branches(system: System, topology: Topology) -> list[Branch]:
+    """Lines and transformers in service, p.u.; a line with a fault on it is two, joined at a bus `line:fault`."""
+    found = []
+    faulted = {place.line: place for place in topology.faults if place.line is not None}
+    for line in system.lines:
+        if line.name in topology.lines_out:
+            continue
+        place = faulted.get(line.name)
+        if place is None:
+            found.append(Branch(line.name, line.from_bus, line.to_bus, line_section(line, system.line_model)))
+            continue
+        middle = fault_bus(line.name)
+        near, far = (line_section(line, system.line_model, part) for part in (place.location, 1 - place.location))
+        found.append(Branch(line.name, line.from_bus, middle, near))
+        found.append(Branch(line.name, middle, line.to_bus, far))
+    for transformer in system.transformers:
+        if transformer.name not in topology.lines_out:
+            section = transformer_section(transformer, system.base_power)
+            found.append(Branch(transformer.name, transformer.from_bus, transformer.to_bus, section))
+    return found
+
+
+def fault_bus(line: str) -> str:
+    """Name of the bus that a fault on a line makes."""
+    return f"{line}:fault"
+
+
+def bus_names(system: System, topology: Topology) -> list[str]:
+    """Names of all buses, those that faults on lines make last."""
+    extra = [fault_bus(p.line) for p in topology.faults if p.line is not None and p.line not in topology.lines_out]
+    return [bus.name for bus in system.buses] + extra
+
+
+def admittance(names: list[str], present: list[Branch]) -> NDArray[np.complex128]:
+    """Bus admittance matrix of branches alone, shape (buses, buses), p.u."""
+    index = {name: i for i, name in enumerate(names)}
+    matrix = np.zeros((len(names), len(names)), np.complex128)
+    for branch in present:
+        ends = [index[branch.from_bus], index[branch.to_bus]]
+        matrix[np.ix_(ends, ends)] += branch.admittance
+    return matrix
+
+
+def shunts(system: System, topology: Topology, voltage: Mapping[str, float]) -> dict[str, complex]:
+    """Shunt admittance at each bus from loads (constant impedance, `voltage` the solved one), capacitors and faults, p.u."""
+    total: dict[str, complex] = {}
+    for load in system.loads:
+        power = complex(load.P, load.Q) / system.base_power * topology.load_scale.get(load.name, 1.0)
+        reference = 1.0 if load.at == "nominal" else voltage[load.bus]
+        total[load.bus] = total.get(load.bus, 0j) + power.conjugate() / reference**2
+    for shunt in system.shunts:
+        total[shunt.bus] = total.get(shunt.bus, 0j) + 1j * shunt.Q / system.base_power
+    for place, impedance in topology.faults.items():
+        if impedance != 0 and (place.line is None or place.line not in topology.lines_out):
+            bus = place.bus if place.line is None else fault_bus(place.line)
+            assert bus is not None
+            total[bus] = total.get(bus, 0j) + 1 / impedance
+    return total
+
+
+def grounded(topology: Topology) -> set[str]:
+    """Buses at zero voltage: those with a bolted fault."""
+    found = set()
+    for place, impedance in topology.faults.items():
+        if impedance == 0 and (place.line is None or place.line not in topology.lines_out):
+            found.add(place.bus if place.line is None else fault_bus(place.line))
+    return {bus for bus in found if bus is not None}
+
+
+def check_islands(system: System, topology: Topology, when: str) -> None:
+    """Raise `InputError` where buses hang together with no machine in service among them."""
+    names = bus_names(system, topology)
+    index = {name: i for i, name in enumerate(names)}
+    links = np.eye(len(names))
+    for a, b in [(b.from_bus, b.to_bus) for b in branches(system, topology)] + [
+        (d.from_bus, d.to_bus) for d in system.devices
+    ]:
+        links[index[a], index[b]] = 1
+    count, label = connected_components(links, directed=False)
+    fed = {label[index[m.bus]] for m in system.machines if m.name not in topology.machines_out}
+    for island in range(count):
+        if island not in fed:
+            members = [name for name in names if label[index[name]] == island]
+            raise InputError(f"{when}: island without a machine: buses {', '.join(members)}; allowed: at least one machine an island")

@@ -1,0 +1,111 @@
+"""Power flow: bus voltages from scheduled powers and voltages, by Newton's method in polar form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from facts_damping.errors import InputError
+from facts_damping.plant.network import Branch, Topology, admittance, branches, bus_names, two_port
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.system import System
+
+TOLERANCE = 1e-9  # p.u., largest power mismatch
+MAX_ITERATIONS = 30
+
+
+@dataclass(frozen=True)
+class PowerFlow:
+    """Solved power flow: complex bus voltages (buses,), net injected power (buses,), p.u.; mismatch reached."""
+
+    names: list[str]
+    voltage: NDArray[np.complex128]
+    injection: NDArray[np.complex128]
+    generation: dict[str, complex]
+    residual: float
+
+
+def solve(system: System) -> PowerFlow:
+    """Solve for all bus voltages before the first event.
+
+    Unknowns are the angles of all buses but the slack's and the magnitudes at the buses without a
+    machine; equations P_i + j Q_i = V_i conj(sum_j Y_ij V_j) (Kundur 1994, 6.4). A FACTS device in
+    series is its transformer's resistance. Raises `InputError` where Newton's method does not converge.
+    """
+    names = bus_names(system, Topology())
+    index = {name: i for i, name in enumerate(names)}
+    present = branches(system, Topology())
+    present += [Branch(d.name, d.from_bus, d.to_bus, two_port(d.rs, 0, 0)) for d in system.devices]
+    matrix = admittance(names, present)
+    for shunt in system.shunts:
+        matrix[index[shunt.bus], index[shunt.bus]] += 1j * shunt.Q / system.base_power
+    demand = np.zeros(len(names), np.complex128)
+    for load in system.loads:
+        power = complex(load.P, load.Q) / system.base_power
+        if load.at == "nominal":
+            matrix[index[load.bus], index[load.bus]] += power.conjugate()
+        else:
+            demand[index[load.bus]] += power
+    scheduled = -demand
+    magnitude, angle = np.ones(len(names)), np.zeros(len(names))
+    for machine in system.machines:
+        scheduled[index[machine.bus]] += (machine.P or 0.0) / system.base_power
+        magnitude[index[machine.bus]] = machine.V
+    slack = next(m for m in system.machines if m.slack)
+    angle[:] = np.deg2rad(slack.angle)
+    free_angle = np.array([i for i in range(len(names)) if i != index[slack.bus]], int)
+    free_magnitude = np.array([i for i in range(len(names)) if i not in {index[m.bus] for m in system.machines}], int)
+    voltage, residual = _newton(matrix, scheduled, magnitude, angle, free_angle, free_magnitude)
+    if not residual < TOLERANCE:
+        raise InputError(
+            f"system {system.name}: power flow does not converge: mismatch {residual:.3g} p.u. after "
+            f"{MAX_ITERATIONS} iterations; allowed: {TOLERANCE:g}"
+        )
+    injection = voltage * np.conj(matrix @ voltage)
+    generation = {m.name: complex(injection[index[m.bus]] + demand[index[m.bus]]) for m in system.machines}
+    return PowerFlow(names, voltage, injection, generation, residual)
+
+
+def _newton(
+    matrix: NDArray[np.complex128],
+    scheduled: NDArray[np.complex128],
+    magnitude: NDArray[np.float64],
+    angle: NDArray[np.float64],
+    free_angle: NDArray[np.int64],
+    free_magnitude: NDArray[np.int64],
+) -> tuple[NDArray[np.complex128], float]:
+    """Newton iterations in polar form; the voltages and the largest mismatch that remains."""
+    voltage = magnitude * np.exp(1j * angle)
+    residual = float("inf")
+    for _ in range(MAX_ITERATIONS):
+        current = matrix @ voltage
+        mismatch = voltage * np.conj(current) - scheduled
+        equations = np.concatenate([mismatch.real[free_angle], mismatch.imag[free_magnitude]])
+        residual = float(np.max(np.abs(equations), initial=0.0))
+        if residual < TOLERANCE / 1000 or not np.isfinite(residual):
+            break
+        by_angle = 1j * np.diag(voltage) @ np.conj(np.diag(current) - matrix @ np.diag(voltage))
+        unit = voltage / np.abs(voltage)
+        by_magnitude = np.diag(voltage) @ np.conj(matrix @ np.diag(unit)) + np.diag(np.conj(current) * unit)
+        jacobian = np.block(
+            [
+                [by_angle.real[np.ix_(free_angle, free_angle)], by_magnitude.real[np.ix_(free_angle, free_magnitude)]],
+                [
+                    by_angle.imag[np.ix_(free_magnitude, free_angle)],
+                    by_magnitude.imag[np.ix_(free_magnitude, free_magnitude)],
+                ],
+            ]
+        )
+        try:
+            change = np.linalg.solve(jacobian, -equations)
+        except np.linalg.LinAlgError:
+            return voltage, float("inf")
+        angle[free_angle] += change[: len(free_angle)]
+        magnitude[free_magnitude] += change[len(free_angle) :]
+        voltage = magnitude * np.exp(1j * angle)
+    return voltage, residual
