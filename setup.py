@@ -1,0 +1,97 @@
+"""Package metadata, for pip and colcon alike.
+
+It is here and not in a [project] table of pyproject.toml because colcon reads setup.py only.
+"""
+
+import re
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+ROOT = Path(__file__).parent
+NAME = "facts_damping"
+NODES = ("plant_sim", "wan_link", "controller", "recorder")
+
+
+def version() -> str:
+    """Return `__version__` of the package, without importing it."""
+    match = re.search(r'^__version__ = "(.+)"$', (ROOT / NAME / "__init__.py").read_text(), re.MULTILINE)
+    if match is None:
+        raise ValueError(f"{NAME}/__init__.py: no line __version__ = ...")
+    return match[1]
+
+
+def shared(*folders: str) -> list[tuple[str, list[str]]]:
+    """List the files below the folders for share/facts_damping, each in its own folder."""
+    found: dict[str, list[str]] = {}
+    for folder in folders:
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                relative = path.relative_to(ROOT)
+                found.setdefault(f"share/{NAME}/{relative.parent.as_posix()}", []).append(relative.as_posix())
+    return list(found.items())
+
+
+setup(
+    name=NAME,
+    version=version(),
+    description="Wide-area damping of power systems with FACTS devices, as a ROS 2 node graph.",
+    license="Apache-2.0",
+    maintainer="facts_damping maintainers",
+    maintainer_email="maintainers@example.org",
+    python_requires=">=3.10",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={"": ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        *shared("config", "launch"),
+    ],
+    zip_safe=False,
+    # Lower bounds: what runs on Python 3.10. Upper bounds: the next release that may break.
+    install_requires=[
+        "matplotlib>=3.8,<4",
+        "mcap>=1.2,<2",
+        "numba>=0.60,<1",
+        "numpy>=1.26,<3",
+        "pydantic>=2.6,<3",
+        "pyyaml>=6,<7",
+        "rosbags>=0.10,<1",
+        "scipy>=1.12,<2",  # also for Numba: its matrix product calls SciPy's BLAS
+        "zstandard>=0.22,<1",
+    ],
+    extras_require={
+        # ROS 2 Kilted from wheels; not for an environment that has ROS 2 from apt.
+        "ros": [
+            "ros-kilted-diagnostic-msgs==5.5.1",
+            "ros-kilted-rclpy==9.1.2",
+            "ros-kilted-rmw-fastrtps-cpp==9.3.3",
+            "ros-kilted-std-msgs==5.5.1",
+        ],
+        "bench": ["andes>=1.9,<3"],
+        "test": [
+            # For the colcon build of tests/test_packaging.py, with the generators of the messages.
+            "cmake>=3.24,<5",
+            "catkin-pkg>=1,<2",
+            "colcon-common-extensions>=0.3,<1",
+            "ros-kilted-ament-cmake==2.7.3",
+            "ros-kilted-ament-cmake-include-directories==2.7.3",
+            "ros-kilted-ament-cmake-ros-core==0.14.5",
+            "ros-kilted-ament-package==0.17.2",
+            "ros-kilted-rosidl-core-generators==0.3.1",
+            "ros-kilted-rosidl-default-generators==1.7.1",
+            "hypothesis>=6.100,<7",
+            "import-linter>=2,<3",
+            "mypy>=1.13,<3",
+            "pytest>=8,<10",
+            "ruff>=0.14,<1",
+            "types-PyYAML>=6,<7",
+        ],
+    },
+    entry_points={
+        "console_scripts": [
+            f"facts-damping = {NAME}.cli:main",
+            *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
+        ],
+    },
+)
