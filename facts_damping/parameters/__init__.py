@@ -1,0 +1,1 @@
+"""What systems, scenarios, links and runs consist of: plain data with units, meanings and ranges."""

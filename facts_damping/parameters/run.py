@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -124,13 +124,13 @@ class Controller(Model):
 
 
 class Run(Model):
-    """One closed loop."""
+    """One closed loop, as the user writes it; `system`, `scenario` and `link` name a file or stand inline."""
 
-    system: str = Field("two_area", description="name under config/systems, or path of a YAML file")
-    scenario: str | list[Event] = Field("small", description="name under config/scenarios, path, or a list of events")
+    system: str | dict[str, Any] = Field("two_area", description="name under config/systems, path, or a system inline")
+    scenario: str | list[Any] = Field("small", description="name under config/scenarios, path, or a list of events")
     devices: list[Name] = Field(["sssc"], description="devices of the system that are installed")
     controllers: list[Controller] = Field([Controller()], max_length=16)
-    link: str | Link = Field("ideal", description="name under config/links, path, or a chain of stages")
+    link: str | dict[str, Any] = Field("ideal", description="name under config/links, path, or a link inline")
     frame_rate: int = quantity(60, "frames/s", "PMU frames per second", ge=1, le=1000)
     duration: float | None = quantity(None, "s", "simulated time; none: the scenario's", gt=0, le=1e5)
     seed: int = quantity(0, "-", "seed of all randomness", ge=0, le=2**31 - 1)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field, model_validator
 
 from facts_damping.parameters.base import Model, Name, quantity
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 
 class Bus(Model):
@@ -143,6 +146,12 @@ class Sssc(Model):
     I_rated: float = quantity(10.0, "p.u.", "rated current; above it the DC regulator keeps its power", gt=0, le=1000)
     I_min: float = quantity(0.02, "p.u.", "current below which the converter is blocked", gt=0, le=1)
 
+    @model_validator(mode="after")
+    def _room(self) -> Sssc:
+        if self.vp_max >= self.vc_max:
+            raise ValueError(f"vp_max must be below vc_max, given {self.vp_max} and {self.vc_max}")
+        return self
+
 
 class Station(Model):
     """A PMU: at a machine's terminals, or at a bus with the branches whose flow out of the bus it measures."""
@@ -194,3 +203,59 @@ class System(Model):
     stations: list[Station] = Field(..., min_length=1)
     signals: dict[Name, Signal] = {}
     measures: Measures = Measures()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> System:
+        check_references(self)
+        return self
+
+
+def _unique(field: str, names: Sequence[str]) -> set[str]:
+    """The names as a set; a name that stands twice is an error."""
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise ValueError(f"{field}.{i}: '{name}' stands twice; allowed: each name once")
+    return set(names)
+
+
+def _known(field: str, name: str, allowed: set[str]) -> None:
+    if name not in allowed:
+        raise ValueError(f"{field}: '{name}' given; allowed: {', '.join(sorted(allowed)) or 'none'}")
+
+
+def check_references(system: System) -> None:
+    """Raise `ValueError` where a row names a bus, machine, branch, station or signal that is not there."""
+    buses = _unique("buses", [b.name for b in system.buses])
+    machines = _unique("machines", [m.name for m in system.machines])
+    _unique("machines.*.bus", [m.bus for m in system.machines])
+    _unique("exciters.*.machine", [e.machine for e in system.exciters])
+    stations = _unique("stations", [s.name for s in system.stations])
+    _unique("loads", [x.name for x in system.loads])
+    _unique("shunts", [x.name for x in system.shunts])
+    joined = [("lines", x) for x in system.lines]
+    joined += [("transformers", x) for x in system.transformers]  # type: ignore[misc]
+    joined += [("devices", x) for x in system.devices]  # type: ignore[misc]
+    branches = {x.name: {x.from_bus, x.to_bus} for _, x in joined}
+    _unique("lines, transformers, devices", [x.name for _, x in joined])
+    for field, row in joined:
+        for end, bus in (("from", row.from_bus), ("to", row.to_bus)):
+            _known(f"{field}: {row.name}.{end}", bus, buses)
+        if row.from_bus == row.to_bus:
+            raise ValueError(f"{field}: {row.name}.to: '{row.to_bus}' given twice; allowed: two different buses")
+    for field, rows in (("loads", system.loads), ("shunts", system.shunts), ("machines", system.machines)):
+        for row in rows:  # type: ignore[attr-defined]
+            _known(f"{field}: {row.name}.bus", row.bus, buses)
+    for exciter in system.exciters:
+        _known("exciters.*.machine", exciter.machine, machines)
+    for station in system.stations:
+        _known(f"stations: {station.name}", station.machine or station.bus or "", machines | buses)
+        for branch in station.branches:
+            _known(f"stations: {station.name}.branches", branch, {n for n, ends in branches.items() if station.bus in ends})
+    for name, signal in system.signals.items():
+        for station_name in signal.weights:
+            _known(f"signals: {name}.weights", station_name, stations)
+    for name in (*system.measures.local, *system.measures.interarea):
+        _known("measures", name, {n for n, s in system.signals.items() if s.channel == "speed_deviation"})
+    slack = [m.name for m in system.machines if m.slack]
+    if len(slack) != 1:
+        raise ValueError(f"machines.*.slack: {len(slack)} slack machines given ({', '.join(slack)}); allowed: exactly one")

@@ -1,0 +1,41 @@
+"""The lead-lag controller of the thesis's appendix B; compiled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from facts_damping.compiling import compiled
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+@compiled
+def section(n1: float, n0: float, d1: float, dt: float, state: NDArray[np.float64], at: int, u: float) -> float:
+    """One step of (n1 s + n0) / (d1 s + 1) by the bilinear transform with step `dt`, s.
+
+    With c = 2 / dt: (1 + d1 c) y = (n0 + n1 c) u + (n0 - n1 c) u_before - (1 - d1 c) y_before.
+    `state[at]` and `state[at + 1]` hold input and output of the step before.
+    """
+    c = 2.0 / dt
+    y = ((n0 + n1 * c) * u + (n0 - n1 * c) * state[at] - (1.0 - d1 * c) * state[at + 1]) / (1.0 + d1 * c)
+    state[at] = u
+    state[at + 1] = y
+    return y
+
+
+@compiled
+def step(p: NDArray[np.float64], state: NDArray[np.float64], y: float, dt: float) -> float:
+    """Output before limits: kG s Tw / (1 + s Tw) (1 + s T1) / (1 + s T2) (1 + s T3) / (1 + s T4), p.u.
+
+    `p` is [kG, Tw, T1, T2, T3, T4]; `dt` the time between the two newest frames, s; 0 at the first frame,
+    from which the washout starts at rest.
+    """
+    if dt <= 0.0:
+        state[:] = 0.0
+        state[0] = y
+        return 0.0
+    u = section(p[0] * p[1], 0.0, p[1], dt, state, 0, y)
+    u = section(p[2], 1.0, p[3], dt, state, 2, u)
+    return section(p[4], 1.0, p[5], dt, state, 4, u)

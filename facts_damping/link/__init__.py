@@ -1,0 +1,1 @@
+"""Wide-area communication: chains of stages that delay what passes, in simulated time."""

@@ -1,0 +1,197 @@
+"""The closed loop without ROS: one compiled tick of everything, and whole runs of it.
+
+The order of a tick (docs/architecture.md): measure, uplink, act, downlink, advance. The nodes call
+the same five functions, each its own; here they are called in one compiled loop.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.compiling import compiled
+from facts_damping.control.bank import Bank, BankState, act, bank
+from facts_damping.errors import RunError
+from facts_damping.link.transfer import Direction, directions, downlink, uplink
+from facts_damping.plant.build import Built, build
+from facts_damping.plant.dynamics import Plant, PlantState, Work, advance, measure, workspace
+from facts_damping.plant.events import timeline
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT, Record
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.configuration import Case
+
+
+class Loop(NamedTuple):
+    """Everything a closed loop consists of: frozen parameters and state, each part by itself."""
+
+    plant: Plant
+    plant_state: PlantState
+    work: Work
+    up: Direction
+    down: Direction
+    bank: Bank
+    bank_state: BankState
+    issued: NDArray[Any]  # SETPOINT, what the controllers issue in a tick
+
+
+class Signals(NamedTuple):
+    """Arrays that a run fills: see `signals.Record`; `count` holds ticks, delivered, issued, applied."""
+
+    time_ns: NDArray[np.int64]
+    frames: NDArray[np.float64]
+    machines: NDArray[Any]
+    devices: NDArray[Any]
+    in_synchronism: NDArray[np.bool_]
+    delivered: NDArray[Any]
+    issued: NDArray[Any]
+    applied: NDArray[Any]
+    count: NDArray[np.int64]
+
+
+@compiled
+def tick_ns(tick: int, frame_rate: int) -> int:
+    """Time of a tick, ns: t_k = k / f, rounded down."""
+    return tick * NANOSECONDS // frame_rate
+
+
+def build_plant(case: Case) -> Built:
+    """The plant of a case, at its equilibrium."""
+    return build(case.system, case.run.devices, case.scenario.events)
+
+
+def build_link(case: Case) -> tuple[Direction, Direction]:
+    """Both directions of a case's link."""
+    commands = sum(len(c.devices) for c in case.run.controllers)
+    return directions(case.link, len(case.system.stations), len(case.run.devices), commands, case.run.frame_rate)
+
+
+def build_bank(case: Case) -> tuple[Bank, BankState]:
+    """The controllers of a case."""
+    limits = {d.name: d.v_max for d in case.system.devices if d.name in case.run.devices}
+    stations = [station.name for station in case.system.stations]
+    return bank(case.run.controllers, case.system.signals, stations, limits)
+
+
+def issue_room(down: Direction, up: Direction) -> NDArray[Any]:
+    """Room for all setpoints that can be issued in one tick."""
+    return np.zeros(max(1, len(down.out)) * max(1, len(up.out)), SETPOINT)
+
+
+def build_loop(case: Case) -> Loop:
+    """All parts of a case, at the start."""
+    built = build_plant(case)
+    up, down = build_link(case)
+    controllers, state = build_bank(case)
+    work = workspace(built.plant, built.state)
+    return Loop(built.plant, built.state, work, up, down, controllers, state, issue_room(down, up))
+
+
+def room(case: Case, loop: Loop) -> Signals:
+    """Arrays for all signals of a case."""
+    n, stations = case.ticks, len(case.system.stations)
+    commands = 2 * sum(len(c.devices) for c in case.run.controllers)
+    return Signals(
+        np.zeros(n, np.int64),
+        np.zeros((n, stations, len(CHANNELS))),
+        np.zeros((n, len(loop.plant.machines)), MACHINE_TRUTH),
+        np.zeros((n, len(loop.plant.converters)), DEVICE_TRUTH),
+        np.zeros(n, np.bool_),
+        np.zeros(n * stations, DELIVERY),
+        np.zeros(n * commands, SETPOINT),
+        np.zeros(n * commands, SETPOINT),
+        np.zeros(4, np.int64),
+    )
+
+
+@compiled
+def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> int:
+    """Keep `count` entries from index `at` on; the index after the last."""
+    for i in range(count):
+        kept[at + i] = entries[i]
+    return at + count
+
+
+@compiled
+def run_loop(loop: Loop, frame_rate: int, ticks: int, kept: Signals) -> bool:
+    """Run `ticks` ticks, or until the plant is no longer sound. False: a link had no room left."""
+    for k in range(ticks):
+        start, end = tick_ns(k, frame_rate), tick_ns(k + 1, frame_rate)
+        frame = kept.frames[k]
+        sound = measure(loop.plant, loop.plant_state, start, frame, kept.machines[k], kept.devices[k], loop.work)
+        kept.time_ns[k] = start
+        kept.in_synchronism[k] = sound
+        kept.count[0] = k + 1
+        delivered = uplink(loop.up, k, start, end, frame)
+        if delivered < 0:
+            return False
+        kept.count[1] = _append(kept.delivered, kept.count[1], loop.up.out, delivered)
+        issued = 0
+        for c in range(loop.bank.code.size):
+            issued = act(loop.bank, loop.bank_state, c, k, loop.up.out, delivered, loop.issued, issued)
+        kept.count[2] = _append(kept.issued, kept.count[2], loop.issued, issued)
+        applied = downlink(loop.down, k, end, loop.issued, issued)
+        if applied < 0:
+            return False
+        kept.count[3] = _append(kept.applied, kept.count[3], loop.down.out, applied)
+        if not sound:
+            break
+        advance(loop.plant, loop.plant_state, start, end, loop.down.out, applied, loop.work)
+    return True
+
+
+def run(case: Case) -> Record:
+    """One closed loop in process, compiled; the record of all its signals."""
+    loop = build_loop(case)
+    kept = room(case, loop)
+    if not run_loop(loop, case.run.frame_rate, case.ticks, kept):
+        raise RunError("link: more entries under way than its longest delay allows for")
+    ticks, delivered, issued, applied = (int(n) for n in kept.count)
+    return Record(
+        configuration=case.document(),
+        stations=[s.name for s in case.system.stations],
+        machine_names=[m.name for m in case.system.machines],
+        device_names=list(case.run.devices),
+        controller_names=controller_names(case),
+        time_ns=kept.time_ns[:ticks],
+        frames=kept.frames[:ticks],
+        delivered=kept.delivered[:delivered],
+        issued=kept.issued[:issued],
+        applied=kept.applied[:applied],
+        machines=kept.machines[:ticks],
+        devices=kept.devices[:ticks],
+        in_synchronism=kept.in_synchronism[:ticks],
+        events=grid_events(case),
+    )
+
+
+def controller_names(case: Case) -> list[str]:
+    """Names of the controllers as nodes: their place in the run and their kind, `controller_0_LLC`."""
+    return [f"controller_{c}_{re_name(controller.name)}" for c, controller in enumerate(case.run.controllers)]
+
+
+def re_name(kind: str) -> str:
+    """A kind's name as a ROS name: letters, digits and underscores."""
+    return "".join(letter if letter.isalnum() else "_" for letter in kind)
+
+
+def grid_events(case: Case) -> list[dict[str, Any]]:
+    """All changes of the grid in order of time, as they are published: time_ns, kind, element, value, location."""
+    found = []
+    for change in timeline(case.scenario.events):
+        row = change.event.model_dump()
+        element = next(row[key] for key in ("line", "bus", "load", "machine") if row.get(key) is not None)
+        on_line = row["kind"] == "fault" and row.get("line") is not None
+        found.append(
+            {
+                "time_ns": change.time_ns,
+                "kind": row["kind"],
+                "element": element,
+                "value": row.get("change", float("nan")),
+                "location": row["location"] if on_line else float("nan"),
+            }
+        )
+    return found
