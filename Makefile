@@ -1,0 +1,92 @@
+# make demo    set everything up in .venv, then run the closed loop as a ROS 2 graph
+# make test    the same set-up, then all checks and tests
+# make clean   remove .venv and what builds and tools have left; recordings stay
+# PYTHON=python3.12 make demo   chooses the interpreter (3.10 to 3.13) for a new .venv
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# Errors only. They are complete, compiler output included.
+INSTALL := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input install
+SAY := @printf '%s\n'
+
+MESSAGES := msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/pyproject.toml \
+    $(wildcard msg_defs/msg/*.msg msg_defs/packaging/*)
+METADATA := setup.py setup.cfg package.xml
+SOURCES := $(shell find facts_damping -name '*.py')
+
+APT := on Debian or Ubuntu: apt install
+NEEDS_PYTHON := Python 3.10 to 3.13 is needed ($(APT) python3; or choose one: PYTHON=python3.12 make ...)
+
+# A shell that has another ROS 2 sourced would lead this one's Python to the other's libraries.
+ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+endif
+
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: demo test setup test-setup prerequisites clean
+
+demo: setup
+	@$(BIN)/python -m facts_damping.demo
+
+test: test-setup
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
+	$(BIN)/python -m pytest
+
+setup: prerequisites $(VENV)/.warm
+
+test-setup: setup $(VENV)/.tools
+
+# One line for the first prerequisite that is missing: what it is and how to get it.
+prerequisites:
+	@missing() { echo "$$1" >&2; exit 1; }; \
+	asks() { $(PYTHON) -c "$$1" >/dev/null 2>&1; }; \
+	command -v $(PYTHON) >/dev/null || missing "$(PYTHON) is missing: $(NEEDS_PYTHON)"; \
+	asks 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' || \
+	    missing "$(PYTHON) is $$($(PYTHON) -V 2>&1): $(NEEDS_PYTHON)"; \
+	[ "$$(uname -sm)" = "Linux x86_64" ] || \
+	    missing "$$(uname -sm): the wheels of ROS 2 are for Linux x86_64 only (elsewhere: ROS 2 from apt, and colcon build)"; \
+	asks 'import ensurepip, venv' || \
+	    missing "the venv module of $(PYTHON) is missing ($(APT) python3-venv)"; \
+	asks 'import os, sys, sysconfig; sys.exit(not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")))' || \
+	    missing "the header Python.h of $(PYTHON) is missing ($(APT) python3-dev)"; \
+	for compiler in gcc g++; do \
+	    command -v $$compiler >/dev/null || missing "the compiler $$compiler is missing ($(APT) gcc g++)"; \
+	done; \
+	[ ! -x $(BIN)/python ] || [ "$(origin PYTHON)" = file ] || \
+	    [ "$$($(BIN)/python -V)" = "$$($(PYTHON) -V)" ] || \
+	    missing "$(VENV) holds $$($(BIN)/python -V), $(PYTHON) is $$($(PYTHON) -V): make clean first"
+
+# A stamp for each step that is done: it runs again only if what it depends on has changed.
+$(VENV)/.python: | prerequisites
+	$(SAY) "set-up: virtual environment $(VENV)"
+	@$(PYTHON) -m venv $(VENV)
+	@touch $(VENV)/COLCON_IGNORE $@
+
+$(VENV)/.package: $(METADATA) $(VENV)/.python
+	$(SAY) "set-up: libraries, ROS 2 wheels, facts_damping"
+	@$(INSTALL) -e '.[ros]'
+	@touch $@
+
+$(VENV)/.messages: $(MESSAGES) $(VENV)/.package
+	$(SAY) "set-up: messages (compiled here, about half a minute)"
+	@$(INSTALL) ./msg_defs
+	@touch $@
+
+$(VENV)/.warm: $(SOURCES) $(VENV)/.messages
+	$(SAY) "set-up: compiling the numerical kernels"
+	@$(BIN)/python -m facts_damping.warmup
+	@touch $@
+
+$(VENV)/.tools: $(METADATA) $(VENV)/.messages
+	$(SAY) "set-up: test tools"
+	@$(INSTALL) -e '.[ros,test]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build install log *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	find facts_damping tests launch -name __pycache__ -prune -exec rm -rf {} +
