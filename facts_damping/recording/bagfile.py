@@ -1,0 +1,104 @@
+"""The `metadata.yaml` of a recording's folder, version 9 as ROS 2 Jazzy and later write it."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+VERSION = 9
+FILE_NAME = "metadata.yaml"
+
+_FOREVER = {"sec": 9223372036, "nsec": 854775807}
+
+# Quality of service under which everything is recorded: only the emulated link may lose data.
+RELIABLE = {
+    "history": "keep_all",
+    "depth": 0,
+    "reliability": "reliable",
+    "durability": "volatile",
+    "deadline": _FOREVER,
+    "lifespan": _FOREVER,
+    "liveliness": "automatic",
+    "liveliness_lease_duration": _FOREVER,
+    "avoid_ros_namespace_conventions": False,
+}
+
+
+class TopicInfo(NamedTuple):
+    """A recorded topic: name, type ("package/msg/Type"), schema text, offered QoS (YAML), RIHS01 hash."""
+
+    name: str
+    message_type: str
+    schema: str
+    qos: str
+    type_hash: str
+
+
+def qos_text(profiles: Sequence[Mapping[str, Any]]) -> str:
+    """YAML text of offered QoS profiles, as a channel's metadata holds it."""
+    return dump([dict(profile) for profile in profiles]).strip()
+
+
+def bag_information(
+    file_name: str, counts: Mapping[TopicInfo, int], span: tuple[int, int], custom: Mapping[str, str]
+) -> dict[str, Any]:
+    """Content of `rosbag2_bagfile_information`.
+
+    `counts`: messages a topic; `span`: log time of the first and the last message, ns; `custom`: free
+    text by key. The compression fields stay empty: chunks are compressed inside the MCAP file.
+    """
+    start = {"nanoseconds_since_epoch": span[0]}
+    duration = {"nanoseconds": span[1] - span[0]}
+    total = sum(counts.values())
+    return {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        "duration": duration,
+        "starting_time": start,
+        "message_count": total,
+        "topics_with_message_count": [_topic(topic, count) for topic, count in counts.items()],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file_name],
+        "files": [{"path": file_name, "starting_time": start, "duration": duration, "message_count": total}],
+        "custom_data": dict(custom),
+        "ros_distro": os.environ.get("ROS_DISTRO", "unknown"),
+    }
+
+
+def _topic(topic: TopicInfo, count: int) -> dict[str, Any]:
+    return {
+        "topic_metadata": {
+            "name": topic.name,
+            "type": topic.message_type,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": yaml.safe_load(topic.qos) or [],
+            "type_description_hash": topic.type_hash,
+        },
+        "message_count": count,
+    }
+
+
+def write_atomically(file: Path, text: str) -> None:
+    """Write `text` so that `file` holds all of it or does not exist."""
+    draft = file.with_name(file.name + ".part")
+    draft.write_text(text, encoding="utf-8")
+    draft.replace(file)
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """YAML without anchors, which not every reader of a bag understands."""
+
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (PyYAML's signature)
+        return True
+
+
+def dump(content: Any) -> str:
+    """YAML text in block style, keys in the order given."""
+    return str(yaml.dump(content, Dumper=_PlainDumper, sort_keys=False, default_flow_style=False))

@@ -1,0 +1,206 @@
+"""Reading a recording back into the plain data that a run leaves behind."""
+
+from __future__ import annotations
+
+from functools import reduce
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from facts_damping.errors import RecordingError
+from facts_damping.recording import decode
+from facts_damping.recording.scan import Content, scan
+from facts_damping.signals import DELIVERY, NANOSECONDS, Record
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from facts_damping.recording.decode import Series
+
+# What is read: name here, type of message, end of the topic's name. Every controller has its `/setpoints`.
+KINDS = {
+    "frames": ("facts_damping_msgs/msg/PmuDataFrame", "/pmu/frames"),
+    "delivered": ("facts_damping_msgs/msg/PmuDataFrame", "/pmu/delivered"),
+    "issued": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints"),
+    "applied": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints/delivered"),
+    "state": ("facts_damping_msgs/msg/PlantState", "/plant/state"),
+    "events": ("facts_damping_msgs/msg/GridEvent", "/plant/events"),
+}
+REQUIRED = ("frames", "state")  # without these there is no record of a plant
+CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
+LISTED = 5  # so many lost ticks are named one by one
+
+
+def load(path: Path | str) -> Record:
+    """Record of a recording: a folder in rosbag2's layout or an `.mcap` file, whole or cut anywhere.
+
+    Messages are decoded by the schemas stored in the file. Of a cut recording the ticks that all topics
+    have are kept. `Record.notes` say in a line each what is missing. Raises RecordingError (one line) if
+    a topic is missing, a schema is foreign, or there is no complete tick.
+    """
+    content = scan(path)
+    configuration, notes = _configuration(content)
+    try:
+        record = _assemble(content, configuration, notes)
+    except (AttributeError, TypeError, ValueError, OverflowError) as error:
+        reason = " ".join(str(error).split())
+        raise RecordingError(
+            f"{path}: a message has not the fields of this package's messages ({reason})"
+        ) from error
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
+    return record
+
+
+def _assemble(content: Content, configuration: dict[str, Any], notes: list[str]) -> Record:
+    """Record of what was read."""
+    topics = _topics(content, bool(configuration.get("controllers")))
+    messages = _messages(content, [topic for names in topics.values() for topic in names])
+    found = {
+        kind: [_series(topic, messages[topic], notes) for topic in names]
+        for kind, names in topics.items()
+        if kind != "events"
+    }
+    ticks = _ticks(found, content.complete)
+    notes += _gaps(found, ticks)
+    _check_end(ticks, configuration, found["state"][0], content.complete, notes)
+    cut = {kind: [decode.select(one, range(ticks[-1] + 1)) for one in parts] for kind, parts in found.items()}
+    plant = {kind: decode.select(cut[kind][0], ticks) for kind in REQUIRED}
+    stations = decode.names_of(plant["frames"].messages, "frames", "station")
+    devices = decode.names_of(plant["state"].messages, "devices", "device")
+    machines = decode.names_of(plant["state"].messages, "machines", "machine")
+    controllers, issued = _controllers(configuration, cut["issued"], cut["applied"])
+    state = plant["state"]
+    return Record(
+        configuration=configuration,
+        stations=stations,
+        machine_names=machines,
+        device_names=devices,
+        controller_names=controllers,
+        time_ns=np.array([decode.time_ns(message.header.stamp) for message in state.messages], np.int64),
+        frames=decode.frames(plant["frames"], stations),
+        delivered=_join([decode.deliveries(one, stations) for one in cut["delivered"]], DELIVERY),
+        issued=decode.setpoints(issued, controllers, devices),
+        applied=decode.setpoints(cut["applied"], controllers, devices),
+        machines=decode.truth(state, "machines", "machine", machines),
+        devices=decode.truth(state, "devices", "device", devices),
+        in_synchronism=np.array([message.in_synchronism for message in state.messages], np.bool_),
+        events=decode.events(message for topic in topics["events"] for message in messages[topic]),
+        notes=notes,
+    )
+
+
+def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
+    """Configuration stored in the file, and notes on what is damaged or was lost by the recorder."""
+    notes = list(content.notes)
+    notes += [
+        f"{topic}: the recorder lost {count} messages" for topic, count in content.lost.items() if count
+    ]
+    try:
+        configuration = yaml.safe_load(content.configuration)
+    except yaml.YAMLError:
+        configuration = None
+    if isinstance(configuration, dict):
+        return configuration, notes
+    return {}, [*notes, "the run's configuration is missing"]
+
+
+def _topics(content: Content, controlled: bool) -> dict[str, list[str]]:
+    """Names of the recorded topics of every kind. Raises RecordingError if one is missing or not unique."""
+    topics = {
+        kind: [
+            name
+            for name, topic in content.topics.items()
+            if topic.message_type == message_type and name.endswith(suffix)
+        ]
+        for kind, (message_type, suffix) in KINDS.items()
+    }
+    for kind in REQUIRED + (CLOSED_LOOP if controlled else ()):
+        if not topics[kind]:
+            raise RecordingError(f"no topic ...{KINDS[kind][1]} of type {KINDS[kind][0]} in the recording")
+    for kind, names in topics.items():
+        if len(names) > 1 and kind != "issued":
+            raise RecordingError(f"several topics ...{KINDS[kind][1]} in the recording: {', '.join(names)}")
+    return topics
+
+
+def _messages(content: Content, topics: Sequence[str]) -> dict[str, list[Any]]:
+    """Decoded messages of the given topics, in the order of the file."""
+    decoders = {topic: decode.decoder(content.topics[topic]) for topic in topics}
+    messages: dict[str, list[Any]] = {topic: [] for topic in topics}
+    for message in content.messages:
+        if message.topic in decoders:
+            messages[message.topic].append(decoders[message.topic](message.data))
+    return messages
+
+
+def _series(topic: str, messages: list[Any], notes: list[str]) -> Series:
+    ordered, twice = decode.series(topic, messages)
+    if twice:
+        notes.append(f"{topic}: {twice} messages are there twice")
+    return ordered
+
+
+def _ticks(found: dict[str, list[Series]], complete: bool) -> NDArray[np.int64]:
+    """Ticks that the record keeps: those that frames and state have; of a cut recording, that all have.
+
+    The tick that ends an unstable run stays: nobody need answer it. Raises RecordingError if none is left.
+    """
+    plant = [found[kind][0] for kind in REQUIRED]
+    ticks: NDArray[np.int64] = reduce(np.intersect1d, [one.ticks for one in plant])
+    ended = bool(plant[1].messages) and not plant[1].messages[-1].in_synchronism
+    if not complete and not ended:
+        last = min(one.ticks[-1] if len(one.ticks) else -1 for parts in found.values() for one in parts)
+        ticks = ticks[ticks <= last]
+    if not len(ticks):
+        raise RecordingError("no tick is complete in the recording")
+    return ticks
+
+
+def _gaps(found: dict[str, list[Series]], ticks: NDArray[np.int64]) -> list[str]:
+    """A note for each topic that lacks ticks before the last one (which nobody need answer)."""
+    notes = []
+    for one in (series for parts in found.values() for series in parts):
+        missing = np.setdiff1d(np.arange(ticks[-1]), one.ticks).tolist()
+        if missing:
+            listed = ", ".join(str(tick) for tick in missing[:LISTED]) + (
+                ", ..." if len(missing) > LISTED else ""
+            )
+            notes.append(f"{one.topic}: {len(missing)} of {ticks[-1] + 1} ticks are missing ({listed})")
+    return notes
+
+
+def _check_end(
+    ticks: NDArray[np.int64], configuration: dict[str, Any], state: Series, complete: bool, notes: list[str]
+) -> None:
+    """Note where a recording ends that was cut."""
+    if complete:
+        return
+    last = state.messages[int(np.searchsorted(state.ticks, ticks[-1]))]
+    end = decode.time_ns(last.header.stamp) / NANOSECONDS
+    duration = configuration.get("duration")
+    of = f" of {duration:g} s" if isinstance(duration, int | float) else ""
+    notes.append(f"the end is missing: the record ends with tick {ticks[-1]} at {end:.3f} s{of}")
+
+
+def _controllers(
+    configuration: dict[str, Any], issued: Sequence[Series], applied: Sequence[Series]
+) -> tuple[list[str], list[Series]]:
+    """Names of the controllers and their series, in the order of the configuration, else of the recording."""
+    named = [
+        (one.messages[0].controller if one.messages else one.topic.split("/")[-2], one) for one in issued
+    ]
+    configured = [entry.get("name") for entry in configuration.get("controllers") or []]
+    named.sort(key=lambda pair: configured.index(pair[0]) if pair[0] in configured else len(configured))
+    seen = decode.names_of(
+        [message for one in applied for message in one.messages], "setpoints", "controller"
+    )
+    return list(dict.fromkeys([name for name, _ in named] + seen)), [one for _, one in named]
+
+
+def _join(tables: Sequence[NDArray[Any]], layout: np.dtype[Any]) -> NDArray[Any]:
+    return np.concatenate([np.empty(0, layout), *tables])

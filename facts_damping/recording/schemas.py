@@ -1,0 +1,115 @@
+"""Text of message definitions, verbatim with comments, as an MCAP schema of encoding `ros2msg` wants it.
+
+Source: MCAP format registry, `ros2msg`: the definition, then every dependency behind a line of
+80 equal signs and a line `MSG: package/Type`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+
+from facts_damping.errors import RecordingError
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Typesdict
+
+SEPARATOR = "=" * 80
+PRIMITIVES = frozenset(
+    ["bool", "byte", "char", "string", "wstring", "float32", "float64"]
+    + [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
+)
+_FIELD_TYPE = re.compile(r"^\s*([A-Za-z][\w/]*)")
+
+
+def schema_text(message_type: str) -> str:
+    """Definition of `message_type` ("package/msg/Type") followed by everything it is made of.
+
+    Raises RecordingError if a definition is not installed.
+    """
+    texts: dict[str, str] = {}
+    _collect(message_type, texts)
+    main, *rest = texts.items()
+    sections = [main[1]] + [f"{SEPARATOR}\nMSG: {name.replace('/msg/', '/')}\n{text}" for name, text in rest]
+    return "\n".join(text.rstrip("\n") for text in sections) + "\n"
+
+
+def definition_file(message_type: str) -> Path:
+    """Path of the `.msg` file of `message_type` ("package/msg/Type").
+
+    Looked for below AMENT_PREFIX_PATH, then beside the Python package of that name, then below
+    sys.prefix: with ROS 2 from pip wheels there is no AMENT_PREFIX_PATH. Raises RecordingError.
+    """
+    parts = message_type.split("/")
+    if len(parts) != 3 or parts[1] != "msg":
+        raise RecordingError(f"message type {message_type!r}: expected package/msg/Type")
+    package, _, name = parts
+    for prefix in _prefixes(package):
+        file = prefix / "share" / package / "msg" / f"{name}.msg"
+        if file.is_file():
+            return file
+    raise RecordingError(f"message type {message_type!r}: no share/{package}/msg/{name}.msg is installed")
+
+
+def parse_schema(message_type: str, text: str) -> Typesdict:
+    """Types that a schema text defines, as rosbags wants them. Raises RecordingError if it cannot be read."""
+    try:
+        return get_types_from_msg(text, message_type)
+    except TypesysError as error:
+        raise RecordingError(f"schema of {message_type}: {_one_line(error)}") from error
+
+
+def type_hash(message_type: str, text: str) -> str:
+    """Type description hash RIHS01 (REP-2016) of a message type, from its schema text."""
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(parse_schema(message_type, text))
+        return store.hash_rihs01(message_type)
+    except (TypesysError, KeyError) as error:
+        raise RecordingError(f"schema of {message_type}: {_one_line(error)}") from error
+
+
+def _collect(message_type: str, texts: dict[str, str]) -> None:
+    """Add the definition of `message_type` and, depth first, of what it uses to `texts`."""
+    text = definition_file(message_type).read_text(encoding="utf-8")
+    texts[message_type] = text
+    for used in _used_types(message_type, text):
+        if used not in texts:
+            _collect(used, texts)
+
+
+def _used_types(message_type: str, text: str) -> list[str]:
+    """Full names of the messages that a definition's fields have as type."""
+    matches = (_FIELD_TYPE.match(line) for line in text.splitlines())
+    names = dict.fromkeys(match[1] for match in matches if match)
+    return [_full_name(name, message_type) for name in names if name not in PRIMITIVES]
+
+
+def _full_name(name: str, owner: str) -> str:
+    """`package/msg/Type` of a type as written in a field of the message `owner`."""
+    if name == "Header":
+        return "std_msgs/msg/Header"
+    package, _, _ = (name if "/" in name else owner).partition("/")
+    _, _, base = name.rpartition("/")
+    return f"{package}/msg/{base}"
+
+
+def _prefixes(package: str) -> list[Path]:
+    """Installation prefixes in which a package's share folder may lie, in order of precedence."""
+    ament = [Path(entry) for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if entry]
+    try:
+        spec = find_spec(package)
+    except (ImportError, ValueError):  # a half-installed package: the last prefix may still have it
+        spec = None
+    places = list(spec.submodule_search_locations or []) if spec else []
+    return [*ament, *(parent for place in places for parent in Path(place).parents), Path(sys.prefix)]
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

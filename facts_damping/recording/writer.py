@@ -1,0 +1,174 @@
+"""Writing a recording: a folder in rosbag2's layout with one MCAP file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from mcap.writer import CompressionType, Writer
+
+from facts_damping.errors import RecordingError
+from facts_damping.recording.bagfile import (
+    FILE_NAME,
+    RELIABLE,
+    TopicInfo,
+    bag_information,
+    dump,
+    qos_text,
+    write_atomically,
+)
+from facts_damping.recording.schemas import schema_text, type_hash
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+CONFIGURATION = "run.yaml"  # name of the attachment with the run's configuration
+VERSIONS = "facts_damping.versions"  # name of the metadata record with the versions
+LOST = "facts_damping.lost"  # name of the metadata record with the counts of lost messages
+
+
+class RecordingWriter:
+    """Writes CDR messages to `<folder>/<folder's name>_0.mcap`, then `<folder>/metadata.yaml`.
+
+    `configuration` is the run's full configuration (YAML text), `versions` what it was made with:
+    both go to the start of the file at once, so that a killed recording still explains itself.
+    Messages are kept in a chunk until it is full (1 MiB), or `flush` or `close` is called; what was
+    flushed survives a kill of this process. Also a context manager; it closes the recording, soundly,
+    whatever ends the block. Raises RecordingError if the folder holds a recording or cannot be written.
+    """
+
+    def __init__(
+        self, folder: Path | str, configuration: str = "", versions: Mapping[str, str] | None = None
+    ) -> None:
+        """Open a new recording."""
+        self.folder = Path(folder)
+        self.file = self.folder / f"{self.folder.resolve().name}_0.mcap"
+        self._versions = {name: str(version) for name, version in (versions or {}).items()}
+        self._channels: dict[str, tuple[int, TopicInfo]] = {}
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._counts: dict[str, int] = {}
+        self._span: tuple[int, int] | None = None
+        self._stream: IO[bytes] | None = _open_new(self.file)
+        self._mcap = Writer(self._stream, compression=CompressionType.ZSTD)
+        self._mcap.start(profile="ros2")
+        self._mcap.add_metadata(VERSIONS, self._versions)
+        if configuration:
+            self._mcap.add_attachment(0, 0, CONFIGURATION, "application/yaml", configuration.encode())
+        self._stream.flush()
+
+    def add_topic(
+        self, topic: str, message_type: str, qos: Mapping[str, Any] = RELIABLE, schema: str | None = None
+    ) -> None:
+        """Announce a topic of type "package/msg/Type" before its first message.
+
+        `qos`: its offered profile; `schema`: its definition with dependencies, looked up among the
+        installed packages if None. Raises RecordingError (unknown type, topic announced before).
+        """
+        text = schema_text(message_type) if schema is None else schema
+        self.copy_topic(TopicInfo(topic, message_type, text, qos_text([qos]), type_hash(message_type, text)))
+
+    def copy_topic(self, topic: TopicInfo) -> None:
+        """Announce a topic exactly as another recording holds it."""
+        self._check_open()
+        if topic.name in self._channels:
+            raise RecordingError(f"topic {topic.name} was announced before")
+        key = (topic.message_type, topic.schema)
+        if key not in self._schemas:
+            self._schemas[key] = self._mcap.register_schema(
+                topic.message_type, "ros2msg", topic.schema.encode()
+            )
+        metadata = {"offered_qos_profiles": topic.qos, "topic_type_hash": topic.type_hash}
+        channel = self._mcap.register_channel(topic.name, "cdr", self._schemas[key], metadata)
+        self._channels[topic.name] = (channel, topic)
+        self._counts[topic.name] = 0
+
+    def write(
+        self, topic: str, cdr: bytes | memoryview, log_ns: int, publish_ns: int, sequence: int = 0
+    ) -> None:
+        """Add one message.
+
+        `cdr`: serialised message; `log_ns`, `publish_ns`: times of reception and publication, ns since
+        1970; `sequence`: the publisher's counter (its gaps are lost messages). Raises RecordingError.
+        """
+        self._check_open()
+        if topic not in self._channels:
+            raise RecordingError(
+                f"topic {topic} was not announced; there are {', '.join(self._channels) or 'none'}"
+            )
+        try:
+            self._mcap.add_message(self._channels[topic][0], log_ns, bytes(cdr), publish_ns, sequence % 2**32)
+        except OSError as error:
+            raise _write_error(self.file, error) from error
+        self._counts[topic] += 1
+        first, last = self._span or (log_ns, log_ns)
+        self._span = (min(first, log_ns), max(last, log_ns))
+
+    def flush(self) -> None:
+        """Close the chunk in progress and hand everything to the operating system.
+
+        To be called by wall time, about every half second: that is then all that a kill can cost.
+        Without it nothing reaches the disk before a chunk is full. It does not fsync.
+        """
+        self._check_open()
+        try:
+            self._mcap.flush()  # type: ignore[no-untyped-call]
+        except OSError as error:
+            raise _write_error(self.file, error) from error
+
+    def close(self, lost: Mapping[str, int] | None = None) -> None:
+        """End the MCAP file, then write `metadata.yaml`, whose presence therefore means: complete.
+
+        `lost`: messages missed, by topic, as the recorder counted them. Closing twice does nothing.
+        """
+        if self._stream is None:
+            return
+        missed = {topic: str(int(count)) for topic, count in (lost or {}).items()}
+        information = self._information(missed)
+        stream, self._stream = self._stream, None
+        try:
+            with stream:
+                self._mcap.add_metadata(LOST, missed)
+                self._mcap.add_metadata("rosbag2", {"serialized_metadata": dump(information)})
+                self._mcap.finish()  # type: ignore[no-untyped-call]
+            write_atomically(self.folder / FILE_NAME, dump({"rosbag2_bagfile_information": information}))
+        except OSError as error:
+            raise _write_error(self.file, error) from error
+
+    def __enter__(self) -> Self:
+        """Nothing to do: the recording is open."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the recording, also after an error: what was recorded stays readable."""
+        self.close()
+
+    def _information(self, lost: Mapping[str, str]) -> dict[str, Any]:
+        counts = {topic: self._counts[name] for name, (_, topic) in self._channels.items()}
+        custom = {"versions": json.dumps(self._versions), "lost": json.dumps(lost)}
+        return bag_information(self.file.name, counts, self._span or (0, 0), custom)
+
+    def _check_open(self) -> None:
+        if self._stream is None:
+            raise RecordingError(f"{self.folder}: the recording is closed")
+
+
+def _open_new(file: Path) -> IO[bytes]:
+    """Create the MCAP file of a new recording; an existing recording is never overwritten."""
+    folder = file.parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if (folder / FILE_NAME).exists() or any(folder.glob("*.mcap")):
+            raise RecordingError(f"{folder} holds a recording already; give a new folder")
+        return file.open("xb")
+    except OSError as error:
+        raise _write_error(file, error) from error
+
+
+def _write_error(file: Path, error: OSError) -> RecordingError:
+    return RecordingError(f"{file} cannot be written: {error.strerror or error}")

@@ -1,0 +1,232 @@
+"""Records of random content, and the messages that a graph would have published for them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from facts_damping.recording import RecordingWriter, schema_text
+from facts_damping.signals import (
+    CHANNELS,
+    DELIVERY,
+    DEVICE_TRUTH,
+    MACHINE_TRUTH,
+    NANOSECONDS,
+    SETPOINT,
+    Record,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+PACKAGE = "facts_damping_msgs/msg/"
+RATE = 60
+STATIONS, MACHINES, DEVICES, CONTROLLERS = (
+    ["G1", "G2", "TIE"],
+    ["G1", "G2"],
+    ["sssc", "statcom"],
+    ["c1", "c0"],
+)
+TOPICS = {
+    "/pmu/frames": "PmuDataFrame",
+    "/pmu/delivered": "PmuDataFrame",
+    "/c1/setpoints": "VoltageSetpoints",
+    "/c0/setpoints": "VoltageSetpoints",
+    "/setpoints/delivered": "VoltageSetpoints",
+    "/plant/state": "PlantState",
+    "/plant/events": "GridEvent",
+}
+CONFIGURATION = {
+    "system": "two_area",
+    "controllers": [{"name": name, "devices": DEVICES} for name in CONTROLLERS],
+    "frame_rate": RATE,
+    "duration": 20,
+}
+
+
+def make_record(seed: int, ticks: int = 30) -> Record:
+    """A record full of random bit patterns, NaN among them, with rows in the order a run makes them."""
+    random = np.random.default_rng(seed)
+
+    def floats(*shape: int) -> Any:
+        bits = random.integers(0, 2**64, shape, dtype=np.uint64)
+        values = bits.view(np.float64)
+        values[np.isnan(values) | (random.random(shape) < 0.1)] = np.nan
+        return values
+
+    def table(layout: Any, length: int, highs: dict[str, int], content: str) -> Any:
+        rows = np.zeros(length, layout)
+        for name, high in highs.items():
+            rows[name] = random.integers(0, high, length)
+        rows["tick"].sort()
+        for name in layout.names:
+            if name.endswith("_ns"):
+                rows[name] = random.integers(0, 10**12, length)
+        rows[content] = floats(*rows[content].shape)
+        return rows
+
+    machines, devices = (
+        floats(ticks, 2, len(layout.names or ())).view(layout)[..., 0]
+        for layout in (MACHINE_TRUTH, DEVICE_TRUTH)
+    )
+    devices["blocked"] = random.random((ticks, 2)) < 0.5
+    setpoint = {"tick": ticks, "controller": 2, "device": 2}
+    issued = table(SETPOINT, 50, setpoint, "value")
+    return Record(
+        configuration=CONFIGURATION,
+        stations=STATIONS,
+        machine_names=MACHINES,
+        device_names=DEVICES,
+        controller_names=CONTROLLERS,
+        time_ns=np.arange(ticks) * NANOSECONDS // RATE,
+        frames=floats(ticks, 3, len(CHANNELS)),
+        delivered=table(DELIVERY, 70, {"tick": ticks, "station": 3}, "values"),
+        issued=issued[np.lexsort((issued["controller"], issued["tick"]))],
+        applied=table(SETPOINT, 40, setpoint, "value"),
+        machines=machines,
+        devices=devices,
+        in_synchronism=np.ones(ticks, np.bool_),
+        events=[{"time": 0.1, "kind": "load_step", "element": "load_1", "value": -0.1}],
+    )
+
+
+class Messages:
+    """Makes CDR messages out of a record's rows."""
+
+    def __init__(self) -> None:
+        self.store = get_typestore(Stores.EMPTY)
+        for name in set(TOPICS.values()):
+            self.store.register(get_types_from_msg(schema_text(PACKAGE + name), PACKAGE + name))
+
+    def make(self, name: str, **fields: Any) -> Any:
+        return self.store.types[name if "/" in name else PACKAGE + name](**fields)
+
+    def time(self, ns: int) -> Any:
+        sec, nanosec = divmod(int(ns), NANOSECONDS)
+        return self.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+
+    def header(self, ns: int) -> Any:
+        return self.make("std_msgs/msg/Header", stamp=self.time(ns), frame_id="")
+
+    def frame(self, station: int, tick: int, measured: int, arrival: int, values: Any) -> Any:
+        units = dict(
+            zip([f"{name}_{unit}" for name, unit in CHANNELS.items()], map(float, values), strict=True)
+        )
+        head = {"header": self.header(measured), "station": STATIONS[station], "tick": tick}
+        return self.make("PmuFrame", **head, arrival=self.time(arrival), **units, status=0)
+
+    def frames(self, stamp: int, tick: int, entries: list[Any]) -> Any:
+        head = {"header": self.header(stamp), "tick": tick, "fresh": bool(entries)}
+        return self.make("PmuDataFrame", **head, frames=entries)
+
+    def setpoints(self, stamp: int, tick: int, controller: str, rows: Any) -> Any:
+        entries = [
+            self.make(
+                "VoltageSetpoint",
+                header=self.header(row["measured_ns"]),
+                device=DEVICES[row["device"]],
+                controller=CONTROLLERS[row["controller"]],
+                issued=self.time(row["issued_ns"]),
+                effective=self.time(row["effective_ns"]),
+                value_pu=float(row["value"]),
+            )
+            for row in rows
+        ]
+        head = {"header": self.header(stamp), "tick": tick, "controller": controller, "fresh": bool(entries)}
+        return self.make("VoltageSetpoints", **head, setpoints=entries)
+
+    def state(self, record: Record, tick: int) -> Any:
+        machines = [
+            self.make(
+                "MachineState", machine=name, **_fields(record.machines[tick, index], {"rotor_angle": "_rad"})
+            )
+            for index, name in enumerate(MACHINES)
+        ]
+        devices = [
+            self.make("DeviceState", device=name, **_fields(record.devices[tick, index], {"blocked": ""}))
+            for index, name in enumerate(DEVICES)
+        ]
+        flag = bool(record.in_synchronism[tick])
+        head = {"header": self.header(record.time_ns[tick]), "tick": tick, "in_synchronism": flag}
+        return self.make("PlantState", **head, machines=machines, devices=devices)
+
+    def event(self, event: dict[str, Any]) -> Any:
+        numbers = {name: event.get(name, float("nan")) for name in ("value", "location")}
+        head = self.header(round(event["time"] * NANOSECONDS))
+        return self.make("GridEvent", header=head, kind=event["kind"], element=event["element"], **numbers)
+
+    def tick(self, record: Record, tick: int) -> dict[str, Any]:
+        """All messages of one tick, by topic."""
+        stamp = int(record.time_ns[tick])
+        delivered = record.delivered[record.delivered["tick"] == tick]
+        issued, applied = (rows[rows["tick"] == tick] for rows in (record.issued, record.applied))
+        measured = [self.frame(i, tick, stamp, stamp, record.frames[tick, i]) for i in range(len(STATIONS))]
+        arrived = [
+            self.frame(row["station"], tick, row["measured_ns"], row["arrival_ns"], row["values"])
+            for row in delivered
+        ]
+        return {
+            "/pmu/frames": self.frames(stamp, tick, measured),
+            "/plant/state": self.state(record, tick),
+            "/pmu/delivered": self.frames(stamp, tick, arrived),
+            **{
+                f"/{name}/setpoints": self.setpoints(stamp, tick, name, issued[issued["controller"] == index])
+                for index, name in reversed(list(enumerate(CONTROLLERS)))
+            },
+            "/setpoints/delivered": self.setpoints(stamp, tick, "", applied),
+        }
+
+    def cdr(self, topic: str, message: Any) -> bytes:
+        return bytes(self.store.serialize_cdr(message, PACKAGE + TOPICS[topic]))
+
+
+def _fields(row: Any, units: dict[str, str]) -> dict[str, Any]:
+    return {
+        name + units.get(name, "_pu"): bool(row[name]) if name == "blocked" else float(row[name])
+        for name in row.dtype.names
+    }
+
+
+@pytest.fixture(scope="session")
+def messages() -> Messages:
+    return Messages()
+
+
+@pytest.fixture
+def random_record() -> Callable[..., Record]:
+    return make_record
+
+
+@pytest.fixture
+def write_record(messages: Messages) -> Callable[..., None]:
+    """Writes a record's messages; `skip(topic, tick)` leaves some out; a flush every `chunk` ticks."""
+
+    def write(
+        record: Record,
+        folder: Path,
+        skip: Callable[[str, int], bool] = lambda _topic, _tick: False,
+        chunk: int = 5,
+        lost: dict[str, int] | None = None,
+    ) -> None:
+        with RecordingWriter(folder, yaml.safe_dump(record.configuration), {"facts_damping": "1"}) as writer:
+            for topic, name in TOPICS.items():
+                writer.add_topic(topic, PACKAGE + name)
+            for event in record.events:
+                writer.write(
+                    "/plant/events", messages.cdr("/plant/events", messages.event(event)), 1000, 1000
+                )
+            for tick in range(len(record.time_ns)):
+                for topic, message in messages.tick(record, tick).items():
+                    if not skip(topic, tick):
+                        ns = 1000 + int(record.time_ns[tick])
+                        writer.write(topic, messages.cdr(topic, message), ns + 10, ns, tick)
+                if tick % chunk == chunk - 1:
+                    writer.flush()
+            writer.close(lost)
+
+    return write

@@ -1,0 +1,206 @@
+"""Recordings that were cut, damaged, or are not ours: what can be read is read, anything else is one line."""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from facts_damping.errors import RecordingError
+from facts_damping.recording import RecordingWriter, load, recover
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from facts_damping.signals import Record
+
+STRING = "std_msgs/msg/String"
+
+
+def assert_prefix(part: Record, whole: Record) -> None:
+    """All of `part` is the beginning of `whole`."""
+    last = len(part.time_ns)
+    assert part.configuration == whole.configuration
+    assert part.frames.tobytes() == whole.frames[:last].tobytes()
+    assert part.machines.tobytes() == whole.machines[:last].tobytes()
+    for name in ("delivered", "issued", "applied"):
+        rows = getattr(whole, name)
+        assert getattr(part, name).tobytes() == rows[rows["tick"] < last].tobytes()
+
+
+def test_cut_anywhere(tmp_path: Path, random_record: Callable[..., Record], write_record: Any) -> None:
+    record = random_record(11)
+    write_record(record, tmp_path / "run", chunk=3)
+    whole = (tmp_path / "run" / "run_0.mcap").read_bytes()
+    lengths = set()
+    for length in [0, 1, 8, len(whole) - 1, *random.Random(0).sample(range(len(whole)), 150)]:
+        cut = tmp_path / "cut.mcap"
+        cut.write_bytes(whole[:length])
+        try:
+            part = load(cut)
+        except RecordingError as error:
+            assert "\n" not in str(error)  # noqa: PT017 (most cuts raise nothing)
+            continue
+        assert_prefix(part, record)
+        assert part.notes
+        lengths.add(len(part.time_ns))
+    assert {3, 15, 30} <= lengths
+
+
+def test_flipped_bytes(tmp_path: Path, random_record: Callable[..., Record], write_record: Any) -> None:
+    write_record(random_record(12), tmp_path / "run", chunk=3)
+    whole = (tmp_path / "run" / "run_0.mcap").read_bytes()
+    dice = random.Random(1)
+    for _ in range(150):
+        damaged = bytearray(whole)
+        for position in dice.sample(range(len(whole)), 3):
+            damaged[position] ^= 1 << dice.randrange(8)
+        file = tmp_path / "damaged.mcap"
+        file.write_bytes(damaged)
+        try:
+            load(file)
+        except RecordingError as error:
+            assert "\n" not in str(error)  # noqa: PT017 (many flips harm nothing)
+
+
+def test_damaged_chunk_is_left_out(
+    tmp_path: Path, random_record: Callable[..., Record], write_record: Any
+) -> None:
+    record = random_record(13)
+    write_record(record, tmp_path / "run", chunk=10)
+    file = tmp_path / "run" / "run_0.mcap"
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    second = summary.chunk_indexes[1]
+    whole = bytearray(file.read_bytes())
+    whole[second.chunk_start_offset + second.chunk_length // 2] ^= 0xFF
+    file.write_bytes(whole)
+    part = load(file)
+    assert part.time_ns.tolist() == [*record.time_ns[:10], *record.time_ns[20:]]
+    assert any("is damaged and left out" in note for note in part.notes)
+    assert "/pmu/frames: 10 of 30 ticks are missing (10, 11, 12, 13, 14, ...)" in part.notes
+
+
+def test_recover(tmp_path: Path, random_record: Callable[..., Record], write_record: Any) -> None:
+    record = random_record(14)
+    write_record(record, tmp_path / "run", chunk=3)
+    file = tmp_path / "run" / "run_0.mcap"
+    file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+    (tmp_path / "run" / "metadata.yaml").unlink()
+    notes = recover(tmp_path / "run", tmp_path / "sound")
+    assert len(notes) == 1
+    assert "cut or damaged at byte" in notes[0]
+    before, after = load(tmp_path / "run"), load(tmp_path / "sound")
+    assert after.notes == []
+    assert after.frames.tobytes() == before.frames.tobytes()
+    with AnyReader([tmp_path / "sound"]) as reader:
+        assert reader.message_count > 0
+    with pytest.raises(RecordingError, match="holds a recording already"):
+        recover(tmp_path / "run", tmp_path / "sound")
+
+
+def test_killed_process_keeps_what_was_flushed(tmp_path: Path) -> None:
+    code = f"""
+import os, signal
+from facts_damping.recording import RecordingWriter
+writer = RecordingWriter({str(tmp_path / "run")!r}, "seed: 3")
+writer.add_topic("/chatter", {STRING!r})
+for count in range(100):
+    writer.write("/chatter", bytes([0, 1, 0, 0, 2, 0, 0, 0, 97, 0]), count, count, count)
+    if count == 79:
+        writer.flush()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -signal.SIGKILL
+    assert not (tmp_path / "run" / "metadata.yaml").exists()
+    recover(tmp_path / "run", tmp_path / "sound")
+    with AnyReader([tmp_path / "sound"]) as reader:
+        assert [stamp for _, stamp, _ in reader.messages()] == list(range(80))
+
+
+def test_lost_ticks_are_noted(
+    tmp_path: Path, random_record: Callable[..., Record], write_record: Any
+) -> None:
+    record = random_record(15)
+    write_record(
+        record, tmp_path / "run", skip=lambda topic, tick: topic == "/pmu/delivered" and tick in {4, 7}
+    )
+    part = load(tmp_path / "run")
+    assert part.notes == ["/pmu/delivered: 2 of 30 ticks are missing (4, 7)"]
+    assert not np.isin([4, 7], part.delivered["tick"]).any()
+    assert part.issued.tobytes() == record.issued.tobytes()
+
+
+def test_tick_that_ends_an_unstable_run_stays(
+    tmp_path: Path, random_record: Callable[..., Record], write_record: Any
+) -> None:
+    record = random_record(16)
+    record.in_synchronism[-1] = False
+    write_record(record, tmp_path / "run", skip=lambda topic, tick: tick == 29 and "setpoints" in topic)
+    part = load(tmp_path / "run")
+    assert part.notes == []
+    assert part.in_synchronism.tolist() == [True] * 29 + [False]
+
+
+@pytest.mark.parametrize("topic", ["/pmu/frames", "/pmu/delivered", "/plant/state"])
+def test_topic_without_messages(
+    tmp_path: Path, random_record: Callable[..., Record], write_record: Any, topic: str
+) -> None:
+    write_record(random_record(17), tmp_path / "run", skip=lambda name, _: name == topic)
+    if topic == "/pmu/delivered":
+        assert load(tmp_path / "run").notes[0].startswith("/pmu/delivered: 29 of 30 ticks are missing")
+        return
+    with pytest.raises(RecordingError, match="no tick is complete"):
+        load(tmp_path / "run")
+
+
+def test_run_without_controllers_needs_no_setpoints(
+    tmp_path: Path, random_record: Callable[..., Record], write_record: Any
+) -> None:
+    record = dataclasses.replace(random_record(18), configuration={"controllers": []})
+    write_record(record, tmp_path / "run", skip=lambda topic, _: "setpoints" in topic)
+    part = load(tmp_path / "run")
+    assert part.frames.tobytes() == record.frames.tobytes()
+    assert len(part.issued) == len(part.applied) == 0
+
+
+def test_foreign_recording(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "run") as writer:
+        writer.add_topic("/pmu/frames", STRING)
+        writer.write("/pmu/frames", bytes([0, 1, 0, 0, 2, 0, 0, 0, 97, 0]), 1, 1)
+    with pytest.raises(RecordingError, match=r"no topic \.\.\./pmu/frames of type facts_damping_msgs/"):
+        load(tmp_path / "run")
+
+
+def test_foreign_schema(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "run") as writer:
+        for topic, name in (("/pmu/frames", "PmuDataFrame"), ("/plant/state", "PlantState")):
+            writer.add_topic(topic, f"facts_damping_msgs/msg/{name}", schema="uint64 tick\n")
+            writer.write(topic, bytes([0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]), 1, 1)
+    with pytest.raises(RecordingError, match="has not the fields of this package's messages"):
+        load(tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [(None, "does not exist"), (b"", "is not an MCAP file"), (b"x" * 99, "is not an MCAP file")],
+)
+def test_no_recording(tmp_path: Path, content: bytes | None, reason: str) -> None:
+    file = tmp_path / "x.mcap"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(RecordingError, match=reason):
+        load(file)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RecordingError, match=r"holds no \.mcap file"):
+        load(tmp_path / "empty")
