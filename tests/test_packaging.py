@@ -1,0 +1,122 @@
+"""The package as colcon installs it: what `ros2 run` and `ros2 launch` look for, and where."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import facts_damping
+
+ROOT = Path(__file__).parents[1]
+PARTS = ["facts_damping", "msg_defs", "config", "launch", "resource"]
+FILES = ["package.xml", "setup.py", "setup.cfg", "pyproject.toml", "colcon_defaults.yaml"]
+EXECUTABLES = ["controller", "facts-damping", "plant_sim", "recorder", "wan_link"]
+PACKAGES = ["facts_damping", "facts_damping_msgs"]
+
+
+def files(folder: Path) -> set[str]:
+    """List all files below a folder, relative to it."""
+    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file() and p.suffix != ".pyc"}
+
+
+@pytest.fixture(scope="module")
+def install(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Install space of a plain `colcon build` in a copy of the repository."""
+    source = tmp_path_factory.mktemp("colcon")
+    for part in PARTS:
+        shutil.copytree(ROOT / part, source / part, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in FILES:
+        shutil.copy(ROOT / name, source)
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    done = subprocess.run(
+        [sys.executable, "-m", "colcon", "build"],
+        cwd=source,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return source / "install"
+
+
+def run_installed(install: Path, code: str) -> str:
+    """Run Python with the install space sourced, away from the checkout; return what it prints."""
+    done = subprocess.run(
+        ["bash", "-c", '. "$0/setup.bash" && exec "$1" -c "$2"', install, sys.executable, code],
+        cwd=install,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize("name", EXECUTABLES)
+def test_executable_is_where_ros2_run_looks(install: Path, name: str) -> None:
+    executable = install / "facts_damping" / "lib" / "facts_damping" / name
+    assert os.access(executable, os.X_OK)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_is_in_the_ament_index(install: Path, package: str) -> None:
+    share = install / package / "share"
+    assert (share / "ament_index" / "resource_index" / "packages" / package).is_file()
+    assert (share / package / "package.xml").is_file()
+
+
+@pytest.mark.parametrize("folder", ["config", "launch"])
+def test_data_files_are_all_installed(install: Path, folder: str) -> None:
+    assert files(install / "facts_damping" / "share" / "facts_damping" / folder) == files(ROOT / folder)
+
+
+def test_message_definitions_are_installed_verbatim(install: Path) -> None:
+    installed = install / "facts_damping_msgs" / "share" / "facts_damping_msgs" / "msg"
+    sources = sorted((ROOT / "msg_defs" / "msg").glob("*.msg"))
+    assert sources
+    for source in sources:
+        assert (installed / source.name).read_bytes() == source.read_bytes()
+
+
+def test_entry_points_load_from_the_install_space(install: Path) -> None:
+    code = """
+from importlib.metadata import distribution
+import sys
+for point in distribution("facts_damping").entry_points:
+    print(point.name, sys.modules[point.load().__module__].__file__)
+"""
+    found = dict(line.split() for line in run_installed(install, code).splitlines())
+    assert sorted(found) == EXECUTABLES
+    assert all(Path(path).is_relative_to(install) for path in found.values()), found
+
+
+def test_messages_load_from_the_install_space(install: Path) -> None:
+    code = """
+from facts_damping_msgs import msg
+from rclpy.serialization import deserialize_message, serialize_message
+sent = msg.PmuDataFrame(tick=7, fresh=True, frames=[msg.PmuFrame()])
+assert deserialize_message(serialize_message(sent), msg.PmuDataFrame) == sent
+print(msg.__file__)
+"""
+    assert Path(run_installed(install, code)).is_relative_to(install)
+
+
+def test_one_version_everywhere() -> None:
+    version = facts_damping.__version__
+    for path in (ROOT / "package.xml", ROOT / "msg_defs" / "package.xml"):
+        assert f"<version>{version}</version>" in path.read_text()
+    assert re.search(
+        rf'^version = "{version}"$', (ROOT / "msg_defs" / "pyproject.toml").read_text(), re.MULTILINE
+    )
+
+
+def test_ros_wheels_are_pinned_to_one_version_each() -> None:
+    text = (ROOT / "setup.py").read_text() + (ROOT / "msg_defs" / "pyproject.toml").read_text()
+    wheels = re.findall(r'"(ros-kilted-[a-z-]+)(.*?)"', text)
+    assert all(version.startswith("==") for _, version in wheels)
+    assert len(set(wheels)) == len({name for name, _ in wheels})
