@@ -85,30 +85,40 @@ def _listed_files(metadata: Path) -> list[str]:
 
 
 def _scan_file(file: Path, content: Content) -> None:
-    """Add what one file holds to `content`."""
+    """Add what one file holds to `content`.
+
+    Schemas and channels stand in the first chunk and again in the summary at the end: the first that is
+    read counts, so that damage to one of the two places does no harm.
+    """
     schemas: dict[int, Schema] = {}
-    names: dict[int, str] = {}
+    channels: dict[int, Channel] = {}
+    messages: list[Message] = []
     complete = False
     for record in _sound_records(file, content.notes):
         if isinstance(record, Message):
-            if record.channel_id in names:
-                _add_message(record, names[record.channel_id], content)
+            messages.append(record)
         elif isinstance(record, Schema):
-            schemas[record.id] = record
+            schemas.setdefault(record.id, record)
         elif isinstance(record, Channel):
-            names[record.id] = record.topic
-            _add_topic(record, schemas.get(record.schema_id), content)
+            channels.setdefault(record.id, record)
         elif isinstance(record, DataEnd):
             complete = True
         else:
             _add_extra(record, content)
+    for channel in channels.values():
+        _add_topic(channel, schemas.get(channel.schema_id), content)
+    _add_messages(messages, channels, content)
     content.complete = content.complete and complete
 
 
-def _add_message(record: Message, topic: str, content: Content) -> None:
-    content.messages.append(
-        RawMessage(topic, record.log_time, record.publish_time, record.sequence, record.data)
-    )
+def _add_messages(messages: list[Message], channels: dict[int, Channel], content: Content) -> None:
+    content.messages += [
+        RawMessage(
+            channels[one.channel_id].topic, one.log_time, one.publish_time, one.sequence, bytes(one.data)
+        )
+        for one in messages
+        if one.channel_id in channels
+    ]
 
 
 def _add_topic(channel: Channel, schema: Schema | None, content: Content) -> None:
