@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -165,18 +166,18 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
 
 
 def events(messages: Iterable[Any]) -> list[dict[str, Any]]:
-    """Changes of the grid: `time` in s, `kind`, `element`, and `value` and `location` where they apply."""
-    return sorted((_event(message) for message in messages), key=lambda event: event["time"])
-
-
-def _event(message: Any) -> dict[str, Any]:
-    event = {
-        "time": time_ns(message.header.stamp) / NANOSECONDS,
-        "kind": message.kind,
-        "element": message.element,
-    }
-    numbers = {"value": message.value, "location": message.location}
-    return event | {name: number for name, number in numbers.items() if not np.isnan(number)}
+    """Changes of the grid in order of time: `time_ns`, `kind`, `element`, `value`, `location` (NaN: not given)."""
+    found = [
+        {
+            "time_ns": time_ns(message.header.stamp),
+            "kind": message.kind,
+            "element": message.element,
+            "value": message.value,
+            "location": message.location,
+        }
+        for message in messages
+    ]
+    return sorted(found, key=itemgetter("time_ns"))
 
 
 def _values(entry: Any, fields: Sequence[str]) -> tuple[float, ...]:

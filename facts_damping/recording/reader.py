@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
+from ruamel.yaml import YAML, YAMLError
 
 from facts_damping.errors import RecordingError
 from facts_damping.recording import decode
@@ -73,7 +74,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     stations = decode.names_of(plant["frames"].messages, "frames", "station")
     devices = decode.names_of(plant["state"].messages, "devices", "device")
     machines = decode.names_of(plant["state"].messages, "machines", "machine")
-    controllers, issued = _controllers(configuration, cut["issued"], cut["applied"])
+    controllers, issued = _controllers(cut["issued"], cut["applied"])
     state = plant["state"]
     return Record(
         configuration=configuration,
@@ -101,9 +102,9 @@ def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
         f"{topic}: the recorder lost {count} messages" for topic, count in content.lost.items() if count
     ]
     try:
-        configuration = yaml.safe_load(content.configuration)
-    except yaml.YAMLError:
-        configuration = None
+        configuration = YAML(typ="safe", pure=True).load(content.configuration)
+    except (YAMLError, ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError):
+        configuration = None  # damaged text: ruamel.yaml raises more than its own errors
     if isinstance(configuration, dict):
         return configuration, notes
     return {}, [*notes, "the run's configuration is missing"]
@@ -187,19 +188,22 @@ def _check_end(
     notes.append(f"the end is missing: the record ends with tick {ticks[-1]} at {end:.3f} s{of}")
 
 
-def _controllers(
-    configuration: dict[str, Any], issued: Sequence[Series], applied: Sequence[Series]
-) -> tuple[list[str], list[Series]]:
-    """Names of the controllers and their series, in the order of the configuration, else of the recording."""
+def _controllers(issued: Sequence[Series], applied: Sequence[Series]) -> tuple[list[str], list[Series]]:
+    """Names of the controllers and their series, in the order of the run, else of the recording."""
     named = [
         (one.messages[0].controller if one.messages else one.topic.split("/")[-2], one) for one in issued
     ]
-    configured = [entry.get("name") for entry in configuration.get("controllers") or []]
-    named.sort(key=lambda pair: configured.index(pair[0]) if pair[0] in configured else len(configured))
+    named.sort(key=lambda pair: _place(pair[0]))
     seen = decode.names_of(
         [message for one in applied for message in one.messages], "setpoints", "controller"
     )
     return list(dict.fromkeys([name for name, _ in named] + seen)), [one for _, one in named]
+
+
+def _place(controller: str) -> int:
+    """Place of a controller in the run, which stands in its name (`controller_0_LLC`); 0 for other names."""
+    number = re.fullmatch(r"controller_(\d+)_.*", controller)
+    return int(number[1]) if number else 0
 
 
 def _join(tables: Sequence[NDArray[Any]], layout: np.dtype[Any]) -> NDArray[Any]:

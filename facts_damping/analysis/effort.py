@@ -1,0 +1,41 @@
+"""How hard and how smoothly the devices are driven."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.signals import Record
+
+
+def smoothness(setpoints: NDArray[np.float64], dt: float = 1.0) -> float:
+    """Control-effort smoothness `sqrt(1/N sum_k ((u_k+1 - 2 u_k + u_k-1) / dt^2)^2)`; small is smooth.
+
+    `setpoints`: (ticks,) or (ticks, devices), p.u., the setpoints in force on the grid of frames (N is the
+    number of differences of all devices together); `dt`: s, the frame's length, gives p.u./s^2; 1 gives
+    the plain second difference, p.u. 0 for fewer than three frames. Source: (5.34).
+    """
+    if len(setpoints) < 3 or setpoints.size == 0:
+        return 0.0
+    return float(np.sqrt(np.mean((np.diff(setpoints, 2, axis=0) / dt**2) ** 2)))
+
+
+def record_smoothness(record: Record) -> dict[str, float]:
+    """Both forms of (5.34) for a record: `per_second` (over dt^2, p.u./s^2) and `per_frame` (plain, p.u.).
+
+    A lost frame stretches dt only where it was lost, so dt is the median.
+    """
+    dt = float(np.median(np.diff(record.time_s))) if len(record.time_ns) > 1 else 1.0
+    setpoints = record.devices["setpoint"]
+    return {"per_second": smoothness(setpoints, dt), "per_frame": smoothness(setpoints)}
+
+
+def max_injected_voltage(record: Record) -> float:
+    """Largest magnitude of any device's injected voltage on the grid of frames, p.u.; 0 without devices."""
+    voltage = np.abs(record.devices["injected_voltage"])
+    finite = voltage[np.isfinite(voltage)]
+    return float(finite.max()) if finite.size else 0.0

@@ -1,0 +1,42 @@
+"""How old a measurement is when it acts, and what the link lost."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from facts_damping.signals import Record
+
+MILLISECOND = 1_000_000  # ns
+
+
+def latency(record: Record) -> dict[str, float | None]:
+    """Mean, median, 99 % quantile and maximum of the applied setpoints' latency, ms of simulated time.
+
+    Latency = time at which the setpoint reaches the device - time of measurement of the newest frame it
+    rests on: the whole way, both links and the wait for alignment. None where nothing was applied.
+    """
+    ages = (record.applied["effective_ns"] - record.applied["measured_ns"]) / MILLISECOND
+    if not len(ages):
+        return dict.fromkeys(("mean", "p50", "p99", "max"))
+    p50, p99 = np.percentile(ages, [50, 99])
+    return {"mean": float(ages.mean()), "p50": float(p50), "p99": float(p99), "max": float(ages.max())}
+
+
+def frames_lost(record: Record) -> int:
+    """Entries of stations that were measured, yet neither delivered nor possibly still under way.
+
+    An entry counts as under way if no later one of its station was delivered. So of a station that never
+    got through nothing counts, and an entry that a later one overtook just before the end counts as lost.
+    """
+    return sum(_lost(record, station) for station in range(len(record.stations)))
+
+
+def _lost(record: Record, station: int) -> int:
+    delivered = record.delivered["measured_ns"][record.delivered["station"] == station]
+    if not len(delivered):
+        return 0
+    measured = record.time_ns[record.time_ns <= delivered.max()]
+    return int(np.setdiff1d(measured, delivered).size)

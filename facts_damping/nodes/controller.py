@@ -1,0 +1,104 @@
+"""controller: subscribes to delivered frames, publishes setpoints and its state; one MIMO or several MISO."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from facts_damping_msgs.msg import ControllerState, PmuDataFrame, VoltageSetpoints
+from rcl_interfaces.msg import SetParametersResult
+
+from facts_damping.control.bank import act, parameters
+from facts_damping.control.table import CONTROLLERS
+from facts_damping.errors import InputError
+from facts_damping.loop import build_bank, build_link, controller_names, issue_room
+from facts_damping.nodes.messages import Frames, Setpoints, controller_state, set_time, time_ns
+from facts_damping.nodes.node import RELIABLE, descriptor, publish, read_case, read_options, run_node, wait_for_peers
+from facts_damping.nodes.spinning import Spinner
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
+
+
+class ControllerNode:
+    """One controller of the run."""
+
+    def __init__(self, node: Node) -> None:
+        """Read parameters, build the controller, wire the topics."""
+        self.case, self.options = read_case(node), read_options(node)
+        count = len(self.case.run.controllers)
+        self.index = int(
+            node.declare_parameter("index", 0, descriptor("which of the run's controllers this is", "", 0, 15)).value
+        )
+        if self.index >= count:
+            raise InputError(f"index: {self.index} given; allowed: 0 to {count - 1}, the run's controllers")
+        self.bank, self.state = build_bank(self.case)
+        self.kind = CONTROLLERS[self.case.run.controllers[self.index].name]
+        self.declare(node)
+        up, down = build_link(self.case)
+        self.room = issue_room(down, up)
+        self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
+        self.name = controller_names(self.case)[self.index]
+        self.message = controller_state(self.case, self.index)
+        self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", RELIABLE)
+        self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", RELIABLE)
+        node.create_subscription(PmuDataFrame, "pmu/delivered", self.on_frames, RELIABLE)
+        self.spinner = Spinner(node)
+        extra = int(self.options.recorder)
+        wait_for_peers(node, {self.to_link: 1 + extra, self.to_recorder: extra}, self.options)
+
+    def declare(self, node: Node) -> None:
+        """Declare the kind's parameters; they may change while it runs."""
+        row = self.bank.parameters[self.index]
+        values = parameters(self.case.run.controllers[self.index])
+        for i, (name, p) in enumerate(self.kind.parameters.items()):
+            made = descriptor(p.description, p.unit, p.low, p.high, read_only=False)
+            row[i] = node.declare_parameter(name, values[i], made).value
+        node.add_on_set_parameters_callback(self.on_parameters)
+
+    def on_parameters(self, changed: list[Parameter[float]]) -> SetParametersResult:
+        """Take changed parameters over; rclpy has checked their ranges."""
+        names = list(self.kind.parameters)
+        for parameter in changed:
+            if parameter.name in names:
+                self.bank.parameters[self.index, names.index(parameter.name)] = parameter.value
+        return SetParametersResult(successful=True)
+
+    def on_frames(self, message: PmuDataFrame) -> None:
+        """One tick: act on what was delivered, answer also when nothing was."""
+        delivered = self.frames.read(message)
+        count = act(self.bank, self.state, self.index, message.tick, delivered, len(delivered), self.room, 0)
+        start = time_ns(message.header.stamp)
+        publish(self.to_link, self.setpoints.fill(message.tick, start, self.room[:count], self.name))
+        self.tell(message.tick, start, message.fresh)
+
+    def tell(self, tick: int, start_ns: int, fresh: bool) -> None:
+        """Publish the controller's state."""
+        state, c, message = self.state, self.index, self.message
+        set_time(message.header.stamp, start_ns)
+        message.tick, message.fresh = tick, fresh
+        message.inputs = state.inputs[c, : len(message.input_names)].tolist()
+        outputs = len(message.output_names)
+        message.outputs = state.outputs[c, :outputs].tolist()
+        message.unlimited_outputs = state.unlimited[c, :outputs].tolist()
+        message.saturated = (state.outputs[c, :outputs] != state.unlimited[c, :outputs]).tolist()
+        publish(self.to_recorder, message)
+
+
+def body(node: Node) -> None:
+    """Run one controller until stopped."""
+    controller = ControllerNode(node)
+    try:
+        while True:
+            controller.spinner.turn(1.0)
+    finally:
+        controller.spinner.close()
+
+
+def main() -> None:
+    """Entry point of `ros2 run facts_damping controller`."""
+    run_node("controller", body)
+
+
+if __name__ == "__main__":
+    main()

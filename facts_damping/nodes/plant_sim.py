@@ -1,0 +1,153 @@
+"""plant_sim: publishes PMU data frames and the truth, subscribes to setpoints, advances the plant."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
+
+from facts_damping.errors import RunError
+from facts_damping.loop import build_plant, grid_events, tick_ns
+from facts_damping.nodes.messages import Frames, Setpoints, Truth, grid_event, set_time
+from facts_damping.nodes.node import (
+    RELIABLE,
+    finish,
+    publish,
+    read_case,
+    read_options,
+    run_node,
+    wait_for_peers,
+)
+from facts_damping.nodes.spinning import Spinner
+from facts_damping.plant.dynamics import advance, measure, workspace
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+PROGRESS_S = 0.2  # wall time between two lines of progress on standard output
+
+
+class PlantSim:
+    """One plant: state, publishers, and the setpoints that have come."""
+
+    def __init__(self, node: Node) -> None:
+        """Read parameters, build the plant, wire the topics."""
+        self.case, self.options = read_case(node), read_options(node)
+        built = build_plant(self.case)
+        self.plant, self.state = built.plant, built.state
+        self.work = workspace(self.plant, self.state)
+        stations = len(self.case.system.stations)
+        self.frame = np.zeros((stations, len(CHANNELS)))
+        self.entries = np.zeros(stations, DELIVERY)
+        self.entries["station"] = np.arange(stations)
+        self.machines = np.zeros(len(self.plant.machines), MACHINE_TRUTH)
+        self.devices = np.zeros(len(self.plant.converters), DEVICE_TRUTH)
+        self.frames, self.setpoints, self.truth = Frames(self.case), Setpoints(self.case), Truth(self.case)
+        self.to_link = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)
+        self.to_all = node.create_publisher(PlantState, "plant/state", RELIABLE)
+        self.to_events = node.create_publisher(GridEvent, "plant/events", RELIABLE)
+        self.to_diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        node.create_subscription(VoltageSetpoints, "setpoints/delivered", self.on_setpoints, RELIABLE)
+        self.answered = -1
+        self.waiting: list[Any] = []
+        self.events = grid_events(self.case)
+        self.misses = 0
+        self.spinner = Spinner(node)
+        extra = int(self.options.recorder)
+        wait_for_peers(
+            node,
+            {self.to_link: 1 + extra, self.to_all: extra, self.to_events: extra, self.to_diagnostics: extra},
+            self.options,
+        )
+
+    def on_setpoints(self, message: VoltageSetpoints) -> None:
+        """Keep the setpoints of a tick until the plant advances."""
+        self.answered = max(self.answered, message.tick)
+        self.waiting.append(self.setpoints.read(message))
+
+    def measure(self, tick: int, start_ns: int) -> bool:
+        """Measure at the start of a tick and publish: the frame first, since others wait for it."""
+        sound = bool(measure(self.plant, self.state, start_ns, self.frame, self.machines, self.devices, self.work))
+        self.entries["measured_ns"] = self.entries["arrival_ns"] = start_ns
+        self.entries["values"] = self.frame
+        publish(self.to_link, self.frames.fill(tick, start_ns, self.entries, len(self.entries)))
+        publish(self.to_all, self.truth.fill(tick, start_ns, sound, self.machines, self.devices))
+        while self.events and self.events[0]["time_ns"] <= start_ns:
+            publish(self.to_events, grid_event(self.events.pop(0)))
+        return sound
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        """Advance to the next tick under the setpoints that have come."""
+        rows = np.concatenate(self.waiting) if self.waiting else self.setpoints.read(VoltageSetpoints())
+        self.waiting.clear()
+        advance(self.plant, self.state, start_ns, end_ns, rows, len(rows), self.work)
+
+    def wait_lockstep(self, tick: int) -> None:
+        """Wait for the setpoints of a tick; a link that stays silent is named."""
+        # The link gives up on a silent controller first, and names it: its patience is shorter.
+        deadline = time.monotonic() + self.options.timeout + 1.0
+        while self.answered < tick:
+            if not self.spinner.turn(0.05) and time.monotonic() > deadline:
+                raise RunError(f"wan_link is silent: no setpoints of tick {tick} within {self.options.timeout:g} s")
+
+    def wait_realtime(self, tick: int, wall_end: float) -> None:
+        """Take what comes until the clock says that the tick is over; count it if its setpoints are not there."""
+        while (left := wall_end - time.monotonic()) > 0:
+            self.spinner.turn(left)
+        while self.spinner.turn(0.0):
+            pass
+        self.misses += self.answered < tick
+
+    def diagnose(self, start_ns: int) -> None:
+        """Publish how the plant keeps time."""
+        status = DiagnosticStatus(name="plant_sim", level=DiagnosticStatus.WARN if self.misses else DiagnosticStatus.OK)
+        status.message = f"{self.misses} deadline misses" if self.misses else "on time"
+        status.values = [KeyValue(key="deadline_misses", value=str(self.misses)), KeyValue(key="mode", value=self.options.mode)]
+        message = DiagnosticArray(status=[status])
+        set_time(message.header.stamp, start_ns)
+        publish(self.to_diagnostics, message)
+
+    def run(self) -> None:
+        """All ticks, or until the plant is no longer sound; progress as lines `tick K N MISSES` on standard output."""
+        rate, ticks = self.case.run.frame_rate, self.case.ticks
+        wall_start, told = time.monotonic(), -PROGRESS_S
+        for k in range(ticks):
+            start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
+            sound = self.measure(k, start)
+            if k % rate == 0:
+                self.diagnose(start)
+            if self.options.realtime:
+                self.wait_realtime(k, wall_start + end * 1e-9)
+            else:
+                self.wait_lockstep(k)
+            if time.monotonic() - told > PROGRESS_S or k + 1 == ticks or not sound:
+                told = time.monotonic()
+                sys.stdout.write(f"tick {k + 1} {ticks} {self.misses}\n")
+                sys.stdout.flush()
+            if not sound:
+                break
+            self.advance(start, end)
+
+
+def body(node: Node) -> None:
+    """Run one plant."""
+    plant = PlantSim(node)
+    try:
+        plant.run()
+        finish([plant.to_link, plant.to_all, plant.to_events, plant.to_diagnostics], plant.options.timeout)
+    finally:
+        plant.spinner.close()
+
+
+def main() -> None:
+    """Entry point of `ros2 run facts_damping plant_sim`."""
+    run_node("plant_sim", body)
+
+
+if __name__ == "__main__":
+    main()

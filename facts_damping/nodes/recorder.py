@@ -1,0 +1,121 @@
+"""recorder: writes every topic of the graph as it is, raw CDR, to an MCAP recording."""
+
+from __future__ import annotations
+
+import platform
+import signal
+import sys
+import time
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from threading import Event
+from typing import TYPE_CHECKING, Any
+
+import facts_damping_msgs.msg as messages
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.signals import SignalHandlerOptions
+
+from facts_damping import __version__
+from facts_damping.configuration import dump
+from facts_damping.loop import controller_names
+from facts_damping.nodes.node import RELIABLE, descriptor, read_case, read_options, run_node
+from facts_damping.nodes.spinning import Spinner
+from facts_damping.recording.writer import RecordingWriter
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+    from facts_damping.configuration import Case
+
+FLUSH_S = 0.5  # wall time after which the chunk in progress goes to disk: the most that a kill can cost
+QUIET_S = 0.2  # wall time without a message after which a stopped recorder is done
+POLL_S = 0.01  # wall time between two looks at the queues
+
+TOPICS = {
+    "pmu/frames": messages.PmuDataFrame,
+    "pmu/delivered": messages.PmuDataFrame,
+    "setpoints/delivered": messages.VoltageSetpoints,
+    "plant/state": messages.PlantState,
+    "plant/events": messages.GridEvent,
+    "link/statistics": messages.LinkStatistics,
+    "/diagnostics": DiagnosticArray,
+}
+
+
+def topics(case: Case) -> dict[str, Any]:
+    """Topics of a case and their types."""
+    own = {f"{name}/setpoints": messages.VoltageSetpoints for name in controller_names(case)}
+    own |= {f"{name}/state": messages.ControllerState for name in controller_names(case)}
+    return {**TOPICS, **own}
+
+
+def versions() -> dict[str, str]:
+    """What a recording was made with."""
+    found = {"facts_damping": __version__, "python": platform.python_version()}
+    for package in ("numpy", "scipy", "numba", "mcap", "rclpy"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not a pip package"
+    return found
+
+
+class Recorder:
+    """Subscribes to everything and writes it."""
+
+    def __init__(self, node: Node) -> None:
+        """Read parameters, open the recording, subscribe."""
+        self.case, self.options = read_case(node), read_options(node)
+        folder = node.declare_parameter("output", "recording", descriptor("folder of the new recording")).value
+        self.writer = RecordingWriter(folder, dump(self.case.document()), versions())
+        self.next: dict[str, int] = {}
+        self.lost: dict[str, int] = {}
+        for topic, kind in topics(self.case).items():
+            name = node.resolve_topic_name(topic)
+            package, _, module = kind.__module__.partition(".")
+            self.writer.add_topic(name, f"{package}/{module.split('.')[0]}/{kind.__name__}")
+            self.lost[name] = 0
+            node.create_subscription(kind, topic, partial(self.on_message, name), RELIABLE, raw=True)
+        self.spinner = Spinner(node)
+
+    def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
+        """Write one message; a gap in its publisher's sequence is a loss."""
+        sequence = information["publication_sequence_number"]
+        self.lost[topic] += max(0, sequence - self.next.get(topic, sequence))
+        self.next[topic] = sequence + 1
+        self.writer.write(topic, data, time.time_ns(), information["source_timestamp"], sequence)
+
+    def run(self, stopped: Event) -> None:
+        """Drain the queues, rest, and flush by the clock; once stopped, go on until nothing more comes."""
+        flushed = heard = time.monotonic()
+        while not stopped.is_set() or time.monotonic() - heard < QUIET_S:
+            while self.spinner.turn(0.0):
+                heard = time.monotonic()
+            if time.monotonic() - flushed > FLUSH_S:
+                self.writer.flush()
+                flushed = time.monotonic()
+            time.sleep(POLL_S)
+
+
+def body(node: Node) -> None:
+    """Record until a signal; what was published by then is written."""
+    stopped = Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopped.set())
+    recorder = Recorder(node)
+    try:
+        recorder.run(stopped)
+    finally:
+        recorder.writer.close(recorder.lost)
+        recorder.spinner.close()
+    sys.stdout.write(f"lost {sum(recorder.lost.values())}\n")
+    sys.stdout.flush()
+
+
+def main() -> None:
+    """Entry point of `ros2 run facts_damping recorder`."""
+    run_node("recorder", body, signals=SignalHandlerOptions.NO)
+
+
+if __name__ == "__main__":
+    main()
