@@ -166,7 +166,7 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
 
 
 def events(messages: Iterable[Any]) -> list[dict[str, Any]]:
-    """Changes of the grid in order of time: `time_ns`, `kind`, `element`, `value`, `location` (NaN: not given)."""
+    """Changes of the grid by time: `time_ns`, `kind`, `element`, `value`, `location` (NaN: not given)."""
     found = [
         {
             "time_ns": time_ns(message.header.stamp),

@@ -30,20 +30,20 @@ STATIONS, MACHINES, DEVICES, CONTROLLERS = (
     ["G1", "G2", "TIE"],
     ["G1", "G2"],
     ["sssc", "statcom"],
-    ["c1", "c0"],
+    ["controller_2_A", "controller_10_B"],
 )
 TOPICS = {
     "/pmu/frames": "PmuDataFrame",
     "/pmu/delivered": "PmuDataFrame",
-    "/c1/setpoints": "VoltageSetpoints",
-    "/c0/setpoints": "VoltageSetpoints",
+    "/controller_10_B/setpoints": "VoltageSetpoints",
+    "/controller_2_A/setpoints": "VoltageSetpoints",
     "/setpoints/delivered": "VoltageSetpoints",
     "/plant/state": "PlantState",
     "/plant/events": "GridEvent",
 }
 CONFIGURATION = {
     "system": "two_area",
-    "controllers": [{"name": name, "devices": DEVICES} for name in CONTROLLERS],
+    "controllers": [{"name": name, "devices": DEVICES} for name in "AB"],
     "frame_rate": RATE,
     "duration": 20,
 }
@@ -91,7 +91,7 @@ def make_record(seed: int, ticks: int = 30) -> Record:
         machines=machines,
         devices=devices,
         in_synchronism=np.ones(ticks, np.bool_),
-        events=[{"time": 0.1, "kind": "load_step", "element": "load_1", "value": -0.1}],
+        events=[{"time_ns": 10**8, "kind": "load_step", "element": "load_1", "value": -0.1, "location": 0.5}],
     )
 
 
@@ -156,8 +156,8 @@ class Messages:
         return self.make("PlantState", **head, machines=machines, devices=devices)
 
     def event(self, event: dict[str, Any]) -> Any:
-        numbers = {name: event.get(name, float("nan")) for name in ("value", "location")}
-        head = self.header(round(event["time"] * NANOSECONDS))
+        numbers = {name: event[name] for name in ("value", "location")}
+        head = self.header(event["time_ns"])
         return self.make("GridEvent", header=head, kind=event["kind"], element=event["element"], **numbers)
 
     def tick(self, record: Record, tick: int) -> dict[str, Any]:
