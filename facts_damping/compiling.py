@@ -15,11 +15,12 @@ import sys
 from pathlib import Path
 
 KEPT_CACHES = 4
+NOT_COMPILED = ("analysis", "nodes", "recording")  # folders without compiled functions
 
 
 def _fingerprint(folder: Path) -> str:
     digest = hashlib.sha256(sys.version.encode())
-    for file in sorted(folder.rglob("*.py")):
+    for file in sorted(f for f in folder.rglob("*.py") if f.relative_to(folder).parts[0] not in NOT_COMPILED):
         digest.update(str(file.relative_to(folder)).encode())
         digest.update(file.read_bytes())
     return digest.hexdigest()[:16]

@@ -34,9 +34,6 @@ STATISTICS = np.dtype(
     ]
 )
 
-OVERFLOW = -1
-
-
 class Direction(NamedTuple):
     """One direction of a link: its chain, and the state: a ring of entries under way, ordered by arrival."""
 
@@ -50,9 +47,12 @@ class Direction(NamedTuple):
 
 
 def direction(stages: Sequence[Stage], dtype: np.dtype[Any], channels: int, per_tick: int, frame_rate: int) -> Direction:
-    """An empty direction with room for all that can be under way: `per_tick` entries a tick for the longest delay."""
+    """An empty direction with room for all that can be under way: `per_tick` entries a tick for the longest delay.
+
+    A second's worth more is for setpoints that come late and all at once, in real time.
+    """
     table = chain(stages)
-    ticks = longest_delay_ns(table) * frame_rate // NANOSECONDS + 3
+    ticks = longest_delay_ns(table) * frame_rate // NANOSECONDS + 3 + frame_rate
     capacity = max(per_tick, 1) * ticks
     statistics = np.zeros(max(channels, 1), STATISTICS)
     statistics["delay_min_ns"] = np.iinfo(np.int64).max
@@ -76,13 +76,14 @@ def directions(link: Link, stations: int, devices: int, commands: int, frame_rat
 
 @compiled
 def _push(way: Direction, channel: int, sent_ns: int) -> int:
-    """Place for an entry in the ring, ordered by arrival, first come first; -1 when the ring is full."""
+    """Place for an entry in the ring, ordered by arrival, first come first; -1: the ring is full, it is lost."""
     capacity = way.arrival_ns.size
     head, count = way.ring[0], way.ring[1]
-    if count == capacity:
-        return OVERFLOW
-    arrival = traverse(way.chain, sent_ns)
     way.statistics[channel].sent += 1
+    if count == capacity:
+        way.statistics[channel].lost += 1
+        return -1
+    arrival = traverse(way.chain, sent_ns)
     place = count
     while place > 0:
         before = (head + place - 1) % capacity
@@ -126,13 +127,12 @@ def _count_delivered(way: Direction, channel: int, slot: int) -> None:
 def uplink(way: Direction, tick: int, start_ns: int, end_ns: int, frame: NDArray[np.float64]) -> int:
     """Send a frame (stations, channels) measured at `start_ns`; deliver what arrives before `end_ns`.
 
-    The delivered entries stand in `way.out`, in order of arrival; returns their number, or -1 when more
-    is under way than there is room for.
+    The delivered entries stand in `way.out`, in order of arrival; returns their number.
     """
     for station in range(frame.shape[0]):
         slot = _push(way, station, start_ns)
         if slot < 0:
-            return OVERFLOW
+            continue
         entry = way.entries[slot]
         entry.station = station
         entry.measured_ns = start_ns
@@ -155,9 +155,8 @@ def downlink(way: Direction, tick: int, end_ns: int, setpoints: NDArray[Any], gi
     """Send `given` setpoints, each at its `issued_ns`; deliver what arrives before `end_ns`, as `uplink` does."""
     for i in range(given):
         slot = _push(way, setpoints[i].device, setpoints[i].issued_ns)
-        if slot < 0:
-            return OVERFLOW
-        way.entries[slot] = setpoints[i]
+        if slot >= 0:
+            way.entries[slot] = setpoints[i]
     count = 0
     slot = _first_before(way, end_ns)
     while slot >= 0:

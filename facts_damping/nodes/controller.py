@@ -10,7 +10,7 @@ from rcl_interfaces.msg import SetParametersResult
 from facts_damping.control.bank import act, parameters
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError
-from facts_damping.loop import build_bank, build_link, controller_names, issue_room
+from facts_damping.loop import build_bank, build_link, controller_names, issue_room, rehearse
 from facts_damping.nodes.messages import Frames, Setpoints, controller_state, set_time, time_ns
 from facts_damping.nodes.node import RELIABLE, descriptor, publish, read_case, read_options, run_node, wait_for_peers
 from facts_damping.nodes.spinning import Spinner
@@ -43,6 +43,7 @@ class ControllerNode:
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", RELIABLE)
         self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", RELIABLE)
         node.create_subscription(PmuDataFrame, "pmu/delivered", self.on_frames, RELIABLE)
+        rehearse(self.case)
         self.spinner = Spinner(node)
         extra = int(self.options.recorder)
         wait_for_peers(node, {self.to_link: 1 + extra, self.to_recorder: extra}, self.options)

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
 
 from facts_damping.errors import RunError
-from facts_damping.loop import build_plant, grid_events, tick_ns
+from facts_damping.loop import build_plant, grid_events, rehearse, tick_ns
 from facts_damping.nodes.messages import Frames, Setpoints, Truth, grid_event, set_time
 from facts_damping.nodes.node import (
     RELIABLE,
@@ -57,6 +57,7 @@ class PlantSim:
         self.waiting: list[Any] = []
         self.events = grid_events(self.case)
         self.misses = 0
+        rehearse(self.case)
         self.spinner = Spinner(node)
         extra = int(self.options.recorder)
         wait_for_peers(
