@@ -53,7 +53,7 @@ setup(
         "matplotlib>=3.8,<4",
         "mcap>=1.2,<2",
         "numba>=0.60,<1",
-        "numpy>=1.26,<3",
+        "numpy>=1.26,<2.5",  # the type information of 2.5 rejects a plain array.max()
         "pydantic>=2.6,<3",
         "pyyaml>=6,<7",
         "rosbags>=0.10,<1",
@@ -82,9 +82,9 @@ setup(
             "ros-kilted-rosidl-default-generators==1.7.1",
             "hypothesis>=6.100,<7",
             "import-linter>=2,<3",
-            "mypy>=1.13,<3",
+            "mypy==2.4.1",  # exact, as ruff: a new release finds new faults
             "pytest>=8,<10",
-            "ruff>=0.14,<1",
+            "ruff==0.17.5",
             "types-PyYAML>=6,<7",
         ],
     },
