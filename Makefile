@@ -72,7 +72,7 @@ $(VENV)/.package: $(METADATA) $(VENV)/.python
 	@$(INSTALL) -e '.[ros]'
 	@touch $@
 
-$(VENV)/.messages: $(MESSAGES) $(VENV)/.package
+$(VENV)/.messages: $(MESSAGES) $(VENV)/.python | $(VENV)/.package
 	$(SAY) "set-up: messages (compiled here, about half a minute)"
 	@$(INSTALL) ./msg_defs
 	@touch $@
