@@ -46,12 +46,14 @@ class Case:
 
     def summary(self) -> dict[str, Any]:
         """The run with its names, as JSON output shows it."""
-        return {**self.run.model_dump(), "duration": self.duration}
+        return self.run.asked or {**self.run.model_dump(exclude={"asked"}), "duration": self.duration}
 
     def document(self) -> dict[str, Any]:
         """The run with everything it names inline: a run file by itself."""
         return {
-            **self.summary(),
+            **self.run.model_dump(),
+            "asked": self.summary(),
+            "duration": self.duration,
             "system": self.system.model_dump(by_alias=True),
             "scenario": [event.model_dump() for event in self.scenario.events],
             "link": self.link.model_dump(),
@@ -239,6 +241,8 @@ def load_case(name: str | None, sets: list[str] | None = None) -> Case:
     path = None if name is None else find("runs", name)
     content = {} if path is None else read_table(path)
     pairs = dict(parse_set(text) for text in sets or [])
+    if pairs:
+        content.pop("asked", None)  # no longer what was asked for
     ordered = sorted(pairs.items(), key=lambda pair: pair[0].count("."))  # names before what lies below them
     for key, value in ordered:
         where = f"--set {key}={value}"

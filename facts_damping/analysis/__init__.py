@@ -1,6 +1,8 @@
-"""What a record says about the control: records in, figures out. Knows neither plant nor ROS."""
+"""What a record says about the control: records in, figures out. Knows neither plant nor ROS.
 
-from facts_damping.analysis.plots import plot_comparison, plot_record
+Plots are in `facts_damping.analysis.plots`, apart, because loading Matplotlib takes longer than a run.
+"""
+
 from facts_damping.analysis.summary import summarise, table
 
-__all__ = ["plot_comparison", "plot_record", "summarise", "table"]
+__all__ = ["summarise", "table"]

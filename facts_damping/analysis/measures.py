@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.errors import InputError
-from facts_damping.signals import CHANNELS
+from facts_damping.signals import CHANNELS, NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,25 +22,41 @@ SPEED = list(CHANNELS).index("speed_deviation")
 def speed_differences(record: Record) -> dict[str, NDArray[np.float64]]:
     """Local and interarea speed differences as measured: name -> (ticks,), p.u. of synchronous speed.
 
-    `dw = sum_i c_i dw_i` over stations i with the weights c of `configuration["measures"]`:
-    {"local" | "interarea": {name: {station: weight}}}. Raises InputError if they do not fit the record.
+    `dw = sum_i c_i dw_i` over stations i with the weights c of `measure_weights`. Raises InputError if
+    they do not fit the record.
     """
-    groups: Mapping[str, Mapping[str, Any]] = record.configuration.get("measures") or {}
-    differences = {
-        name: _weighted(record, f"measures.{group}.{name}", weights)
-        for group, members in groups.items()
-        for name, weights in members.items()
-    }
-    if not differences:
-        raise InputError("measures: the record's configuration names no speed difference")
-    return differences
+    weights = measure_weights(record.configuration)
+    if not weights:
+        raise InputError("measures: none given; allowed: at least one speed difference in the configuration")
+    return {name: _weighted(record, f"measures.{name}", one) for name, one in weights.items()}
+
+
+def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, float]]:
+    """Weights of the speed differences by station: {name: {station: weight}}.
+
+    From `measures` = {"local" | "interarea": {name: {station: weight}}}, or from a system inline, where
+    `measures` = {"local" | "interarea": [name]} refers to `signals` = {name: {"weights": ...}}.
+    """
+    system = configuration.get("system")
+    source = configuration if "measures" in configuration or not isinstance(system, dict) else system
+    signals = source.get("signals") or {}
+    found: dict[str, Mapping[str, float]] = {}
+    for group in (source.get("measures") or {}).values():
+        named = group if isinstance(group, dict) else {name: signals[name]["weights"] for name in group}
+        found.update(named)
+    return found
 
 
 def event_times(record: Record) -> list[float]:
-    """Times of the events that happened before the record's end, s, ascending."""
-    events = record.configuration.get("events") or record.events
-    end = record.time_ns[-1] / 1e9 if len(record.time_ns) else 0.0
-    return sorted(time for time in (float(event["time"]) for event in events) if time <= end)
+    """Times of the events up to the record's end, s, ascending.
+
+    From the events in the record (`time_ns`), which know when a fault clears itself; if there are none,
+    from `configuration["events"]` (`time`, `duration`, s).
+    """
+    times = [event["time_ns"] / NANOSECONDS for event in record.events]
+    for event in () if times else record.configuration.get("events") or ():
+        times += [event["time"]] + ([event["time"] + event["duration"]] if event.get("duration") else [])
+    return sorted(time for time in times if len(record.time_ns) and time <= record.time_s[-1])
 
 
 def columns(signals: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:

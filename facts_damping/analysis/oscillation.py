@@ -20,15 +20,15 @@ RESOLUTION = 1e-9  # p.u.: smaller oscillations are rounding
 def is_stable(record: Record) -> bool | None:
     """True: in synchronism to the end; false: lost it; none: not known, for the recording ends too early.
 
-    The end is `configuration["duration"]` (s) less a frame at `configuration["frame_rate"]` (frames/s), give or
-    take half a frame.
+    The end is `configuration["duration"]` (s) less a frame at `configuration["frame_rate"]` (frames/s), give
+    or take half a frame.
     """
     if not record.in_synchronism.all():
         return False
     duration, rate = (record.configuration.get(key) for key in ("duration", "frame_rate"))
     if duration is None or rate is None:
         return True
-    return True if len(record.time_ns) and record.time_s[-1] >= duration - 1.5 / rate else None
+    return True if len(record.time_ns) and record.time_s[-1] >= duration - 1.5 / rate - 1e-9 else None
 
 
 def settling_time(

@@ -134,3 +134,4 @@ class Run(Model):
     frame_rate: int = quantity(60, "frames/s", "PMU frames per second", ge=1, le=1000)
     duration: float | None = quantity(None, "s", "simulated time; none: the scenario's", gt=0, le=1e5)
     seed: int = quantity(0, "-", "seed of all randomness", ge=0, le=2**31 - 1)
+    asked: dict[str, Any] | None = Field(None, description="in stored runs: the run as the user wrote it, by names")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,13 +21,26 @@ MAX_ITERATIONS = 30
 
 @dataclass(frozen=True)
 class PowerFlow:
-    """Solved power flow: complex bus voltages (buses,), net injected power (buses,), p.u.; mismatch reached."""
+    """Solved power flow, p.u.: bus voltages and generation less loads (buses,), generation by machine, mismatch."""
 
     names: list[str]
     voltage: NDArray[np.complex128]
     injection: NDArray[np.complex128]
     generation: dict[str, complex]
     residual: float
+
+    def buses(self, base_power: float) -> list[dict[str, Any]]:
+        """A row a bus: name, voltage (p.u., deg), generation less loads (MW, Mvar)."""
+        return [
+            {
+                "name": name,
+                "v_pu": float(abs(v)),
+                "angle_deg": float(np.rad2deg(np.angle(v))),
+                "p_mw": float(s.real * base_power),
+                "q_mvar": float(s.imag * base_power),
+            }
+            for name, v, s in zip(self.names, self.voltage, self.injection, strict=True)
+        ]
 
 
 def solve(system: System) -> PowerFlow:
@@ -66,8 +79,15 @@ def solve(system: System) -> PowerFlow:
             f"system {system.name}: power flow does not converge: mismatch {residual:.3g} p.u. after "
             f"{MAX_ITERATIONS} iterations; allowed: {TOLERANCE:g}"
         )
-    injection = voltage * np.conj(matrix @ voltage)
-    generation = {m.name: complex(injection[index[m.bus]] + demand[index[m.bus]]) for m in system.machines}
+    # The matrix holds the loads of constant impedance: what it does not draw comes from the machines.
+    net = voltage * np.conj(matrix @ voltage)
+    generation = {m.name: complex(net[index[m.bus]] + demand[index[m.bus]]) for m in system.machines}
+    injection = np.zeros(len(names), np.complex128)
+    for machine in system.machines:
+        injection[index[machine.bus]] += generation[machine.name]
+    for load in system.loads:
+        scale = abs(voltage[index[load.bus]]) ** 2 if load.at == "nominal" else 1.0
+        injection[index[load.bus]] -= complex(load.P, load.Q) / system.base_power * scale
     return PowerFlow(names, voltage, injection, generation, residual)
 
 

@@ -1,0 +1,131 @@
+"""The figures of one run, and a table that puts several side by side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.analysis.effort import max_injected_voltage, record_smoothness
+from facts_damping.analysis.indices import INDICES, performance_indices
+from facts_damping.analysis.latency import frames_lost, latency
+from facts_damping.analysis.measures import columns, event_times, speed_differences
+from facts_damping.analysis.oscillation import is_damped, is_stable, settling_time
+from facts_damping.analysis.ringdown import ringdown_modes
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.signals import Record
+
+# Rows of the table: label, path into a summary, format.
+ROWS = (
+    ("stable", ("stable",), ""),
+    ("damped", ("damped",), ""),
+    ("duration [s]", ("duration_s",), ".2f"),
+    *((name, ("indices", name), ".4g") for name in INDICES),
+    ("settling time [s]", ("settling_time_s",), ".2f"),
+    ("max injected voltage [p.u.]", ("max_injected_voltage_pu",), ".4f"),
+    ("smoothness [p.u./s²]", ("smoothness",), ".4g"),
+    ("strongest mode [Hz]", ("modes", 0, "frequency_hz"), ".3f"),
+    ("  its damping ratio", ("modes", 0, "damping_ratio"), ".4f"),
+    ("latency, mean [ms]", ("latency_ms", "mean"), ".2f"),
+    ("latency, 99 % [ms]", ("latency_ms", "p99"), ".2f"),
+    ("frames lost", ("frames_lost",), "d"),
+)
+WORDS = {True: "yes", False: "no", None: "-"}
+
+
+def summarise(record: Record, differences: Mapping[str, NDArray[np.float64]] | None = None) -> dict[str, Any]:
+    """Figures of a run, ready for JSON: numbers, None and lists of them.
+
+    `differences`: name -> (ticks,), p.u., the speed differences to judge; by default those that the
+    configuration names. Of a run that is not stable (or whose recording ends too early to know: `stable`
+    None) indices and settling time are None, and there are no modes. `indices` count from t = 0,
+    `indices_since_event` from the first event; `smoothness` is (5.34) over dt^2, `smoothness_per_frame`
+    without. Raises InputError if the speed differences do not fit the record.
+    """
+    signals = columns(speed_differences(record) if differences is None else differences)
+    stable = is_stable(record)
+    smooth = record_smoothness(record)
+    return {
+        "run": _run(record.configuration),
+        "stable": stable,
+        **_oscillation(record, signals, stable is True),
+        "duration_s": _duration(record),
+        "smoothness": smooth["per_second"],
+        "smoothness_per_frame": smooth["per_frame"],
+        "max_injected_voltage_pu": max_injected_voltage(record),
+        "latency_ms": latency(record),
+        "frames_lost": frames_lost(record),
+    }
+
+
+def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
+    """Text table for a terminal: a column a run (its name, its summary), a row a figure."""
+    header = ["", *(name for name, _ in summaries)]
+    rows = [
+        [label, *(_text(_find(summary, path), form) for _, summary in summaries)]
+        for label, path, form in ROWS
+    ]
+    widths = [max(len(row[column]) for row in [header, *rows]) for column in range(len(header))]
+    lines = [_line(header, widths), "  ".join("-" * width for width in widths)]
+    return "\n".join([*lines, *(_line(row, widths) for row in rows)])
+
+
+def _oscillation(record: Record, signals: NDArray[np.float64], stable: bool) -> dict[str, Any]:
+    """Figures that only a run in synchronism to its end has."""
+    if not stable:
+        return {
+            "damped": False,
+            "indices": None,
+            "indices_since_event": None,
+            "settling_time_s": None,
+            "modes": [],
+        }
+    times = event_times(record) or [0.0]
+    t, last = record.time_s, times[-1]
+    return {
+        "damped": is_damped(t, signals, last),
+        "indices": performance_indices(t, signals),
+        "indices_since_event": performance_indices(t, signals, times[0]),
+        "settling_time_s": settling_time(t, signals, last),
+        "modes": [
+            {"frequency_hz": mode.frequency_hz, "damping_ratio": mode.damping_ratio}
+            for mode in ringdown_modes(t, signals, last)
+        ],
+    }
+
+
+def _duration(record: Record) -> float:
+    """Simulated time that the record covers, s: a frame longer than the span of its stamps."""
+    t = record.time_s
+    return round(float(t[-1] - t[0] + np.median(np.diff(t))), 6) if len(t) > 1 else 0.0
+
+
+def _run(configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """The run by the names that the user gave, where they are known."""
+    return dict(configuration.get("asked") or configuration)
+
+
+def _find(summary: Any, path: Sequence[str | int]) -> Any:
+    """Value at a path; None where it ends early."""
+    for key in path:
+        if not summary or (isinstance(key, str) and key not in summary):
+            return None
+        summary = summary[key]
+    return summary
+
+
+def _text(value: Any, form: str) -> str:
+    return WORDS[value] if value is None or isinstance(value, bool) else format(value, form)
+
+
+def _line(row: Sequence[str], widths: Sequence[int]) -> str:
+    first, *rest = (
+        cell.ljust(width) if column == 0 else cell.rjust(width)
+        for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+    )
+    return "  ".join([first, *rest]).rstrip()
