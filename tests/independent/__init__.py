@@ -1,0 +1,1 @@
+"""Reference models written independently of the package, for comparison tests."""
