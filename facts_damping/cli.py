@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from facts_damping import __version__, configuration, loop
+from facts_damping import __version__, configuration, files, loop
 from facts_damping.errors import FactsDampingError, InputError, RecordingError
 
 if TYPE_CHECKING:
@@ -102,7 +102,10 @@ def plot(records: Sequence[tuple[str, Record]], folder: Path) -> list[Path]:
 
 
 def _report(
-    arguments: argparse.Namespace, named: list[tuple[str, Record]], summaries: list[dict[str, Any]], folder: Path
+    arguments: argparse.Namespace,
+    named: list[tuple[str, Record]],
+    summaries: list[dict[str, Any]],
+    folder: Path,
 ) -> None:
     """Table on the terminal, plots in the folder."""
     from facts_damping.analysis.summary import table
@@ -118,7 +121,12 @@ def _report(
 
 def label(run: dict[str, Any]) -> str:
     """A short name of a run: system, scenario, controllers, link."""
-    parts = [run["system"], run["scenario"], "+".join(c["name"] for c in run["controllers"]) or "none", run["link"]]
+    parts = [
+        run["system"],
+        run["scenario"],
+        "+".join(c["name"] for c in run["controllers"]) or "none",
+        run["link"],
+    ]
     return "-".join(part if isinstance(part, str) else "custom" for part in parts).replace("/", "_")
 
 
@@ -173,7 +181,9 @@ def analyze(arguments: argparse.Namespace) -> None:
         named.append((label(record.configuration.get("asked") or record.configuration), record))
     if len({name for name, _ in named}) < len(named):
         named = [(f"{i + 1} {name}", record) for i, (name, record) in enumerate(named)]
-    results = [summarise(record, None, str(path)) for (_, record), path in zip(named, arguments.recordings, strict=True)]
+    results = [
+        summarise(record, None, str(path)) for (_, record), path in zip(named, arguments.recordings, strict=True)
+    ]
     folder = Path(arguments.out) if arguments.out is not None else Path(arguments.recordings[0]).parent / "analysis"
     _report(arguments, named, results, folder)
     _write_json(arguments.json, results)
@@ -189,7 +199,10 @@ def modes(arguments: argparse.Namespace) -> None:
     matrix, _ = linear.linearise(built)
     found = linear.modes(matrix, built.state_names)
     buses = built.flow.buses(system.base_power)
-    _say(arguments, f"{system.name}: {system.description}\n\nbus          V p.u.  angle deg       P MW     Q Mvar")
+    _say(
+        arguments,
+        f"{system.name}: {system.description}\n\nbus          V p.u.  angle deg       P MW     Q Mvar",
+    )
     for bus in buses:
         _say(arguments, "{name:<10} {v_pu:8.4f} {angle_deg:10.3f} {p_mw:10.2f} {q_mvar:10.2f}".format(**bus))
     _say(arguments, "\n     real 1/s   imag rad/s         Hz  damping ratio  participation")
@@ -219,13 +232,17 @@ def list_(arguments: argparse.Namespace) -> None:
         from facts_damping.control.table import CONTROLLERS
 
         rows = [
-            {"name": name, "description": kind.description, "parameters": {p: row.default for p, row in kind.parameters.items()}}
+            {
+                "name": name,
+                "description": kind.description,
+                "parameters": {p: row.default for p, row in kind.parameters.items()},
+            }
             for name, kind in CONTROLLERS.items()
         ]
     else:
         rows = []
-        for name, path in configuration.shipped(arguments.kind).items():
-            content = configuration.read_table(path)
+        for name, path in files.shipped(arguments.kind).items():
+            content = files.read_table(path)
             rows.append({"name": name, "description": str(content.get("description", ""))})
     width = max(len(str(row["name"])) for row in rows)
     for row in rows:
@@ -245,7 +262,10 @@ def _common(parser: argparse.ArgumentParser, *, sets: bool = True, out: bool = T
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    top = _Parser(prog="facts-damping", description="Wide-area damping with FACTS devices: closed loops and ROS 2 graphs.")
+    top = _Parser(
+        prog="facts-damping",
+        description="Wide-area damping with FACTS devices: closed loops and ROS 2 graphs.",
+    )
     top.add_argument("--version", action="version", version=__version__)
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
 
@@ -278,7 +298,7 @@ def parser() -> argparse.ArgumentParser:
 def _seconds(text: str) -> float:
     """A time-out, s."""
     value = float(text)
-    if not 0.05 <= value <= 3600.0:  # noqa: PLR2004
+    if not 0.05 <= value <= 3600.0:
         raise argparse.ArgumentTypeError(f"{text} given; allowed: 0.05 to 3600 s")
     return value
 

@@ -42,6 +42,6 @@ if "NUMBA_CACHE_DIR" not in os.environ:
 
 import numba  # noqa: E402 (the cache's folder has to be set before)
 
-numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
+numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]  # type: ignore[attr-defined]
 
 compiled = numba.njit(cache=True, error_model="numpy")

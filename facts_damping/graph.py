@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
-from facts_damping.configuration import dump
 from facts_damping.errors import InputError, RunError
+from facts_damping.files import dump
 from facts_damping.loop import controller_names
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def start(name: str, module: str, parameters: dict[str, Any], options: list[str]
     for key, value in parameters.items():
         arguments += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
     output, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in `graph`)
-    popen = subprocess.Popen(  # noqa: S603 (our own modules)
+    popen = subprocess.Popen(
         [*arguments, *(options or [])],
         stdin=subprocess.DEVNULL,
         stdout=output,
@@ -123,9 +123,7 @@ def graph(case: Case, mode: str, out: Path, timeout: float) -> Iterator[dict[str
             process.popen.wait()
 
 
-def run(
-    case: Case, mode: str, out: Path, progress: Callable[[int, int], None], timeout: float = 5.0
-) -> Outcome:
+def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], timeout: float = 5.0) -> Outcome:
     """Run a case as a graph of processes; the recording is `out / "recording"`.
 
     Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.

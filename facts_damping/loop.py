@@ -17,7 +17,15 @@ from facts_damping.link.transfer import Direction, directions, downlink, uplink
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.dynamics import Plant, PlantState, Work, advance, measure, workspace
 from facts_damping.plant.events import timeline
-from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT, Record
+from facts_damping.signals import (
+    CHANNELS,
+    DELIVERY,
+    DEVICE_TRUTH,
+    MACHINE_TRUTH,
+    NANOSECONDS,
+    SETPOINT,
+    Record,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,7 +47,7 @@ class Loop(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """Arrays that a run fills: see `signals.Record`; `count` holds ticks, delivered, issued, applied."""
+    """Arrays that a run fills: see `signals.Record`; `used` holds ticks, delivered, issued, applied."""
 
     time_ns: NDArray[np.int64]
     frames: NDArray[np.float64]
@@ -49,7 +57,7 @@ class Signals(NamedTuple):
     delivered: NDArray[Any]
     issued: NDArray[Any]
     applied: NDArray[Any]
-    count: NDArray[np.int64]
+    used: NDArray[np.int64]
 
 
 @compiled
@@ -124,15 +132,15 @@ def run_loop(loop: Loop, frame_rate: int, ticks: int, kept: Signals) -> None:
         sound = measure(loop.plant, loop.plant_state, start, frame, kept.machines[k], kept.devices[k], loop.work)
         kept.time_ns[k] = start
         kept.in_synchronism[k] = sound
-        kept.count[0] = k + 1
+        kept.used[0] = k + 1
         delivered = uplink(loop.up, k, start, end, frame)
-        kept.count[1] = _append(kept.delivered, kept.count[1], loop.up.out, delivered)
+        kept.used[1] = _append(kept.delivered, kept.used[1], loop.up.out, delivered)
         issued = 0
         for c in range(loop.bank.code.size):
             issued = act(loop.bank, loop.bank_state, c, k, loop.up.out, delivered, loop.issued, issued)
-        kept.count[2] = _append(kept.issued, kept.count[2], loop.issued, issued)
+        kept.used[2] = _append(kept.issued, kept.used[2], loop.issued, issued)
         applied = downlink(loop.down, k, end, loop.issued, issued)
-        kept.count[3] = _append(kept.applied, kept.count[3], loop.down.out, applied)
+        kept.used[3] = _append(kept.applied, kept.used[3], loop.down.out, applied)
         if not sound:
             break
         advance(loop.plant, loop.plant_state, start, end, loop.down.out, applied, loop.work)
@@ -146,7 +154,7 @@ def run(case: Case) -> Record:
     lost = int(loop.up.statistics["lost"].sum() + loop.down.statistics["lost"].sum())
     if lost:
         raise RunError(f"link: {lost} entries found no room under way; its longest delay is not what was allowed for")
-    ticks, delivered, issued, applied = (int(n) for n in kept.count)
+    ticks, delivered, issued, applied = (int(n) for n in kept.used)
     return Record(
         configuration=case.document(),
         stations=[s.name for s in case.system.stations],

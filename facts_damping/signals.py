@@ -7,10 +7,12 @@ analysis read the same fields by the same names. Times are integer nanoseconds o
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 NANOSECONDS = 1_000_000_000
 

@@ -5,7 +5,6 @@ The launch ends when the plant has simulated its run; the others are stopped the
 
 from __future__ import annotations
 
-from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, Shutdown
 from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration
@@ -13,6 +12,7 @@ from launch_ros.actions import Node
 
 from facts_damping.configuration import load_case
 from facts_damping.loop import controller_names
+from launch import LaunchContext, LaunchDescription
 
 ARGUMENTS = {
     "run": ("two_area_small", "name under config/runs, or path of a YAML file"),
@@ -28,7 +28,11 @@ def nodes(context: LaunchContext) -> list[Node | RegisterEventHandler]:
 
     def node(executable: str, name: str, **parameters: object) -> Node:
         return Node(
-            package="facts_damping", executable=executable, name=name, parameters=[{**common, **parameters}], output="screen"
+            package="facts_damping",
+            executable=executable,
+            name=name,
+            parameters=[{**common, **parameters}],
+            output="screen",
         )
 
     plant = node("plant_sim", "plant_sim")
@@ -43,6 +47,7 @@ def nodes(context: LaunchContext) -> list[Node | RegisterEventHandler]:
 def generate_launch_description() -> LaunchDescription:
     """The launch description that `ros2 launch` asks for."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=text) for name, (default, text) in ARGUMENTS.items()
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in ARGUMENTS.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=nodes)])

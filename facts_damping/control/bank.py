@@ -143,7 +143,16 @@ def _act(bank: Bank, state: BankState, c: int) -> bool:
 
 
 @compiled
-def act(bank: Bank, state: BankState, c: int, tick: int, delivered: NDArray[Any], count: int, out: NDArray[Any], first: int) -> int:
+def act(
+    bank: Bank,
+    state: BankState,
+    c: int,
+    tick: int,
+    delivered: NDArray[Any],
+    count: int,
+    out: NDArray[Any],
+    first: int,
+) -> int:
     """One tick of controller c: `count` delivered entries in, setpoints into `out` from index `first` on.
 
     Entries of the same arrival are taken together. Returns the index after the last setpoint written.

@@ -22,7 +22,7 @@ def section(n1: float, n0: float, d1: float, dt: float, state: NDArray[np.float6
     y = ((n0 + n1 * c) * u + (n0 - n1 * c) * state[at] - (1.0 - d1 * c) * state[at + 1]) / (1.0 + d1 * c)
     state[at] = u
     state[at + 1] = y
-    return y
+    return y  # type: ignore[no-any-return]
 
 
 @compiled

@@ -34,6 +34,7 @@ STATISTICS = np.dtype(
     ]
 )
 
+
 class Direction(NamedTuple):
     """One direction of a link: its chain, and the state: a ring of entries under way, ordered by arrival."""
 
@@ -46,7 +47,9 @@ class Direction(NamedTuple):
     out: NDArray[Any]  # entries delivered in the tick, (capacity,)
 
 
-def direction(stages: Sequence[Stage], dtype: np.dtype[Any], channels: int, per_tick: int, frame_rate: int) -> Direction:
+def direction(
+    stages: Sequence[Stage], dtype: np.dtype[Any], channels: int, per_tick: int, frame_rate: int
+) -> Direction:
     """An empty direction with room for all that can be under way: `per_tick` entries a tick for the longest delay.
 
     A second's worth more is for setpoints that come late and all at once, in real time.

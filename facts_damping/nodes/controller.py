@@ -12,7 +12,15 @@ from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError
 from facts_damping.loop import build_bank, build_link, controller_names, issue_room, rehearse
 from facts_damping.nodes.messages import Frames, Setpoints, controller_state, set_time, time_ns
-from facts_damping.nodes.node import RELIABLE, descriptor, publish, read_case, read_options, run_node, wait_for_peers
+from facts_damping.nodes.node import (
+    RELIABLE,
+    descriptor,
+    publish,
+    read_case,
+    read_options,
+    run_node,
+    wait_for_peers,
+)
 from facts_damping.nodes.spinning import Spinner
 
 if TYPE_CHECKING:

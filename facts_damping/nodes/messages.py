@@ -9,7 +9,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from facts_damping_msgs.msg import (
     ControllerState,
     DeviceState,
@@ -28,6 +27,7 @@ from facts_damping.loop import controller_names
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
+    from builtin_interfaces.msg import Time
     from numpy.typing import NDArray
 
     from facts_damping.configuration import Case
@@ -179,9 +179,7 @@ class Truth:
 
 def grid_event(event: dict[str, Any]) -> GridEvent:
     """Message of an event of the grid."""
-    message = GridEvent(
-        kind=event["kind"], element=event["element"], value=event["value"], location=event["location"]
-    )
+    message = GridEvent(kind=event["kind"], element=event["element"], value=event["value"], location=event["location"])
     set_time(message.header.stamp, event["time_ns"])
     return message
 
@@ -218,5 +216,7 @@ def controller_state(case: Case, index: int) -> ControllerState:
     """An empty state message of a controller, with its names."""
     controller = case.run.controllers[index]
     return ControllerState(
-        controller=controller_names(case)[index], input_names=controller.signals, output_names=controller.devices
+        controller=controller_names(case)[index],
+        input_names=controller.signals,
+        output_names=controller.devices,
     )

@@ -13,6 +13,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
@@ -30,15 +31,16 @@ if TYPE_CHECKING:
 RCLError = rclpy_implementation.RCLError
 
 # Only the emulated link loses data: reliable, and nothing is overwritten before it is read.
-RELIABLE = QoSProfile(
-    history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0
-)
+RELIABLE = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
 
 # Fields of a run that are parameters of every node; the others are reached through `set`.
 RUN_FIELDS = ("system", "scenario", "link", "frame_rate", "duration", "seed")
 
 OPTIONS: dict[str, tuple[Any, str]] = {
-    "mode": ("lockstep", "lockstep: the plant waits for each tick's setpoints; realtime: it is paced by the clock"),
+    "mode": (
+        "lockstep",
+        "lockstep: the plant waits for each tick's setpoints; realtime: it is paced by the clock",
+    ),
     "timeout": (5.0, "longest wait for a silent node once the run goes, s"),
     "start_timeout": (30.0, "longest wait for the other nodes at the start, s"),
     "recorder": (False, "true: wait for a recorder before starting"),
@@ -81,11 +83,10 @@ def field_descriptor(field: FieldInfo) -> Any:
 
 def read_case(node: Node) -> Case:
     """Declare the run's parameters and read the case that they describe."""
-    run = node.declare_parameter(
-        "run", "", descriptor("name of a run under config/runs, or path of a YAML file; empty: all defaults")
-    ).value
-    sets = node.declare_parameter(
-        "set", rclpy.Parameter.Type.STRING_ARRAY, descriptor("changes to the run: key.path=value")
+    text = "name of a run under config/runs, or path of a YAML file; empty: all defaults"
+    run: Any = node.declare_parameter("run", "", descriptor(text)).value
+    sets: Any = node.declare_parameter(
+        "set", Parameter.Type.STRING_ARRAY, descriptor("changes to the run: key.path=value")
     ).value
     sets = list(sets or [])
     case = load_case(run or None, sets)
@@ -93,7 +94,7 @@ def read_case(node: Node) -> Case:
     for name in RUN_FIELDS:
         value = case.duration if name == "duration" else getattr(case.run, name)
         if isinstance(value, (str, int, float)):
-            given = node.declare_parameter(name, value, field_descriptor(Run.model_fields[name])).value
+            given: Any = node.declare_parameter(name, value, field_descriptor(Run.model_fields[name])).value
             if given != value:
                 changed.append(f"{name}={given}")
     return load_case(run or None, [*changed, *sets]) if changed else case
@@ -156,9 +157,7 @@ def finish(publishers: list[Publisher[Any]], timeout: float) -> None:
         publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=timeout))
 
 
-def run_node(
-    name: str, body: Callable[[Node], None], signals: SignalHandlerOptions = SignalHandlerOptions.ALL
-) -> None:
+def run_node(name: str, body: Callable[[Node], None], signals: SignalHandlerOptions = SignalHandlerOptions.ALL) -> None:
     """Run a node's body to its end: exit status 0 done or interrupted, 1 failed, 2 bad input; one line says why."""
     status = 0
     rclpy.init(args=sys.argv, signal_handler_options=signals)

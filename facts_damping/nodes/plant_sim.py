@@ -108,7 +108,10 @@ class PlantSim:
         """Publish how the plant keeps time."""
         status = DiagnosticStatus(name="plant_sim", level=DiagnosticStatus.WARN if self.misses else DiagnosticStatus.OK)
         status.message = f"{self.misses} deadline misses" if self.misses else "on time"
-        status.values = [KeyValue(key="deadline_misses", value=str(self.misses)), KeyValue(key="mode", value=self.options.mode)]
+        status.values = [
+            KeyValue(key="deadline_misses", value=str(self.misses)),
+            KeyValue(key="mode", value=self.options.mode),
+        ]
         message = DiagnosticArray(status=[status])
         set_time(message.header.stamp, start_ns)
         publish(self.to_diagnostics, message)

@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.signals import SignalHandlerOptions
 
 from facts_damping import __version__
-from facts_damping.configuration import dump
+from facts_damping.files import dump
 from facts_damping.loop import controller_names
 from facts_damping.nodes.node import RELIABLE, descriptor, read_case, read_options, run_node
 from facts_damping.nodes.spinning import Spinner
@@ -66,7 +66,7 @@ class Recorder:
     def __init__(self, node: Node) -> None:
         """Read parameters, open the recording, subscribe."""
         self.case, self.options = read_case(node), read_options(node)
-        folder = node.declare_parameter("output", "recording", descriptor("folder of the new recording")).value
+        folder: Any = node.declare_parameter("output", "recording", descriptor("folder of the new recording")).value
         self.writer = RecordingWriter(folder, dump(self.case.document()), versions())
         self.next: dict[str, int] = {}
         self.lost: dict[str, int] = {}

@@ -26,12 +26,12 @@ class Spinner:
         """Take over the node's subscriptions and services; none may be added later."""
         self._subscriptions = list(node.subscriptions)
         self._services = list(node.services)
-        context = get_default_context()
+        context: Any = get_default_context()
         self._guard = SignalHandlerGuardCondition(context)
         self._entered = ExitStack()
-        for entity in (*self._subscriptions, *self._services, self._guard):
+        entities: list[Any] = [*self._subscriptions, *self._services, self._guard]
+        for entity in entities:
             self._entered.enter_context(entity.handle)
-        assert context.handle is not None
         self._entered.enter_context(context.handle)
         self._wait_set: Any = rclpy_implementation.WaitSet(
             len(self._subscriptions), 1, 0, 0, len(self._services), 0, context.handle

@@ -101,13 +101,14 @@ class WanLink:
         while True:
             if self.spinner.turn(0.1):
                 self.heard = time.monotonic()
-            elif self.tick >= 0 and not self.options.realtime and self.last_tick_is_open():
-                if time.monotonic() - self.heard > self.options.timeout:
-                    who = ", ".join(sorted(self.missing)) or "plant_sim"
-                    raise RunError(f"{who} is silent: nothing after tick {self.tick} within {self.options.timeout:g} s")
+            elif self.owed() and time.monotonic() - self.heard > self.options.timeout:
+                who = ", ".join(sorted(self.missing)) or "plant_sim"
+                raise RunError(f"{who} is silent: nothing after tick {self.tick} within {self.options.timeout:g} s")
 
-    def last_tick_is_open(self) -> bool:
-        """Whether someone owes something: a controller its setpoints, or the plant its next frame."""
+    def owed(self) -> bool:
+        """Whether, in lockstep, a controller owes its setpoints or the plant its next frame."""
+        if self.options.realtime or self.tick < 0:
+            return False
         return bool(self.missing) or self.tick + 1 < self.case.ticks
 
 

@@ -17,4 +17,4 @@ class Model(BaseModel):
 
 def quantity(default: Any, unit: str, description: str, **limits: float) -> Any:
     """A number with unit, meaning and range; `...` as default makes it required."""
-    return Field(default, description=description, json_schema_extra={"unit": unit}, **limits)  # type: ignore[call-overload,no-any-return]
+    return Field(default, description=description, json_schema_extra={"unit": unit}, **limits)  # type: ignore[call-overload]

@@ -49,7 +49,9 @@ class Load(Model):
 
     name: Name
     bus: Name
-    at: Literal["solved", "nominal"] = Field("solved", description="voltage at which it draws P and Q: solved or 1 p.u.")
+    at: Literal["solved", "nominal"] = Field(
+        "solved", description="voltage at which it draws P and Q: solved or 1 p.u."
+    )
     P: float = quantity(..., "MW", "active power drawn", ge=-1e5, le=1e5)
     Q: float = quantity(0.0, "Mvar", "reactive power drawn", ge=-1e5, le=1e5)
 
@@ -69,7 +71,8 @@ class Machine(Model):
     bus: Name
     rating: float = quantity(..., "MVA", "rated power, the base of its data", gt=0, le=1e5)
     model: Literal["cascade", "genrou"] = Field(
-        "genrou", description="cascade: thesis (2.1)-(2.6), corrected; genrou: standard subtransient model with leakage"
+        "genrou",
+        description="cascade: thesis (2.1)-(2.6), corrected; genrou: standard subtransient model with leakage",
     )
     P: float | None = quantity(None, "MW", "active power; none for the slack machine", ge=-1e5, le=1e5)
     V: float = quantity(..., "p.u.", "terminal voltage", gt=0.5, le=1.5)
@@ -107,7 +110,9 @@ class Exciter(Model):
     """An excitation system. A machine without one keeps its field voltage constant."""
 
     machine: Name
-    model: Literal["static", "dc"] = Field("static", description="static: (2.24)-(2.28) with TA = TE = 0; dc: IEEE DC1A")
+    model: Literal["static", "dc"] = Field(
+        "static", description="static: (2.24)-(2.28) with TA = TE = 0; dc: IEEE DC1A"
+    )
     KA: float = quantity(200.0, "p.u.", "regulator gain", gt=0, le=5000)
     TR: float = quantity(0.02, "s", "time constant of the voltage transducer", ge=0.002, le=10)
     KF: float = quantity(0.0, "p.u.", "gain of the rate feedback", ge=0, le=10)
@@ -232,25 +237,31 @@ def check_references(system: System) -> None:
     stations = _unique("stations", [s.name for s in system.stations])
     _unique("loads", [x.name for x in system.loads])
     _unique("shunts", [x.name for x in system.shunts])
-    joined = [("lines", x) for x in system.lines]
-    joined += [("transformers", x) for x in system.transformers]  # type: ignore[misc]
-    joined += [("devices", x) for x in system.devices]  # type: ignore[misc]
-    branches = {x.name: {x.from_bus, x.to_bus} for _, x in joined}
-    _unique("lines, transformers, devices", [x.name for _, x in joined])
+    joined: list[tuple[str, Line | Transformer | Sssc]] = [("lines", row) for row in system.lines]
+    joined += [("transformers", row) for row in system.transformers]
+    joined += [("devices", row) for row in system.devices]
+    branches = {row.name: {row.from_bus, row.to_bus} for _, row in joined}
+    _unique("lines, transformers, devices", [row.name for _, row in joined])
     for field, row in joined:
         for end, bus in (("from", row.from_bus), ("to", row.to_bus)):
             _known(f"{field}: {row.name}.{end}", bus, buses)
         if row.from_bus == row.to_bus:
             raise ValueError(f"{field}: {row.name}.to: '{row.to_bus}' given twice; allowed: two different buses")
-    for field, rows in (("loads", system.loads), ("shunts", system.shunts), ("machines", system.machines)):
-        for row in rows:  # type: ignore[attr-defined]
-            _known(f"{field}: {row.name}.bus", row.bus, buses)
+    standing: list[tuple[str, Load | Shunt | Machine]] = [("loads", load) for load in system.loads]
+    standing += [("shunts", shunt) for shunt in system.shunts]
+    standing += [("machines", machine) for machine in system.machines]
+    for field, item in standing:
+        _known(f"{field}: {item.name}.bus", item.bus, buses)
     for exciter in system.exciters:
         _known("exciters.*.machine", exciter.machine, machines)
     for station in system.stations:
         _known(f"stations: {station.name}", station.machine or station.bus or "", machines | buses)
         for branch in station.branches:
-            _known(f"stations: {station.name}.branches", branch, {n for n, ends in branches.items() if station.bus in ends})
+            _known(
+                f"stations: {station.name}.branches",
+                branch,
+                {n for n, ends in branches.items() if station.bus in ends},
+            )
     for name, signal in system.signals.items():
         for station_name in signal.weights:
             _known(f"signals: {name}.weights", station_name, stations)
@@ -258,4 +269,6 @@ def check_references(system: System) -> None:
         _known("measures", name, {n for n, s in system.signals.items() if s.channel == "speed_deviation"})
     slack = [m.name for m in system.machines if m.slack]
     if len(slack) != 1:
-        raise ValueError(f"machines.*.slack: {len(slack)} slack machines given ({', '.join(slack)}); allowed: exactly one")
+        raise ValueError(
+            f"machines.*.slack: {len(slack)} slack machines given ({', '.join(slack)}); allowed: exactly one"
+        )

@@ -54,7 +54,10 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
     machines = np.zeros(len(system.machines), MACHINE)
     exciters = np.zeros(len(system.machines), excitation.EXCITER)
     power = np.zeros(len(system.machines))
-    states, exciter_states, names, exciter_names = [], [], [], []
+    states: list[NDArray[np.float64]] = []
+    exciter_states: list[NDArray[np.float64]] = []
+    names: list[str] = []
+    exciter_names: list[str] = []
     offset = machine.ROTOR_STATES * len(system.machines)
     by_machine = {e.machine: e for e in system.exciters}
     for g, m in enumerate(system.machines):
@@ -89,8 +92,10 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
         stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
         mechanical_power=np.array(
             [
-                [0.0 if m.name in s.topology.machines_out else power[g] * s.mechanical_scale.get(m.name, 1.0)
-                 for g, m in enumerate(system.machines)]
+                [
+                    0.0 if m.name in s.topology.machines_out else power[g] * s.mechanical_scale.get(m.name, 1.0)
+                    for g, m in enumerate(system.machines)
+                ]
                 for s in steps
             ]
         ),
@@ -109,9 +114,10 @@ def _within(row: NDArray[np.void], field_voltage: float) -> bool:
     """Whether an exciter's limits admit a field voltage at the start."""
     if row["code"] == excitation.CONSTANT:
         return True
+    limited = field_voltage
     if row["code"] == excitation.DC:
-        field_voltage *= row["KE"] + row["AEX"] * math.exp(row["BEX"] * field_voltage)
-    return bool(row["minimum"] <= field_voltage <= row["maximum"])
+        limited *= float(row["KE"] + row["AEX"] * math.exp(row["BEX"] * field_voltage))
+    return bool(row["minimum"] <= limited <= row["maximum"])
 
 
 def reduce_network(
@@ -128,7 +134,9 @@ def reduce_network(
     index = {name: i for i, name in enumerate(names)}
     ported = {d.name for d in devices}
     present = branches(system, topology)
-    present += [Branch(d.name, d.from_bus, d.to_bus, two_port(d.rs, 0, 0)) for d in system.devices if d.name not in ported]
+    present += [
+        Branch(d.name, d.from_bus, d.to_bus, two_port(d.rs, 0, 0)) for d in system.devices if d.name not in ported
+    ]
     matrix = admittance(names, present)
     for bus, shunt in shunts(system, topology, voltage).items():
         matrix[index[bus], index[bus]] += shunt
@@ -148,7 +156,9 @@ def reduce_network(
     try:
         bus_voltage[live] = np.linalg.solve(matrix[np.ix_(live, live)], sources[live])
     except np.linalg.LinAlgError as error:
-        raise InputError(f"system {system.name}: network equations are singular: {error}; allowed: a regular network") from error
+        raise InputError(
+            f"system {system.name}: network equations are singular: {error}; allowed: a regular network"
+        ) from error
     machine_rows = bus_voltage[[index[m.bus] for m in system.machines]]
     port_rows = [bus_voltage[first] - bus_voltage[second] for first, second in ends]
     places = [index[_station_bus(system, s)] for s in system.stations]

@@ -142,7 +142,12 @@ def stator(plant: Plant, x: NDArray[np.float64], stage: int, g: int, work: Work)
 
 @compiled
 def derivatives(
-    plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, dx: NDArray[np.float64], work: Work
+    plant: Plant,
+    x: NDArray[np.float64],
+    reference: NDArray[np.float64],
+    stage: int,
+    dx: NDArray[np.float64],
+    work: Work,
 ) -> None:
     """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, exciters, devices.
 
@@ -223,7 +228,13 @@ def _move_reference(state: PlantState, ramp: NDArray[np.float64], seconds: float
 
 @compiled
 def advance(
-    plant: Plant, state: PlantState, start_ns: int, end_ns: int, setpoints: NDArray[Any], count: int, work: Work
+    plant: Plant,
+    state: PlantState,
+    start_ns: int,
+    end_ns: int,
+    setpoints: NDArray[Any],
+    count: int,
+    work: Work,
 ) -> None:
     """Advance the plant in place from `start_ns` to `end_ns` under `count` setpoints, ordered by time.
 

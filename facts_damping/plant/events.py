@@ -73,8 +73,7 @@ def _apply(system: System, stage: Stage, change: Change) -> Stage:
     if isinstance(event, (events.Fault, events.Clear)):
         if event.bus is not None:
             _known(f"{where}.bus", event.bus, buses)
-        else:
-            assert event.line is not None
+        elif event.line is not None:
             _known(f"{where}.line", event.line, lines)
         return replace(stage, topology=_fault(before, event, where))
     if isinstance(event, events.LineSwitch):
@@ -93,9 +92,7 @@ def _apply(system: System, stage: Stage, change: Change) -> Stage:
     running = [m.name for m in system.machines if m.name not in before.machines_out]
     _known(f"{where}.machine", event.machine, running)
     if isinstance(event, events.MechanicalPowerStep):
-        return replace(
-            stage, mechanical_scale={**stage.mechanical_scale, event.machine: 1.0 + event.change}
-        )
+        return replace(stage, mechanical_scale={**stage.mechanical_scale, event.machine: 1.0 + event.change})
     return replace(stage, topology=replace(before, machines_out=before.machines_out | {event.machine}))
 
 

@@ -40,13 +40,15 @@ def linearise(built: Built) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         derivatives(plant, x, reference, 0, dx, work)
         return dx
 
-    def column(moved: NDArray[np.float64], other: NDArray[np.float64], i: int, *, by_state: bool) -> NDArray[np.float64]:
+    def column(
+        moved: NDArray[np.float64], other: NDArray[np.float64], i: int, *, by_state: bool
+    ) -> NDArray[np.float64]:
         step = STEP * max(1.0, abs(moved[i]))
         up, down = moved.copy(), moved.copy()
         up[i] += step
         down[i] -= step
         high, low = (slope(v, other) if by_state else slope(other, v) for v in (up, down))
-        return (high - low) / (up[i] - down[i])
+        return np.asarray((high - low) / (up[i] - down[i]))
 
     A = [column(state.x, state.reference, i, by_state=True) for i in range(len(state.x))]
     B = [column(state.reference, state.x, i, by_state=False) for i in range(len(state.reference))]

@@ -68,7 +68,12 @@ def genrou(m: Machine) -> RotorCircuits:
     B[1, 1] = (m.Xq - m.Xq1) * (1 - kq * ql) / m.Tq01
     A[2, 0], A[2, 2], B[2, 0] = 1 / m.Td02, -1 / m.Td02, -dl / m.Td02
     A[3, 1], A[3, 3], B[3, 1] = -1 / m.Tq02, -1 / m.Tq02, -ql / m.Tq02
-    C = np.array([[(m.Xd2 - m.Xl) / dl, 0.0, (m.Xd1 - m.Xd2) / dl, 0.0], [0.0, (m.Xq2 - m.Xl) / ql, 0.0, -(m.Xq1 - m.Xq2) / ql]])
+    C = np.array(
+        [
+            [(m.Xd2 - m.Xl) / dl, 0.0, (m.Xd1 - m.Xd2) / dl, 0.0],
+            [0.0, (m.Xq2 - m.Xl) / ql, 0.0, -(m.Xq1 - m.Xq2) / ql],
+        ]
+    )
     return RotorCircuits(A, B, C)
 
 

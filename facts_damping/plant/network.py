@@ -138,7 +138,7 @@ def admittance(names: list[str], present: list[Branch]) -> NDArray[np.complex128
 
 
 def shunts(system: System, topology: Topology, voltage: Mapping[str, float]) -> dict[str, complex]:
-    """Shunt admittance at each bus from loads (constant impedance, `voltage` the solved one), capacitors and faults, p.u."""
+    """Shunt admittance at each bus from loads, capacitors and faults, p.u., `voltage` the solved one."""
     total: dict[str, complex] = {}
     for load in system.loads:
         power = complex(load.P, load.Q) / system.base_power * topology.load_scale.get(load.name, 1.0)
@@ -148,8 +148,7 @@ def shunts(system: System, topology: Topology, voltage: Mapping[str, float]) -> 
         total[shunt.bus] = total.get(shunt.bus, 0j) + 1j * shunt.Q / system.base_power
     for place, impedance in topology.faults.items():
         if impedance != 0 and (place.line is None or place.line not in topology.lines_out):
-            bus = place.bus if place.line is None else fault_bus(place.line)
-            assert bus is not None
+            bus = place.bus or fault_bus(place.line or "")
             total[bus] = total.get(bus, 0j) + 1 / impedance
     return total
 
@@ -159,8 +158,8 @@ def grounded(topology: Topology) -> set[str]:
     found = set()
     for place, impedance in topology.faults.items():
         if impedance == 0 and (place.line is None or place.line not in topology.lines_out):
-            found.add(place.bus if place.line is None else fault_bus(place.line))
-    return {bus for bus in found if bus is not None}
+            found.add(place.bus or fault_bus(place.line or ""))
+    return found
 
 
 def check_islands(system: System, topology: Topology, when: str) -> None:
@@ -177,4 +176,6 @@ def check_islands(system: System, topology: Topology, when: str) -> None:
     for island in range(count):
         if island not in fed:
             members = [name for name in names if label[index[name]] == island]
-            raise InputError(f"{when}: island without a machine: buses {', '.join(members)}; allowed: at least one machine an island")
+            raise InputError(
+                f"{when}: island without a machine: buses {', '.join(members)}; allowed: at least one machine an island"
+            )

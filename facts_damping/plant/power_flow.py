@@ -114,7 +114,10 @@ def _newton(
         by_magnitude = np.diag(voltage) @ np.conj(matrix @ np.diag(unit)) + np.diag(np.conj(current) * unit)
         jacobian = np.block(
             [
-                [by_angle.real[np.ix_(free_angle, free_angle)], by_magnitude.real[np.ix_(free_angle, free_magnitude)]],
+                [
+                    by_angle.real[np.ix_(free_angle, free_angle)],
+                    by_magnitude.real[np.ix_(free_angle, free_magnitude)],
+                ],
                 [
                     by_angle.imag[np.ix_(free_magnitude, free_angle)],
                     by_magnitude.imag[np.ix_(free_magnitude, free_magnitude)],

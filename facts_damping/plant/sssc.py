@@ -21,7 +21,22 @@ if TYPE_CHECKING:
 
 STATE_NAMES = ["x_ac", "x_dc", "vdc"]
 STATES = len(STATE_NAMES)
-FIELDS = ("rs", "xs", "v_max", "rate_max", "vp_max", "vc_max", "Kp", "Ki", "Kd", "Kdi", "tau", "g", "I_rated", "I_min")
+FIELDS = (
+    "rs",
+    "xs",
+    "v_max",
+    "rate_max",
+    "vp_max",
+    "vc_max",
+    "Kp",
+    "Ki",
+    "Kd",
+    "Kdi",
+    "tau",
+    "g",
+    "I_rated",
+    "I_min",
+)
 
 SSSC = np.dtype([("offset", "i8"), *((name, "f8") for name in FIELDS)])
 

@@ -1,0 +1,135 @@
+"""YAML files: where the shipped ones lie, reading and writing, each problem one line."""
+
+from __future__ import annotations
+
+import io
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from facts_damping.errors import InputError
+from facts_damping.validation import short
+
+KINDS = ("systems", "scenarios", "links", "runs")
+MAX_FILE_BYTES = 10_000_000
+UNREADABLE = (YAMLError, ValueError, TypeError, RecursionError, AttributeError, KeyError, IndexError)
+
+
+@cache
+def share_folder() -> Path:
+    """Folder that holds `config`: a checkout, or `share/facts_damping` of an installation."""
+    for parent in Path(__file__).resolve().parents:
+        for folder in (parent, parent / "share" / "facts_damping"):
+            if (folder / "package.xml").is_file() and (folder / "config").is_dir():
+                return folder
+    raise InputError(
+        f"no config folder found above {Path(__file__).resolve().parent}; allowed: a checkout or an installation"
+    )
+
+
+def shipped(kind: str) -> dict[str, Path]:
+    """Names and files of what is shipped: `systems`, `scenarios` (as system/name), `links`, `runs`."""
+    folder = share_folder() / "config" / kind
+    return {str(f.relative_to(folder).with_suffix("")): f for f in sorted(folder.rglob("*.yaml"))}
+
+
+def find(kind: str, name: str, within: str = "") -> Path:
+    """File of a shipped name (a scenario's within its system), or of a path."""
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or "/" in name:
+        if not path.is_file():
+            raise InputError(f"{path}: no such file; allowed: an existing YAML file")
+        return path
+    known = {n.removeprefix(within): f for n, f in shipped(kind).items() if n.startswith(within)}
+    if name not in known:
+        raise InputError(f"{kind}: '{name}' given; allowed: {', '.join(known) or 'none'}, or the path of a YAML file")
+    return known[name]
+
+
+def read_yaml(path: Path) -> Any:
+    """Content of a YAML file; `InputError` where it cannot be read."""
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise InputError(f"{path}: {path.stat().st_size} bytes; allowed: at most {MAX_FILE_BYTES}")
+        return YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    except UNREADABLE as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f"line {mark.line + 1}: " if mark is not None else ""
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0] or type(error).__name__
+        raise InputError(f"{path}: {line}unreadable YAML: {problem}; allowed: YAML 1.2") from error
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """Content of a YAML file that is a mapping with text keys; `extends` builds on another file of the folder."""
+    content = read_yaml(path)
+    if not isinstance(content, dict) or not all(isinstance(key, str) for key in content):
+        raise InputError(f"{path}: {short(content)} given; allowed: a mapping of names to values")
+    if "extends" in content:
+        base = content.pop("extends")
+        file = path.parent / f"{base}.yaml"
+        if not isinstance(base, str) or not file.is_file() or file.resolve() == path.resolve():
+            raise InputError(f"{path}: extends: {short(base)} given; allowed: the name of another file in its folder")
+        parent = read_yaml(file)
+        if not isinstance(parent, dict) or "extends" in parent:
+            raise InputError(f"{path}: extends: '{base}' given; allowed: a file that does not extend another itself")
+        content = {**parent, **content}
+    return content
+
+
+def dump(content: Any) -> str:
+    """Content as YAML text."""
+    stream = io.StringIO()
+    writer = YAML(typ="safe", pure=True)
+    writer.default_flow_style = False
+    writer.dump(content, stream)
+    return stream.getvalue()
+
+
+def parse_set(text: str) -> tuple[str, str]:
+    """`key.path=value` as its two parts."""
+    key, equals, value = text.partition("=")
+    if not equals or not re.fullmatch(r"[A-Za-z_0-9]+(\.[A-Za-z_0-9+-]+)*", key):
+        raise InputError(f"--set {text}: given; allowed: key.path=value")
+    return key, value
+
+
+def set_field(content: dict[str, Any], key: str, value: Any, where: str) -> None:
+    """Set a field by its path; an index one past a list's end appends a row."""
+    here: Any = content
+    parts = key.split(".")
+    for i, part in enumerate(parts):
+        last = i == len(parts) - 1
+        if isinstance(here, list):
+            if not part.isdigit() or int(part) > len(here):
+                raise InputError(
+                    f"{where}: {'.'.join(parts[: i + 1])}: '{part}' given; allowed: an index from 0 to {len(here)}"
+                )
+            if int(part) == len(here):
+                here.append({})
+            index: Any = int(part)
+        elif isinstance(here, dict):
+            index = part
+            if not last and part not in here:
+                here[part] = {}
+        else:
+            raise InputError(
+                f"{where}: {'.'.join(parts[:i])}: {short(here)} given, which has no fields; allowed: a section"
+            )
+        if last:
+            here[index] = value
+        else:
+            here = here[index]
+
+
+def read_value(text: str, where: str) -> Any:
+    """A value as YAML reads it."""
+    try:
+        return YAML(typ="safe", pure=True).load(text)
+    except UNREADABLE as error:
+        raise InputError(f"{where}: unreadable value; allowed: a YAML value") from error

@@ -1,0 +1,84 @@
+"""From content to models: the first error as one line that names source, field, value and what is allowed."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from facts_damping.errors import InputError
+from facts_damping.parameters.base import Model
+
+M = TypeVar("M", bound=Model)
+
+
+def short(value: Any) -> str:
+    """A value as text of at most 60 characters."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _place(error_location: tuple[int | str, ...], content: Any) -> list[str]:
+    """An error's location as keys of the content: without pydantic's own tags."""
+    found: list[str] = []
+    for i, part in enumerate(error_location):
+        last = i == len(error_location) - 1
+        if (isinstance(content, dict) and part in content) or (
+            isinstance(content, list) and isinstance(part, int) and part < len(content)
+        ):
+            content = content[part]
+        elif not (last and isinstance(content, dict)) or (isinstance(part, str) and re.search(r"[\[\]-]", part)):
+            continue
+        found.append(str(part))
+    return found
+
+
+def _allowed_keys(model: type[Model], location: tuple[int | str, ...]) -> str:
+    """Keys that are allowed at a location of a model."""
+    here: Any = model
+    for part in location[:-1]:
+        schema = here.model_fields if isinstance(here, type) and issubclass(here, Model) else {}
+        by_key = {field.alias or name: field for name, field in schema.items()}
+        if part in by_key:
+            here = by_key[part].annotation
+        while not (isinstance(here, type) and issubclass(here, Model)):
+            inside = [a for a in getattr(here, "__args__", ()) if a is not type(None)]
+            tagged = [a for a in inside if isinstance(a, type) and issubclass(a, Model) and _has_tag(a, location)]
+            if not inside:
+                break
+            here = (tagged or inside)[-1]
+    if isinstance(here, type) and issubclass(here, Model):
+        return ", ".join(field.alias or name for name, field in here.model_fields.items())
+    return "none"
+
+
+def _has_tag(model: type[Model], location: tuple[int | str, ...]) -> bool:
+    kind = model.model_fields.get("kind")
+    return kind is not None and any(part in getattr(kind.annotation, "__args__", ()) for part in location)
+
+
+def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None = None, under: str = "") -> M:
+    """Content as a model; the first error as one line: source, field, value, what is allowed."""
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+    location, given = first["loc"], first["input"]
+    keys = _place(location, content)
+    if under == "scenario" and keys[:1] == ["events"]:
+        keys = keys[1:]  # a run's scenario is the list of events itself
+    field = ".".join([under, *keys] if under else keys)
+    changed = next((f"--set {k}={v}" for k, v in (sets or {}).items() if field == k or field.startswith(f"{k}.")), None)
+    where = f"{changed or source}: {field}" if field else changed or source
+    message = re.sub(r"^Value error, ", "", first["msg"])
+    if first["type"] == "extra_forbidden":
+        raise InputError(f"{where}: unknown key; allowed: {_allowed_keys(model, location)}")
+    if first["type"] == "union_tag_invalid":
+        raise InputError(f"{where}.kind: {short(first['ctx']['tag'])} given; allowed: {first['ctx']['expected_tags']}")
+    if first["type"] == "missing":
+        raise InputError(f"{where}: missing; allowed: a value of this field")
+    if first["type"] == "value_error":
+        raise InputError(f"{where}: {message}")
+    allowed = re.sub(r"^(Input should be|Input should have|.* should have|.* should match) ", "", message)
+    raise InputError(f"{where}: {short(given)} given; allowed: {allowed}")
