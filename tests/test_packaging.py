@@ -110,9 +110,7 @@ def test_one_version_everywhere() -> None:
     version = facts_damping.__version__
     for path in (ROOT / "package.xml", ROOT / "msg_defs" / "package.xml"):
         assert f"<version>{version}</version>" in path.read_text()
-    assert re.search(
-        rf'^version = "{version}"$', (ROOT / "msg_defs" / "pyproject.toml").read_text(), re.MULTILINE
-    )
+    assert re.search(rf'^version = "{version}"$', (ROOT / "msg_defs" / "pyproject.toml").read_text(), re.MULTILINE)
 
 
 def test_ros_wheels_are_pinned_to_one_version_each() -> None:
