@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 WINDOW = 5.0  # s, over which an envelope is taken
 BAND = 0.05  # of the largest deviation: within it a signal has settled, below it one does not matter
 HOLD = 2.0  # s, so long a signal must stay in the band: half a period at 0.25 Hz, the slowest mode in sight
+MARGIN = 0.05  # by so much an envelope must fall: a steady oscillation seems to fall or grow by its phase
+STRIP_ROUNDS, STRIP_SLOPES = 6, 33  # search of a slope, to 16^-6 of where it may lie
 RESOLUTION = 1e-9  # p.u.: smaller oscillations are rounding
 
 
@@ -31,9 +33,7 @@ def is_stable(record: Record) -> bool | None:
     return True if len(record.time_ns) and record.time_s[-1] >= duration - 1.5 / rate - 1e-9 else None
 
 
-def settling_time(
-    time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0
-) -> float | None:
+def settling_time(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0) -> float | None:
     """Time from `since` (s; the last event) until all signals stay in the band around their final values.
 
     `signals`: (ticks, n), p.u. A final value is the mean of the last 5 s; the band is 5 % of the largest
@@ -56,29 +56,43 @@ def is_damped(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: 
     """Whether the oscillation dies: each envelope over the last 5 s is below that of the 5 s after `since`.
 
     `signals`: (ticks, n), p.u.; `since`: s, the last event. A signal whose last envelope is below 5 % of
-    the largest first one does not count. Where less than 10 s are left, each window is half of them.
+    the largest first one does not count; one that fell by less than 5 % has not fallen. Where less than
+    10 s are left, each window is half of them.
     """
     t, x = _after(time_s, signals, since)
     length = min(WINDOW, (t[-1] - t[0]) / 2)
     first = envelope(t, x, t[0], t[0] + length)
     last = envelope(t, x, t[-1] - length, t[-1])
     matters = last > max(BAND * first.max(), RESOLUTION)
-    return bool(np.all(last[matters] < first[matters]))
+    return bool(np.all(last[matters] < (1 - MARGIN) * first[matters]))
 
 
 def envelope(
     time_s: NDArray[np.float64], signals: NDArray[np.float64], start: float, end: float
 ) -> NDArray[np.float64]:
-    """Amplitude of each signal between two times (s): (n,), half peak to peak.
+    """Amplitude of each signal (ticks, n) between two times (s): (n,).
 
-    The straight line of least squares is taken off before, lest drift or offset count as oscillation.
+    Half the height of the narrowest straight strip that holds the signal, `min_s (max(x - s t) - min(x - s t)) / 2`,
+    so that neither drift nor offset counts as oscillation. For a wave of one and a half periods or more that is its
+    amplitude, whatever its phase; a line of least squares would be tilted by the phases at the ends.
     """
     kept = (time_s >= start) & (time_s <= end)
-    t = time_s[kept] - start
-    line = np.column_stack([np.ones_like(t), t])
-    x = signals[kept]
-    residue = x - line @ np.linalg.lstsq(line, x, rcond=None)[0]
-    return np.asarray(np.ptp(residue, axis=0) / 2)
+    t = time_s[kept] - (start + end) / 2
+    return np.array([_half_strip(t, x) for x in signals[kept].T])
+
+
+def _half_strip(t: NDArray[np.float64], x: NDArray[np.float64]) -> float:
+    """Half the height of the narrowest strip: a convex function of the slope, searched from coarse to fine."""
+    height, length = float(np.ptp(x)), float(np.ptp(t))
+    if length == 0:
+        return 0.0
+    slope, reach = 0.0, 2 * height / length  # a steeper strip would be higher than the level one
+    for _ in range(STRIP_ROUNDS):
+        slopes = slope + reach * np.linspace(-1, 1, STRIP_SLOPES)
+        heights = np.ptp(x[:, np.newaxis] - t[:, np.newaxis] * slopes, axis=0)
+        best = int(np.argmin(heights))
+        slope, height, reach = float(slopes[best]), float(heights[best]), 2 * reach / (STRIP_SLOPES - 1)
+    return height / 2
 
 
 def _after(

@@ -16,6 +16,7 @@ from facts_damping.signals import CHANNELS, NANOSECONDS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
@@ -26,6 +27,7 @@ WIDTH, PANEL_HEIGHT, MARGIN = 9.0, 2.3, 1.3  # inch
 DPI = 150
 # Okabe and Ito's palette without its yellow: distinct also for the colour-blind.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+SETPOINT, LIMIT = "setpoint in force", "limit of the setpoint"
 NEARBY = 0.03  # of the time axis: events so close share a label
 
 
@@ -75,9 +77,7 @@ def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -
 
 
 def _speeds(record: Record) -> list[Panel]:
-    return [
-        Panel(record.stations[i], 1e3 * record.frames[:, i, SPEED]) for i in _stations(record, machines=True)
-    ]
+    return [Panel(record.stations[i], 1e3 * record.frames[:, i, SPEED]) for i in _stations(record, machines=True)]
 
 
 def _differences(record: Record) -> list[Panel]:
@@ -87,9 +87,7 @@ def _differences(record: Record) -> list[Panel]:
 
 
 def _tie_power(record: Record) -> list[Panel]:
-    return [
-        Panel(f"{record.stations[i]}", record.frames[:, i, POWER]) for i in _stations(record, machines=False)
-    ]
+    return [Panel(f"{record.stations[i]}", record.frames[:, i, POWER]) for i in _stations(record, machines=False)]
 
 
 def _voltages(record: Record) -> list[Panel]:
@@ -131,9 +129,7 @@ def _limits(configuration: dict[str, Any]) -> dict[str, tuple[float, ...]]:
 
 def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure | None:
     """One picture; none if no record has anything to show in it."""
-    shown = [
-        (name, record, {panel.name: panel for panel in picture.panels(record)}) for name, record in records
-    ]
+    shown = [(name, record, {panel.name: panel for panel in picture.panels(record)}) for name, record in records]
     names = list(dict.fromkeys(panel for _, _, panels in shown for panel in panels))
     if not names:
         return None
@@ -150,7 +146,9 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure |
         _dress(axes, picture.label if len(row) > 1 else f"{row[0]}\n{picture.label}")
     _mark_events(list(grid), records[0][1])
     grid[-1].set_xlabel("t [s]")
+    grid[-1].set_xlim(*_span([record for _, record in records]))
     figure.suptitle(picture.title, fontsize="medium", fontweight="bold", x=0.01, ha="left")
+    _add_legend(figure, list(grid))
     return figure
 
 
@@ -158,22 +156,38 @@ def _draw(axes: Axes, record: Record, panel: Panel, label: str, colour: str) -> 
     """One signal of one record."""
     axes.plot(record.time_s, panel.values, color=colour, linewidth=1.2, label=label)
     if panel.dashed is not None:
-        axes.plot(
-            record.time_s, panel.dashed, color=colour, linewidth=0.9, linestyle=(0, (3, 2)), alpha=0.7,
-            label=f"{label}, setpoint" if label != "injected" else "setpoint in force",
-        )  # fmt: skip
+        axes.plot(record.time_s, panel.dashed, color="0.1", linewidth=0.6, linestyle="--", label=SETPOINT)
     for limit in panel.limits:
-        axes.axhline(limit, color="0.45", linewidth=0.8, linestyle=":")
+        axes.axhline(limit, color="#B00020", linewidth=0.8, linestyle=":", label=LIMIT)
 
 
 def _dress(axes: Axes, label: str) -> None:
-    """Label, grid and legend of an axes."""
+    """Label and grid of an axes."""
     axes.set_ylabel(label)
     axes.grid(visible=True, color="0.92")
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.margins(x=0)
-    axes.legend(loc="upper right", fontsize="small", ncols=4, frameon=True, framealpha=0.85, edgecolor="none")
+
+
+def _add_legend(figure: Figure, grid: Sequence[Axes]) -> None:
+    """One legend for all axes, outside of them, each label once."""
+    entries: dict[str, Artist] = {}
+    for axes in grid:
+        handles, labels = axes.get_legend_handles_labels()
+        entries = dict(zip(labels, handles, strict=True)) | entries
+    ordered = sorted(entries, key=(SETPOINT, LIMIT).__contains__)
+    columns = min(len(entries), 5)
+    figure.legend(
+        [entries[label] for label in ordered], ordered, loc="outside upper right", ncols=columns, fontsize="small",
+        frameon=False,
+    )  # fmt: skip
+
+
+def _span(records: Sequence[Record]) -> tuple[float, float]:
+    """First and last instant of all records, s, the last frame included."""
+    first, last = min(one.time_s[0] for one in records), max(one.time_s[-1] for one in records)
+    frame = max(float(np.median(np.diff(one.time_s))) if len(one.time_ns) > 1 else 1e-3 for one in records)
+    return float(first), float(last) + frame
 
 
 def _mark_events(grid: Sequence[Axes], record: Record) -> None:

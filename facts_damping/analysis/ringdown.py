@@ -22,7 +22,7 @@ RESOLUTION = 1e-9  # p.u.: smaller oscillations are rounding
 CLEAN = 1e-11  # of the largest singular value: below it there is rounding only
 NOISE = 4.0  # times the median singular value: below it there is noise only
 OVERFLOW = 1e100  # a pole that grows or shrinks so much over the samples is no mode
-RAYLEIGH = 0.25  # of the resolution in frequency: two modes closer than that are one
+RAYLEIGH = 0.4  # of the resolution in frequency: two modes closer than that are one
 MAX_ORDER = 24  # poles, also the useless ones
 
 
@@ -37,9 +37,7 @@ class Mode(NamedTuple):
     energy: float
 
 
-def ringdown_modes(
-    time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0
-) -> list[Mode]:
+def ringdown_modes(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0) -> list[Mode]:
     """Modes of 0.1 to 2.5 Hz in the last part of a record, the strongest first.
 
     `time_s`: (ticks,), s, evenly spaced; `signals`: (ticks, n), p.u.; `since`: s, the last event. Empty if

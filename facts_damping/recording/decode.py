@@ -91,9 +91,7 @@ def select(source: Series, ticks: Iterable[int]) -> Series:
 
 def names_of(messages: Iterable[Any], entries: str, name: str) -> list[str]:
     """Names in the field `name` of the entries of messages, in order of appearance."""
-    return list(
-        dict.fromkeys(getattr(entry, name) for message in messages for entry in getattr(message, entries))
-    )
+    return list(dict.fromkeys(getattr(entry, name) for message in messages for entry in getattr(message, entries)))
 
 
 def time_ns(time: Any) -> int:
@@ -113,9 +111,7 @@ def frames(source: Series, stations: Sequence[str]) -> NDArray[np.float64]:
 
 def truth(source: Series, entries: str, name: str, names: Sequence[str]) -> NDArray[Any]:
     """Truth about machines or devices (`entries` of PlantState), (ticks, names); NaN where it is missing."""
-    fields, layout = (
-        (_MACHINE_FIELDS, MACHINE_TRUTH) if entries == "machines" else (_DEVICE_FIELDS, DEVICE_TRUTH)
-    )
+    fields, layout = (_MACHINE_FIELDS, MACHINE_TRUTH) if entries == "machines" else (_DEVICE_FIELDS, DEVICE_TRUTH)
     values = np.full((len(source.messages), len(names), len(fields)), np.nan)
     index = _index(names)
     for row, message in enumerate(source.messages):
@@ -190,7 +186,5 @@ def _index(names: Sequence[str]) -> dict[str, int]:
 
 def _lookup(index: Mapping[str, int], name: str, topic: str) -> int:
     if name not in index:
-        raise RecordingError(
-            f"{topic}: unknown name {name!r}; the recording knows {', '.join(index) or 'none'}"
-        )
+        raise RecordingError(f"{topic}: unknown name {name!r}; the recording knows {', '.join(index) or 'none'}")
     return index[name]

@@ -50,9 +50,7 @@ def load(path: Path | str) -> Record:
         record = _assemble(content, configuration, notes)
     except (AttributeError, TypeError, ValueError, OverflowError) as error:
         reason = " ".join(str(error).split())
-        raise RecordingError(
-            f"{path}: a message has not the fields of this package's messages ({reason})"
-        ) from error
+        raise RecordingError(f"{path}: a message has not the fields of this package's messages ({reason})") from error
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
     return record
@@ -99,9 +97,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
 def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
     """Configuration stored in the file, and notes on what is damaged or was lost by the recorder."""
     notes = list(content.notes)
-    notes += [
-        f"{topic}: the recorder lost {count} messages" for topic, count in content.lost.items() if count
-    ]
+    notes += [f"{topic}: the recorder lost {count} messages" for topic, count in content.lost.items() if count]
     try:
         configuration = YAML(typ="safe", pure=True).load(content.configuration)
     except (YAMLError, ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError):
@@ -169,9 +165,7 @@ def _gaps(found: dict[str, list[Series]], ticks: NDArray[np.int64]) -> list[str]
     for one in (series for parts in found.values() for series in parts):
         missing = np.setdiff1d(np.arange(ticks[-1]), one.ticks).tolist()
         if missing:
-            listed = ", ".join(str(tick) for tick in missing[:LISTED]) + (
-                ", ..." if len(missing) > LISTED else ""
-            )
+            listed = ", ".join(str(tick) for tick in missing[:LISTED]) + (", ..." if len(missing) > LISTED else "")
             notes.append(f"{one.topic}: {len(missing)} of {ticks[-1] + 1} ticks are missing ({listed})")
     return notes
 
@@ -191,13 +185,9 @@ def _check_end(
 
 def _controllers(issued: Sequence[Series], applied: Sequence[Series]) -> tuple[list[str], list[Series]]:
     """Names of the controllers and their series, in the order of the run, else of the recording."""
-    named = [
-        (one.messages[0].controller if one.messages else one.topic.split("/")[-2], one) for one in issued
-    ]
+    named = [(one.messages[0].controller if one.messages else one.topic.split("/")[-2], one) for one in issued]
     named.sort(key=lambda pair: _place(pair[0]))
-    seen = decode.names_of(
-        [message for one in applied for message in one.messages], "setpoints", "controller"
-    )
+    seen = decode.names_of([message for one in applied for message in one.messages], "setpoints", "controller")
     return list(dict.fromkeys([name for name, _ in named] + seen)), [one for _, one in named]
 
 

@@ -77,9 +77,7 @@ def _listed_files(metadata: Path) -> list[str]:
     """File names in metadata.yaml; none if it is missing or damaged, for the MCAP files tell the same."""
     try:
         content = yaml.safe_load(metadata.read_text(encoding="utf-8"))
-        return [
-            Path(str(name)).name for name in content["rosbag2_bagfile_information"]["relative_file_paths"]
-        ]
+        return [Path(str(name)).name for name in content["rosbag2_bagfile_information"]["relative_file_paths"]]
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
         return []
 
@@ -113,9 +111,7 @@ def _scan_file(file: Path, content: Content) -> None:
 
 def _add_messages(messages: list[Message], channels: dict[int, Channel], content: Content) -> None:
     content.messages += [
-        RawMessage(
-            channels[one.channel_id].topic, one.log_time, one.publish_time, one.sequence, bytes(one.data)
-        )
+        RawMessage(channels[one.channel_id].topic, one.log_time, one.publish_time, one.sequence, bytes(one.data))
         for one in messages
         if one.channel_id in channels
     ]
@@ -163,9 +159,7 @@ def _sound_records(file: Path, notes: list[str]) -> Iterator[McapRecord]:
                 return
             if record is None:
                 return
-            yield from _unpack(
-                record, f"{file.name}: chunk at byte {position} is damaged and left out", notes
-            )
+            yield from _unpack(record, f"{file.name}: chunk at byte {position} is damaged and left out", notes)
 
 
 def _unpack(record: McapRecord, damage: str, notes: list[str]) -> list[McapRecord]:

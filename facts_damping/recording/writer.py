@@ -41,9 +41,7 @@ class RecordingWriter:
     whatever ends the block. Raises RecordingError if the folder holds a recording or cannot be written.
     """
 
-    def __init__(
-        self, folder: Path | str, configuration: str = "", versions: Mapping[str, str] | None = None
-    ) -> None:
+    def __init__(self, folder: Path | str, configuration: str = "", versions: Mapping[str, str] | None = None) -> None:
         """Open a new recording."""
         self.folder = Path(folder)
         self.file = self.folder / f"{self.folder.resolve().name}_0.mcap"
@@ -78,17 +76,13 @@ class RecordingWriter:
             raise RecordingError(f"topic {topic.name} was announced before")
         key = (topic.message_type, topic.schema)
         if key not in self._schemas:
-            self._schemas[key] = self._mcap.register_schema(
-                topic.message_type, "ros2msg", topic.schema.encode()
-            )
+            self._schemas[key] = self._mcap.register_schema(topic.message_type, "ros2msg", topic.schema.encode())
         metadata = {"offered_qos_profiles": topic.qos, "topic_type_hash": topic.type_hash}
         channel = self._mcap.register_channel(topic.name, "cdr", self._schemas[key], metadata)
         self._channels[topic.name] = (channel, topic)
         self._counts[topic.name] = 0
 
-    def write(
-        self, topic: str, cdr: bytes | memoryview, log_ns: int, publish_ns: int, sequence: int = 0
-    ) -> None:
+    def write(self, topic: str, cdr: bytes | memoryview, log_ns: int, publish_ns: int, sequence: int = 0) -> None:
         """Add one message.
 
         `cdr`: serialised message; `log_ns`, `publish_ns`: times of reception and publication, ns since
@@ -96,9 +90,7 @@ class RecordingWriter:
         """
         self._check_open()
         if topic not in self._channels:
-            raise RecordingError(
-                f"topic {topic} was not announced; there are {', '.join(self._channels) or 'none'}"
-            )
+            raise RecordingError(f"topic {topic} was not announced; there are {', '.join(self._channels) or 'none'}")
         try:
             self._mcap.add_message(self._channels[topic][0], log_ns, bytes(cdr), publish_ns, sequence % 2**32)
         except OSError as error:

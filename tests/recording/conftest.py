@@ -71,8 +71,7 @@ def make_record(seed: int, ticks: int = 30) -> Record:
         return rows
 
     machines, devices = (
-        floats(ticks, 2, len(layout.names or ())).view(layout)[..., 0]
-        for layout in (MACHINE_TRUTH, DEVICE_TRUTH)
+        floats(ticks, 2, len(layout.names or ())).view(layout)[..., 0] for layout in (MACHINE_TRUTH, DEVICE_TRUTH)
     )
     devices["blocked"] = random.random((ticks, 2)) < 0.5
     setpoint = {"tick": ticks, "controller": 2, "device": 2}
@@ -114,9 +113,7 @@ class Messages:
         return self.make("std_msgs/msg/Header", stamp=self.time(ns), frame_id="")
 
     def frame(self, station: int, tick: int, measured: int, arrival: int, values: Any) -> Any:
-        units = dict(
-            zip([f"{name}_{unit}" for name, unit in CHANNELS.items()], map(float, values), strict=True)
-        )
+        units = dict(zip([f"{name}_{unit}" for name, unit in CHANNELS.items()], map(float, values), strict=True))
         head = {"header": self.header(measured), "station": STATIONS[station], "tick": tick}
         return self.make("PmuFrame", **head, arrival=self.time(arrival), **units, status=0)
 
@@ -142,9 +139,7 @@ class Messages:
 
     def state(self, record: Record, tick: int) -> Any:
         machines = [
-            self.make(
-                "MachineState", machine=name, **_fields(record.machines[tick, index], {"rotor_angle": "_rad"})
-            )
+            self.make("MachineState", machine=name, **_fields(record.machines[tick, index], {"rotor_angle": "_rad"}))
             for index, name in enumerate(MACHINES)
         ]
         devices = [
@@ -167,8 +162,7 @@ class Messages:
         issued, applied = (rows[rows["tick"] == tick] for rows in (record.issued, record.applied))
         measured = [self.frame(i, tick, stamp, stamp, record.frames[tick, i]) for i in range(len(STATIONS))]
         arrived = [
-            self.frame(row["station"], tick, row["measured_ns"], row["arrival_ns"], row["values"])
-            for row in delivered
+            self.frame(row["station"], tick, row["measured_ns"], row["arrival_ns"], row["values"]) for row in delivered
         ]
         return {
             "/pmu/frames": self.frames(stamp, tick, measured),
@@ -217,9 +211,7 @@ def write_record(messages: Messages) -> Callable[..., None]:
             for topic, name in TOPICS.items():
                 writer.add_topic(topic, PACKAGE + name)
             for event in record.events:
-                writer.write(
-                    "/plant/events", messages.cdr("/plant/events", messages.event(event)), 1000, 1000
-                )
+                writer.write("/plant/events", messages.cdr("/plant/events", messages.event(event)), 1000, 1000)
             for tick in range(len(record.time_ns)):
                 for topic, message in messages.tick(record, tick).items():
                     if not skip(topic, tick):

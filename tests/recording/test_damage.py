@@ -130,13 +130,9 @@ os.kill(os.getpid(), signal.SIGKILL)
         assert [stamp for _, stamp, _ in reader.messages()] == list(range(80))
 
 
-def test_lost_ticks_are_noted(
-    tmp_path: Path, random_record: Callable[..., Record], write_record: Any
-) -> None:
+def test_lost_ticks_are_noted(tmp_path: Path, random_record: Callable[..., Record], write_record: Any) -> None:
     record = random_record(15)
-    write_record(
-        record, tmp_path / "run", skip=lambda topic, tick: topic == "/pmu/delivered" and tick in {4, 7}
-    )
+    write_record(record, tmp_path / "run", skip=lambda topic, tick: topic == "/pmu/delivered" and tick in {4, 7})
     part = load(tmp_path / "run")
     assert part.notes == ["/pmu/delivered: 2 of 30 ticks are missing (4, 7)"]
     assert not np.isin([4, 7], part.delivered["tick"]).any()

@@ -44,9 +44,7 @@ def test_round_trip(random_record: Any, write_record: Any, seed: int, ticks: int
         assert_identical(record, load(Path(folder) / "run"))
 
 
-def test_single_file_without_metadata(
-    tmp_path: Path, random_record: Callable[..., Record], write_record: Any
-) -> None:
+def test_single_file_without_metadata(tmp_path: Path, random_record: Callable[..., Record], write_record: Any) -> None:
     record = random_record(1)
     write_record(record, tmp_path / "run")
     file = (tmp_path / "run" / "run_0.mcap").rename(tmp_path / "other.mcap")
@@ -57,9 +55,7 @@ def test_rosbags_reads_it(tmp_path: Path, random_record: Callable[..., Record], 
     record = random_record(2)
     write_record(record, tmp_path / "run")
     with AnyReader([tmp_path / "run"]) as reader:
-        assert {connection.topic: connection.msgcount for connection in reader.connections}[
-            "/pmu/frames"
-        ] == 30
+        assert {connection.topic: connection.msgcount for connection in reader.connections}["/pmu/frames"] == 30
         hashes = {connection.digest for connection in reader.connections}
         assert all(digest.startswith("RIHS01_") and len(digest) == 71 for digest in hashes)
         ticks = [
@@ -108,9 +104,7 @@ def test_metadata_file(tmp_path: Path, random_record: Callable[..., Record], wri
     assert load(tmp_path / "run").notes == ["/pmu/frames: the recorder lost 2 messages"]
 
 
-def test_split_bag_is_read_in_order(
-    tmp_path: Path, random_record: Callable[..., Record], write_record: Any
-) -> None:
+def test_split_bag_is_read_in_order(tmp_path: Path, random_record: Callable[..., Record], write_record: Any) -> None:
     record = random_record(5)
     (tmp_path / "bag").mkdir()
     for part, ticks in ((2, range(10)), (10, range(10, 30))):

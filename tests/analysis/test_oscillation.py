@@ -1,0 +1,90 @@
+"""Stability, damping and settling of signals of known shape."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from facts_damping.analysis.oscillation import envelope, is_damped, is_stable, settling_time
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from facts_damping.signals import Record
+
+T = np.arange(1200) / 60
+
+
+def wave(sigma: float, frequency: float = 0.5, start: float = 1.0) -> NDArray[np.float64]:
+    after = np.maximum(T - start, 0)
+    return np.where(start > T, 0, 1e-3 * np.exp(-sigma * after) * np.sin(2 * np.pi * frequency * after))
+
+
+@given(sigma=st.floats(0.02, 1), frequency=st.floats(0.4, 1.5), offset=st.floats(-1, 1), drift=st.floats(-0.1, 0.1))
+def test_decay_is_damped_growth_is_not(sigma: float, frequency: float, offset: float, drift: float) -> None:
+    line = offset + drift * T
+    assert is_damped(T, wave(sigma, frequency) + line, 1.0)
+    assert not is_damped(T, wave(-sigma, frequency) + line, 1.0)
+
+
+def test_one_growing_signal_among_decaying_ones() -> None:
+    both = np.column_stack([wave(0.3), 0.2 * wave(-0.05)])
+    assert not is_damped(T, both, 1.0)
+    assert is_damped(T, np.column_stack([wave(0.3), 1e-3 * wave(-0.05)]), 1.0)  # too small to matter
+
+
+@given(frequency=st.floats(0.4, 1.5))
+def test_limit_cycle_is_not_damped(frequency: float) -> None:
+    assert not is_damped(T, wave(0.0, frequency), 1.0)
+    assert not is_damped(T, np.clip(3 * wave(0.0, frequency), -1e-3, 1e-3), 1.0)
+
+
+def test_standstill_is_damped_and_settled() -> None:
+    assert is_damped(T, np.full(1200, 0.3), 1.0)
+    assert settling_time(T, np.full(1200, 0.3), 1.0) == 0.0
+
+
+def test_short_remainder_uses_halves() -> None:
+    assert is_damped(T, wave(0.5, start=16), 16.0)
+    assert not is_damped(T, wave(-0.5, start=16), 16.0)
+    assert is_damped(T[:1], wave(0.5)[:1])
+
+
+@given(frequency=st.floats(0.4, 2.5), phase=st.floats(0, 6.3), drift=st.floats(-0.1, 0.1))
+def test_envelope_is_the_amplitude_without_line(frequency: float, phase: float, drift: float) -> None:
+    x = 2e-3 * np.sin(2 * np.pi * frequency * T + phase) + 5 + drift * T
+    assert envelope(T, x[:, np.newaxis], 5, 10) == pytest.approx([2e-3], rel=0.02)
+
+
+@pytest.mark.parametrize("sigma", [0.3, 0.5, 1.0])
+def test_settling_time_of_a_pure_decay(sigma: float) -> None:
+    x = np.where(T < 1, 0, np.exp(-sigma * np.maximum(T - 1, 0)))
+    final = x[T[-1] - 5 <= T].mean()
+    expected = -np.log(0.05 * (1 - final) + final) / sigma
+    assert settling_time(T, x, 1.0) == pytest.approx(expected, abs=1 / 60 + 1e-9)
+
+
+def test_settling_time_of_a_wave_lies_at_its_envelope() -> None:
+    found = settling_time(T, wave(0.5), 1.0)
+    assert found is not None
+    assert np.log(1 / 0.05) / 0.5 - 1.0 <= found <= np.log(1 / 0.05) / 0.5 + 0.5
+
+
+@pytest.mark.parametrize("sigma", [0.0, -0.1, 0.05])
+def test_never_settles(sigma: float) -> None:
+    assert settling_time(T, wave(sigma), 1.0) is None
+
+
+def test_stable(swing_record: Callable[..., Record]) -> None:
+    assert is_stable(swing_record()) is True
+    lost = np.ones(1200, np.bool_)
+    lost[-1] = False
+    assert is_stable(swing_record(in_synchronism=lost)) is False
+    short = swing_record(600, configuration={"duration": 20, "frame_rate": 60})
+    assert is_stable(short) is None

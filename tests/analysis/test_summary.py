@@ -1,0 +1,132 @@
+"""The summary of a record, its table, its pictures."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from facts_damping.analysis import summarise, table
+from facts_damping.analysis.measures import event_times, speed_differences
+from facts_damping.analysis.plots import plot_comparison, plot_record
+from facts_damping.errors import InputError
+from facts_damping.signals import DEVICE_TRUTH
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from facts_damping.signals import Record
+
+KEYS = {
+    "run",
+    "stable",
+    "damped",
+    "duration_s",
+    "indices",
+    "smoothness",
+    "settling_time_s",
+    "max_injected_voltage_pu",
+    "modes",
+    "latency_ms",
+    "frames_lost",
+}
+WEIGHTS = {"local": {"w12": {"G1": 1.0, "G2": -1.0}}, "interarea": {}}
+
+
+def test_damped_run(swing_record: Callable[..., Record]) -> None:
+    found = summarise(swing_record())
+    assert set(found) >= KEYS
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    assert found["run"] == {"system": "pair", "controllers": []}
+    assert found["stable"] is found["damped"] is True
+    assert found["duration_s"] == 20.0
+    assert found["latency_ms"]["p99"] == 120.0
+    assert found["frames_lost"] == 0
+    assert found["max_injected_voltage_pu"] == pytest.approx(0.04 * np.exp(-0.15), rel=0.01)
+    (mode,) = found["modes"]
+    assert mode["frequency_hz"] == pytest.approx(0.5, rel=1e-6)
+    assert mode["damping_ratio"] == pytest.approx(0.3 / np.hypot(0.3, np.pi), rel=1e-6)
+    assert found["indices"]["ITAE"] > found["indices_since_event"]["ITAE"]
+    assert found["indices"]["IAE"] == pytest.approx(found["indices_since_event"]["IAE"])
+
+
+def test_growing_run(swing_record: Callable[..., Record]) -> None:
+    found = summarise(swing_record(damping=-0.1))
+    assert found["stable"] is True
+    assert found["damped"] is False
+    assert found["settling_time_s"] is None
+
+
+def test_unstable_run(swing_record: Callable[..., Record]) -> None:
+    lost = np.ones(1200, np.bool_)
+    lost[-1] = False
+    found = summarise(swing_record(in_synchronism=lost))
+    assert found["stable"] is found["damped"] is False
+    assert found["indices"] is None
+    assert found["modes"] == []
+    json.dumps(found, allow_nan=False)
+
+
+def test_single_tick(swing_record: Callable[..., Record]) -> None:
+    found = summarise(swing_record(7, configuration={"measures": WEIGHTS}, events=[]))
+    json.dumps(found, allow_nan=False)
+
+
+def test_weights_given_directly(swing_record: Callable[..., Record]) -> None:
+    inline = speed_differences(swing_record())["w12"]
+    direct = speed_differences(swing_record(configuration={"measures": WEIGHTS}))["w12"]
+    assert np.array_equal(inline, direct)
+    assert summarise(swing_record(configuration={}), {"w12": inline})["indices"] is not None
+
+
+@pytest.mark.parametrize(
+    ("configuration", "reason"),
+    [
+        ({}, "measures: none given"),
+        ({"measures": {"local": {"w19": {"G9": 1.0}}}}, "measures.w19: no station 'G9'; allowed: G1, G2, TIE"),
+    ],
+)
+def test_measures_that_do_not_fit(
+    swing_record: Callable[..., Record], configuration: dict[str, object], reason: str
+) -> None:
+    with pytest.raises(InputError, match=reason):
+        summarise(swing_record(configuration=configuration))
+
+
+def test_event_times(swing_record: Callable[..., Record]) -> None:
+    assert event_times(swing_record()) == [1.0]
+    events = [{"time": 2.0, "kind": "fault", "duration": 0.1}, {"time": 99.0, "kind": "clear"}]
+    assert event_times(swing_record(configuration={"events": events}, events=[])) == [2.0, 2.1]
+
+
+def test_table(swing_record: Callable[..., Record]) -> None:
+    lost = np.zeros(1200, np.bool_)
+    lines = table(
+        [("calm", summarise(swing_record())), ("lost", summarise(swing_record(in_synchronism=lost)))]
+    ).splitlines()
+    assert lines[0].split() == ["calm", "lost"]
+    assert lines[2].split() == ["stable", "yes", "no"]
+    assert any(line.startswith("ITAE") and line.endswith(" -") for line in lines)
+
+
+def test_pictures(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
+    names = ["speeds.png", "differences.png", "tie_power.png", "injected_voltage.png"]
+    paths = plot_record(swing_record(), tmp_path / "one")
+    assert [path.name for path in paths] == names
+    several = [("a", swing_record()), ("b", swing_record(600, damping=-0.1))]
+    assert [path.name for path in plot_comparison(several, tmp_path / "two")] == names
+    for path in paths:
+        picture = imread(path)
+        assert picture.shape[1] > 1000
+        assert (picture[..., :3] < 0.5).any()
+
+
+def test_empty_pictures_are_left_out(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
+    record = swing_record(configuration={}, device_names=[], devices=np.zeros((1200, 0), DEVICE_TRUTH))
+    assert [path.name for path in plot_record(record, tmp_path)] == ["speeds.png", "tie_power.png"]
+    with pytest.raises(InputError, match="no record given"):
+        plot_comparison([], tmp_path)
