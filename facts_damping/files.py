@@ -87,6 +87,7 @@ def dump(content: Any) -> str:
     stream = io.StringIO()
     writer = YAML(typ="safe", pure=True)
     writer.default_flow_style = False
+    writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     writer.dump(content, stream)
     return stream.getvalue()
 

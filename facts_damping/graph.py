@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from facts_damping.configuration import Case
 
 POLL_S = 0.02
+STOP_ORDER = {"plant_sim": 2, "recorder": 1}  # the source first; the rest wait until the recorder has it all
 STOP_S = 5.0  # patience with a node that was told to stop
 PR_SET_PDEATHSIG = 1
 
@@ -104,7 +105,7 @@ def _end(process: Process, number: int) -> None:
 
 @contextmanager
 def graph(case: Case, mode: str, out: Path, timeout: float) -> Iterator[dict[str, Process]]:
-    """The nodes of a case, started; on leaving, the recorder is stopped first, then the others, whatever happened."""
+    """The nodes of a case, started; on leaving, the plant is stopped first, then the recorder, then the others."""
     run_file = out / "run.yaml"
     run_file.write_text(dump(case.document()), encoding="utf-8")
     common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True}
@@ -117,10 +118,11 @@ def graph(case: Case, mode: str, out: Path, timeout: float) -> Iterator[dict[str
         running["plant_sim"] = start("plant_sim", "plant_sim", common)
         yield running
     finally:
-        for name, process in running.items():
-            _end(process, signal.SIGINT if name == "recorder" else signal.SIGTERM)
+        for name in sorted(running, key=lambda name: -STOP_ORDER.get(name, 0)):
+            _end(running[name], signal.SIGINT)
         for process in running.values():
-            process.popen.wait()
+            process.output.close()
+            process.errors.close()
 
 
 def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], timeout: float = 5.0) -> Outcome:

@@ -22,6 +22,7 @@ def short(value: Any) -> str:
 def _place(error_location: tuple[int | str, ...], content: Any) -> list[str]:
     """An error's location as keys of the content: without pydantic's own tags."""
     found: list[str] = []
+    part: Any
     for i, part in enumerate(error_location):
         last = i == len(error_location) - 1
         if (isinstance(content, dict) and part in content) or (

@@ -1,0 +1,244 @@
+"""The graph with real nodes and real DDS: its recording equals the in-process run, and it fails by name."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from facts_damping import graph, loop
+from facts_damping.configuration import load_case
+from facts_damping.errors import RunError
+from facts_damping.recording.reader import load
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from facts_damping.signals import Record
+
+ARRAYS = ("time_ns", "frames", "delivered", "issued", "applied", "machines", "devices", "in_synchronism")
+PATIENCE_S = 60.0
+
+
+def quiet(_done: int, _of: int) -> None:
+    """No progress."""
+
+
+def run_graph(folder: Path, sets: list[str], mode: str = "lockstep", timeout: float = 5.0) -> Record:
+    graph.run(load_case(None, sets), mode, folder, quiet, timeout)
+    return load(folder / "recording")
+
+
+def assert_same(recorded: Record, computed: Record) -> None:
+    for name in ARRAYS:
+        a, b = getattr(recorded, name), getattr(computed, name)
+        assert a.dtype == b.dtype
+        assert a.shape == b.shape, name
+        assert a.tobytes() == b.tobytes(), name
+    assert recorded.notes == []
+    assert str(recorded.events) == str(computed.events)
+    for name in ("stations", "machine_names", "device_names", "controller_names", "configuration"):
+        assert getattr(recorded, name) == getattr(computed, name)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.1234])
+@pytest.mark.parametrize("scenario", ["small", "large", "multiple"])
+def test_lockstep_recording_equals_in_process_run_bit_for_bit(
+    domain: int, tmp_path: Path, scenario: str, delay_s: float
+) -> None:
+    sets = [f"scenario={scenario}", f"link.up.0.delay={delay_s / 2}", f"link.down.0.delay={delay_s / 2}"]
+    recorded = run_graph(tmp_path, sets)
+    computed = loop.run(load_case(None, sets))
+    assert len(recorded.time_ns) == 1200
+    assert np.any(recorded.applied["value"] != 0.0)
+    assert_same(recorded, computed)
+
+
+def test_unstable_run_ends_where_the_in_process_run_ends(domain: int, tmp_path: Path) -> None:
+    sets = ["scenario=large", "controllers=[]", "frame_rate=30"]
+    recorded, computed = run_graph(tmp_path, sets), loop.run(load_case(None, sets))
+    assert_same(recorded, computed)
+    assert len(recorded.time_ns) < 600
+    assert list(np.flatnonzero(~recorded.in_synchronism)) == [len(recorded.time_ns) - 1]
+
+
+def payloads(folder: Path) -> dict[str, list[bytes]]:
+    found: dict[str, list[bytes]] = {}
+    with next((folder / "recording").glob("*.mcap")).open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            found.setdefault(channel.topic, []).append(message.data)
+    return found
+
+
+def test_two_runs_give_identical_recordings_but_for_wall_clock_stamps(domain: int, tmp_path: Path) -> None:
+    sets = ["duration=4", "link=delay_100ms"]
+    run_graph(tmp_path / "a", sets)
+    run_graph(tmp_path / "b", sets)
+    first, second = payloads(tmp_path / "a"), payloads(tmp_path / "b")
+    assert first == second
+    assert len(first["/pmu/frames"]) == 240
+    assert {"/plant/state", "/plant/events", "/link/statistics", "/diagnostics", "/controller_0_LLC/state"} <= set(
+        first
+    )
+
+
+def test_real_time_loses_nothing_and_keeps_the_clock(domain: int, tmp_path: Path) -> None:
+    began = time.monotonic()
+    case = load_case(None, ["duration=3", "link=delay_100ms"])
+    outcome = graph.run(case, "realtime", tmp_path, quiet)
+    assert time.monotonic() - began > 3.0
+    assert outcome.messages_lost == 0
+    recorded = load(outcome.recording)
+    assert len(recorded.time_ns) == 180
+    # Delays are simulated: as long as no deadline is missed, the clock changes nothing.
+    if outcome.deadline_misses == 0:
+        assert_same(recorded, loop.run(case))
+    else:
+        assert len(recorded.delivered) == len(loop.run(case).delivered)
+
+
+def nodes_left(folder: Path) -> list[str]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+            except OSError:
+                continue
+            if "facts_damping.nodes" in command and str(folder) in command:
+                found.append(command)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("node", "number", "said"),
+    [
+        ("controller_0_LLC", signal.SIGKILL, "controller_0_LLC was killed by SIGKILL"),
+        ("wan_link", signal.SIGKILL, "wan_link was killed by SIGKILL"),
+        ("plant_sim", signal.SIGKILL, "plant_sim was killed by SIGKILL"),
+        ("recorder", signal.SIGKILL, "recorder was killed by SIGKILL"),
+        ("controller_0_LLC", signal.SIGSTOP, "controller_0_LLC is silent"),
+        ("wan_link", signal.SIGSTOP, "wan_link is silent"),
+        ("plant_sim", signal.SIGSTOP, "plant_sim is silent"),
+    ],
+)
+def test_dead_or_silent_node_is_named(
+    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, node: str, number: int, said: str
+) -> None:
+    started: dict[str, Any] = {}
+    original = graph.start
+
+    def spy(name: str, *arguments: Any) -> Any:
+        started[name] = original(name, *arguments)
+        return started[name]
+
+    def strike(done: int, _of: int) -> None:
+        if done > 1 and node in started:
+            os.kill(started.pop(node).popen.pid, number)
+
+    monkeypatch.setattr(graph, "start", spy)
+    began = time.monotonic()
+    with pytest.raises(RunError, match=said):
+        graph.run(load_case(None, ["duration=1000"]), "lockstep", tmp_path, strike, timeout=1.0)
+    assert time.monotonic() - began < PATIENCE_S
+    assert nodes_left(tmp_path) == []
+
+
+def test_killed_recorder_leaves_what_it_had_flushed(
+    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: dict[str, Any] = {}
+    original = graph.start
+
+    def spy(name: str, *arguments: Any) -> Any:
+        started[name] = original(name, *arguments)
+        return started[name]
+
+    def strike(done: int, _of: int) -> None:
+        if done > 1000:
+            started["recorder"].popen.kill()
+
+    monkeypatch.setattr(graph, "start", spy)
+    with pytest.raises(RunError, match="recorder was killed"):
+        graph.run(load_case(None, ["duration=1000"]), "lockstep", tmp_path, strike)
+    recorded = load(tmp_path / "recording")
+    assert len(recorded.time_ns) > 100
+    assert recorded.notes
+    computed = loop.run(load_case(None, ["duration=30"]))
+    ticks = min(len(recorded.time_ns), len(computed.time_ns))
+    assert recorded.frames[:ticks].tobytes() == computed.frames[:ticks].tobytes()
+
+
+@pytest.fixture
+def command(domain: int, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    arguments = ["-m", "facts_damping.cli", "run", "--set", "duration=1000", "--out", str(tmp_path / "out")]
+    popen = subprocess.Popen([sys.executable, *arguments], stderr=subprocess.PIPE, text=True)
+    yield popen
+    if popen.poll() is None:
+        popen.kill()
+    popen.wait()
+    if popen.stderr is not None:
+        popen.stderr.close()
+
+
+def wait_until_recording(folder: Path) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not any(f.stat().st_size > 100_000 for f in folder.rglob("*.mcap")):
+        assert time.monotonic() < deadline, "no recording grows"
+        time.sleep(0.1)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_command_leaves_no_process_and_a_sound_recording(
+    command: subprocess.Popen[str], tmp_path: Path, number: signal.Signals
+) -> None:
+    wait_until_recording(tmp_path)
+    command.send_signal(number)
+    _, errors = command.communicate(timeout=PATIENCE_S)
+    assert command.returncode == 130
+    assert errors.count("\n") == 1
+    assert nodes_left(tmp_path) == []
+    recorded = load(tmp_path / "out" / "recording")
+    assert (tmp_path / "out" / "recording" / "metadata.yaml").exists()
+    assert len(recorded.time_ns) > 100
+
+
+def test_killed_command_takes_its_nodes_along(command: subprocess.Popen[str], tmp_path: Path) -> None:
+    wait_until_recording(tmp_path)
+    command.kill()
+    command.wait()
+    deadline = time.monotonic() + PATIENCE_S
+    while nodes_left(tmp_path):
+        assert time.monotonic() < deadline, nodes_left(tmp_path)
+        time.sleep(0.1)
+
+
+def test_json_of_run_and_simulate_agree(domain: int, tmp_path: Path) -> None:
+    arguments = ["two_area_small", "--set", "duration=3", "--json", "-"]
+    results = []
+    for verb in (["run", "--out", str(tmp_path / "out")], ["simulate"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "facts_damping.cli", *verb, *arguments], capture_output=True, text=True, check=True
+        )
+        results.append(json.loads(done.stdout))
+    recorded, computed = results
+    assert recorded["recording"] == str(tmp_path / "out" / "recording")
+    assert computed["recording"] is None
+    for key in computed.keys() - {"wall_s", "recording"}:
+        assert recorded[key] == computed[key], key
+
+
+def test_second_graph_in_the_same_domain_is_refused(command: subprocess.Popen[str], tmp_path: Path) -> None:
+    wait_until_recording(tmp_path)
+    with pytest.raises(RunError, match="ROS_DOMAIN_ID"):
+        graph.run(load_case(None, ["duration=1"]), "lockstep", tmp_path / "second", quiet)
+    assert command.poll() is None
