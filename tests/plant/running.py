@@ -1,0 +1,125 @@
+"""What the tests of the plant share: systems, events and setpoints as data, and a run from instant to instant."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.configuration import load_system
+from facts_damping.parameters.run import Scenario
+from facts_damping.parameters.system import System
+from facts_damping.plant.build import Built, build
+from facts_damping.plant.dynamics import PlantState, advance, derivatives, measure, workspace
+from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, to_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.run import Event
+
+    Targets = Sequence[tuple[float, float]]  # (effective time in s, value in p.u.)
+
+FRAMES = 60  # frames/s
+
+
+class Trace(NamedTuple):
+    """A run at its instants; the first axis is time."""
+
+    t: NDArray[np.float64]  # s
+    x: NDArray[np.float64]
+    reference: NDArray[np.float64]
+    frames: NDArray[np.float64]
+    machines: NDArray[Any]
+    devices: NDArray[Any]
+    sound: NDArray[np.bool_]
+
+    @property
+    def speeds(self) -> NDArray[np.float64]:
+        """Speed deviations, p.u., (times, machines)."""
+        return np.asarray(self.machines["speed_deviation"])
+
+
+shipped = cache(load_system)
+
+
+def changed(system: System, **fields: Any) -> System:
+    """A system with other fields, checked as one that is read."""
+    return System.model_validate({**system.model_dump(by_alias=True), **fields})
+
+
+BYPASS = 1e-4  # p.u., resistance between the halves of a split middle bus
+
+
+def split(name: str) -> System:
+    """kundur_12_6 as the independent model has it: the middle bus in halves, a resistance (a bare SSSC) between."""
+    system = shipped(name)
+    fields = system.model_dump(by_alias=True)
+    for line in fields["lines"]:
+        line["from"] = "B8E" if line["from"] == "B8" else line["from"]
+    at = [bus["name"] for bus in fields["buses"]].index("B8") + 1
+    fields["buses"].insert(at, {"name": "B8E", "nominal_voltage": 230.0})
+    fields["devices"] = [{"name": "bypass", "from": "B8", "to": "B8E", "rs": BYPASS}]
+    fields["stations"][-1] = {"name": "TIE", "bus": "B8", "branches": ["bypass"]}
+    return System.model_validate(fields)
+
+
+def events(*rows: dict[str, Any]) -> list[Event]:
+    """Events as a scenario's file lists them."""
+    return Scenario.model_validate({"name": "test", "events": list(rows)}).events
+
+
+def plant(system: System | str, *rows: dict[str, Any], installed: Sequence[str] | None = None) -> Built:
+    """A plant with all devices of its system installed, or those named."""
+    system = shipped(system) if isinstance(system, str) else system
+    return build(system, [d.name for d in system.devices] if installed is None else installed, events(*rows))
+
+
+def frame_times(end: float, rate: int = FRAMES) -> list[float]:
+    """Times of frames up to `end`, s."""
+    return [k / rate for k in range(round(end * rate) + 1)]
+
+
+def table(targets: Targets) -> NDArray[Any]:
+    """Setpoints of the first device."""
+    made = np.zeros(len(targets), SETPOINT)
+    for i, (time, value) in enumerate(targets):
+        made[i]["effective_ns"], made[i]["value"] = to_ns(time), value
+    return made
+
+
+def follow(built: Built, times: Iterable[float], targets: Targets = (), x: NDArray[np.float64] | None = None) -> Trace:
+    """Advance a copy of a plant's start (or from `x`) from instant to instant, as a loop does tick by tick."""
+    start = built.state.x if x is None else x
+    state = PlantState(start.copy(), built.state.reference.copy(), built.state.target.copy())
+    work, setpoints = workspace(built.plant, state), table(targets)
+    instants = np.array([to_ns(t) for t in times])
+    n, stations = len(instants), len(built.plant.station_machine)
+    xs, references = np.zeros((n, len(state.x))), np.zeros((n, len(state.reference)))
+    frames, sound = np.zeros((n, stations, len(CHANNELS))), np.zeros(n, np.bool_)
+    machines = np.zeros((n, len(built.plant.machines)), MACHINE_TRUTH)
+    devices = np.zeros((n, len(built.plant.converters)), DEVICE_TRUTH)
+    for k, now in enumerate(instants):
+        if k:
+            before = instants[k - 1]
+            due = setpoints[(setpoints["effective_ns"] >= before) & (setpoints["effective_ns"] < now)]
+            advance(built.plant, state, before, now, due, len(due), work)
+        xs[k], references[k] = state.x, state.reference
+        sound[k] = measure(built.plant, state, now, frames[k], machines[k], devices[k], work)
+    return Trace(instants * 1e-9, xs, references, frames, machines, devices, sound)
+
+
+def slopes(built: Built, x: NDArray[np.float64] | None = None, stage: int = 0) -> NDArray[np.float64]:
+    """The derivatives dx/dt at the start, or at `x`."""
+    x = built.state.x if x is None else x
+    dx = np.zeros_like(x)
+    derivatives(built.plant, x, built.state.reference, stage, dx, workspace(built.plant, built.state))
+    return dx
+
+
+def by_machine(system: System, trace: Trace) -> dict[str, NDArray[np.float64]]:
+    """Speeds by the machine's name."""
+    return {m.name: trace.speeds[:, g] for g, m in enumerate(system.machines)}

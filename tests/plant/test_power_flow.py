@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from facts_damping.errors import InputError
+from facts_damping.files import shipped as names
+from facts_damping.plant.power_flow import TOLERANCE, solve
+from tests.independent import two_area as reference
+from tests.plant.running import BYPASS, changed, shipped, split
+
+PRINTED = np.array([0.7778 + 0.1021j, 0.7777 + 0.1307j, 0.7989 + 0.0914j, 0.7778 + 0.0919j])  # on 900 MVA
+
+
+@pytest.mark.parametrize("name", names("systems"))
+def test_mismatch_of_every_shipped_system(name: str) -> None:
+    assert solve(shipped(name)).residual < 1e-9
+
+
+def test_kundur_12_6_is_as_published() -> None:
+    """plant.md gives four digits of the voltages and whole Mvar: half of the last one."""
+    flow = solve(shipped("kundur_12_6"))
+    voltage = dict(zip(flow.names, np.abs(flow.voltage), strict=True))
+    published = {"B5": 1.0065, "B6": 0.9781, "B7": 0.9610, "B8": 0.9486, "B9": 0.9714, "B10": 0.9835, "B11": 1.0083}
+    assert {name: voltage[name] for name in published} == pytest.approx(published, abs=5.1e-5)
+    generated = [flow.generation[name] for name in ("G1", "G2", "G3", "G4")]
+    np.testing.assert_allclose([s.imag * 100 for s in generated], [185, 235, 176, 202], rtol=0, atol=0.5)
+    np.testing.assert_allclose([s.real * 100 for s in generated], [700, 700, 719, 700], rtol=0, atol=0.5)
+
+
+def test_two_area_is_as_in_the_thesis() -> None:
+    flow = solve(shipped("two_area"))
+    powers = np.array([flow.generation[name] for name in ("G1", "G2", "G3", "G4")]) / 9
+    np.testing.assert_allclose(powers.real, PRINTED.real, rtol=0, atol=2e-4)
+    np.testing.assert_allclose(powers.imag, PRINTED.imag, rtol=0, atol=2e-4)
+    voltage = dict(zip(flow.names, np.abs(flow.voltage), strict=True))
+    assert (voltage["B7"], voltage["B9"]) == pytest.approx((0.9916, 1.0028), abs=2e-4)
+
+
+def test_two_area_agrees_with_the_independent_model() -> None:
+    flow, other = solve(shipped("two_area")), reference.power_flow(reference.TWO_AREA)
+    np.testing.assert_allclose(flow.voltage, other.V, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(list(flow.generation.values()), other.S, rtol=0, atol=1e-10)
+
+
+def test_kundur_12_6_agrees_with_the_independent_model() -> None:
+    flow, other = solve(split("kundur_12_6")), reference.power_flow(reference.KUNDUR_12_6, BYPASS)
+    np.testing.assert_allclose(flow.voltage, other.V, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(list(flow.generation.values()), other.S, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", names("systems"))
+def test_rows_of_buses_add_up(name: str) -> None:
+    """Generation less loads at each bus: at a bus without either nothing, at a machine's the dispatch."""
+    system = shipped(name)
+    flow = solve(system)
+    rows = {row["name"]: row for row in flow.buses(system.base_power)}
+    busy = {m.bus for m in system.machines} | {load.bus for load in system.loads}
+    assert all(abs(row["p_mw"]) + abs(row["q_mvar"]) == 0 for bus, row in rows.items() if bus not in busy)
+    for m in system.machines:
+        assert rows[m.bus]["v_pu"] == pytest.approx(m.V, abs=1e-12)
+        if m.P is not None:
+            assert rows[m.bus]["p_mw"] == pytest.approx(m.P, abs=1e-7)
+    losses = sum(row["p_mw"] for row in rows.values())
+    assert 60 < losses < 120
+
+
+def test_a_load_beyond_what_the_grid_carries_is_refused() -> None:
+    system = shipped("kundur_12_6")
+    loads = [{**load.model_dump(), "P": load.P * 3} for load in system.loads]
+    with pytest.raises(InputError, match=rf"kundur_12_6: power flow does not converge: .*; allowed: {TOLERANCE:g}"):
+        solve(changed(system, loads=loads))
+
+
+def test_a_bus_that_nothing_joins_is_refused() -> None:
+    system = shipped("kundur_12_6")
+    buses = [*(bus.model_dump() for bus in system.buses), {"name": "alone", "nominal_voltage": 230.0}]
+    with pytest.raises(InputError, match="power flow does not converge"):
+        solve(changed(system, buses=buses))
