@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from facts_damping import loop
+from facts_damping.configuration import load_case
+from facts_damping.plant.linear import linearise
+from tests.independent import two_area as reference
+from tests.plant.running import BYPASS, Trace, follow, frame_times, plant, shipped, split
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+DATA = Path(__file__).parents[1] / "data"
+FAULT = {"time": 1.0, "kind": "fault", "line": "line_4", "location": 0.99, "duration": 8 / 60}  # of scenario large
+SCENARIOS = {
+    "small": reference.small(),
+    "large": reference.large(fraction=0.99),
+    "multiple": reference.multiple(),
+}
+
+
+def radau(events: list[reference.Event], targets: Any, times: NDArray[np.float64], **method: Any) -> Any:
+    system = reference.build(reference.TWO_AREA, device=True)
+    return reference.radau(system, events, [(0.0, 0.0), *targets], float(times[-1]), times, 1e-9, **method)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "seconds", "method", "bound"),
+    [
+        ("small", 5.0, "Radau", 1e-6),  # measured 5.1e-8
+        ("large", 4.0, "Radau", 1e-5),  # measured 2.9e-6, where the field voltage goes onto its limits and off
+        ("multiple", 12.0, "LSODA", 1e-6),  # measured 9e-8
+    ],
+)
+def test_controlled_run_agrees_with_radau(scenario: str, seconds: float, method: str, bound: float) -> None:
+    """The independent model under the very setpoints, at the very instants, of a run with lead-lag control."""
+    record = loop.run(load_case(f"two_area_{scenario}", [f"duration={seconds}"]))
+    used = record.applied
+    assert np.ptp(used["value"]) > 0.01
+    targets = zip(used["effective_ns"] * 1e-9, used["value"], strict=True)
+    other = radau(SCENARIOS[scenario], targets, record.time_s, method=method)
+    speeds = record.machines["speed_deviation"]
+    assert np.abs(speeds).max() > 1e-3
+    np.testing.assert_allclose(speeds, other.speeds, rtol=0, atol=bound)
+    np.testing.assert_allclose(record.machines["rotor_angle"], other.x[:, :4], rtol=0, atol=1000 * bound)
+    np.testing.assert_allclose(record.devices["reference"][:, 0], other.u, rtol=0, atol=1e-10)
+
+
+def uncontrolled(before_loss: float, step: float) -> tuple[Trace, NDArray[np.float64]]:
+    """Scenario large without control up to some time before synchronism is lost, and Radau's speeds."""
+    built = plant(shipped("two_area").model_copy(update={"step": step}), FAULT)
+    lost = follow(built, frame_times(16))
+    end = float(lost.t[np.argmin(lost.sound)])
+    assert 14 < end < 15
+    trace = follow(built, frame_times(end - before_loss))
+    return trace, radau(SCENARIOS["large"], [], trace.t, method="LSODA").speeds
+
+
+@pytest.mark.parametrize(("before_loss", "step", "bound"), [(2.0, 1 / 240, 1e-5), (1.0, 1 / 480, 1e-6)])
+def test_fault_without_control_agrees_with_radau(before_loss: float, step: float, bound: float) -> None:
+    trace, speeds = uncontrolled(before_loss, step)
+    np.testing.assert_allclose(trace.speeds, speeds, rtol=0, atol=bound)
+
+
+@pytest.mark.xfail(reason="1.5e-5 with the shipped step of 1/240 s from 12.8 s on; 3.6e-7 with 1/480 s", strict=True)
+def test_fault_without_control_agrees_with_radau_up_to_1_s_before_the_loss() -> None:
+    trace, speeds = uncontrolled(1.0, shipped("two_area").step)
+    np.testing.assert_allclose(trace.speeds, speeds, rtol=0, atol=1e-5)
+
+
+def test_integrator_is_of_fourth_order() -> None:
+    """A swing from a setpoint that no limit disturbs: halving the step divides the error by 16."""
+    targets, end = [(0.0, 0.03), (0.5, -0.02)], 1.5
+    system, runs = shipped("two_area"), {}
+    for step in (0.004, 0.002, 0.001, 0.00025):
+        trace = follow(plant(system.model_copy(update={"step": step})), [0.0, end / 2, end], targets)
+        assert ((trace.machines["field_voltage"] > 0.5) & (trace.machines["field_voltage"] < 6)).all()
+        runs[step] = trace.x[-1]
+    errors = [np.abs(runs[step] - runs[0.00025]).max() for step in (0.004, 0.002, 0.001)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.3)
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(4, abs=0.3)
+
+
+def test_kundur_12_6_fault_is_that_of_andes() -> None:
+    """plant.md asks for 1 degree and 5 % of the peak; the same machine model gives 0.002 degrees and 0.05 %."""
+    rows = np.loadtxt(DATA / "kundur_12_6_bus8_fault_andes.csv", delimiter=",", skiprows=1)
+    times, speeds, angles = rows[:, 0], rows[:, 1:5] - 1, rows[:, 5:]
+    fault = {"time": 1.0, "kind": "fault", "bus": "B8", "duration": 0.1}
+    trace = follow(plant("kundur_12_6", fault), [0.0, *times])
+    found = trace.machines["rotor_angle"][1:]
+    apart = np.rad2deg((found - found[:, 2:3]) - (angles - angles[:, 2:3]))
+    assert np.abs(apart).max() < 0.01
+    assert np.abs(trace.speeds[1:] - speeds).max() < 0.001 * np.abs(speeds).max()
+
+
+def test_kundur_12_6_fault_with_dc_exciters_agrees_with_radau() -> None:
+    fault = {"time": 1.0, "kind": "fault", "bus": "B8", "duration": 0.1}
+    case = reference.Case(**{**vars(reference.KUNDUR_12_6), "bypass": BYPASS})
+    trace = follow(plant(split("kundur_12_6_dc"), fault, installed=[]), frame_times(6))
+    other = reference.radau(reference.System(case, "genrou", "dc"), reference.bus_fault("w"), [], 6.0, trace.t)
+    np.testing.assert_allclose(trace.speeds, other.speeds, rtol=0, atol=1e-7)
+
+
+def test_a_setpoint_acts_from_its_own_instant_on() -> None:
+    """Two runs whose setpoint arrives 1 ms apart between two frames differ as the linear model predicts.
+
+    The reference of the later run lags by 1 ms for good, so the states differ by exp(A (T - t)) B u times 1 ms,
+    with t in the middle of what lags.
+    """
+    built, value, late, end = plant("two_area"), 0.001, 1e-3, 1.0
+    A, B = linearise(built)
+    for arrival in (0.2021, 0.2083, 0.2151):  # the frame from 0.2 to 0.21667 s
+        times = frame_times(end)
+        runs = [follow(built, times, [(arrival + d, value)]).x[-1] for d in (0.0, late)]
+        middle = arrival + (late + value / 5.0) / 2
+        predicted = expm(A * (end - middle)) @ B[:, 0] * value * late
+        speeds = [built.state_names.index(f"G{g}.omega") for g in (1, 2, 3, 4)]
+        difference = (runs[0] - runs[1])[speeds]
+        assert np.abs(predicted[speeds]).min() > 1e-9
+        np.testing.assert_allclose(difference, predicted[speeds], rtol=0.006)
+
+
+def test_a_setpoint_on_a_boundary_of_frames_is_in_force_from_there_on() -> None:
+    built = plant("two_area")
+    trace = follow(built, frame_times(0.1), [(3 / 60, 0.05)])
+    assert (trace.reference[:4] == 0).all()
+    np.testing.assert_allclose(trace.reference[4:, 0], 0.05, rtol=0, atol=1e-12)
+
+
+def test_the_reference_is_an_exact_ramp() -> None:
+    """5 p.u./s from 12.3 ms on: 0.1 p.u. takes 20 ms, whatever the frames."""
+    times = np.arange(0, 0.06, 0.0007)
+    trace = follow(plant("two_area"), times, [(0.0123, 0.3)])
+    np.testing.assert_allclose(trace.reference[:, 0], np.clip(5 * (times - 0.0123), 0, 0.1), rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("shift", [0.0037, 0.0123456])
+def test_an_event_acts_at_its_own_instant(shift: float) -> None:
+    """Everything is at rest before: a fault later by `shift` gives the same course, later by as much."""
+    late = {**FAULT, "time": FAULT["time"] + shift}  # type: ignore[operator]
+    first = follow(plant("two_area", FAULT), frame_times(3))
+    second = follow(plant("two_area", late), [0.0, *(t + shift for t in frame_times(3))])
+    assert np.abs(first.speeds).max() > 5e-3
+    np.testing.assert_allclose(second.speeds[1:], first.speeds, rtol=0, atol=1e-8)
+
+
+def test_the_division_into_frames_is_of_no_account_to_an_event() -> None:
+    """The event splits the frame: 60 and 53 frames/s agree to the integrator's error."""
+    event = {"time": 0.1234567, "kind": "load_step", "load": "load_2", "change": -0.02}
+    runs = [follow(plant("two_area", event), frame_times(2, rate)).x[-1] for rate in (60, 53)]
+    np.testing.assert_allclose(runs[0], runs[1], rtol=0, atol=1e-6)
+    unmoved = follow(plant("two_area", {**event, "time": 0.1244567}), frame_times(2)).x[-1]
+    assert np.abs(unmoved - runs[0]).max() > 1e-5
