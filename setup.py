@@ -51,11 +51,12 @@ setup(
     # Lower bounds: what runs on Python 3.10. Upper bounds: the next release that may break.
     install_requires=[
         "matplotlib>=3.8,<4",
-        "mcap>=1.2,<2",
+        "mcap>=1.5,<2",
         "numba>=0.60,<1",
         "numpy>=1.26,<2.5",  # the type information of 2.5 rejects a plain array.max()
         "pydantic>=2.6,<3",
         "pyyaml>=6,<7",
+        "ruamel.yaml>=0.18,<1",
         "rosbags>=0.10,<1",
         "scipy>=1.12,<2",  # also for Numba: its matrix product calls SciPy's BLAS
         "zstandard>=0.22,<1",

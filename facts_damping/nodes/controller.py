@@ -10,8 +10,8 @@ from rcl_interfaces.msg import SetParametersResult
 from facts_damping.control.bank import act, parameters
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError
-from facts_damping.loop import build_bank, build_link, controller_names, issue_room, rehearse
-from facts_damping.nodes.messages import Frames, Setpoints, controller_state, set_time, time_ns
+from facts_damping.loop import build_bank, build_link, controller_names, issue_room, rehearse, tick_ns
+from facts_damping.nodes.messages import Frames, Inner, Setpoints
 from facts_damping.nodes.node import (
     RELIABLE,
     descriptor,
@@ -47,10 +47,10 @@ class ControllerNode:
         self.room = issue_room(down, up)
         self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
         self.name = controller_names(self.case)[self.index]
-        self.message = controller_state(self.case, self.index)
+        self.inner = Inner(self.case, self.index)
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", RELIABLE)
         self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", RELIABLE)
-        node.create_subscription(PmuDataFrame, "pmu/delivered", self.on_frames, RELIABLE)
+        node.create_subscription(PmuDataFrame, "pmu/delivered", self.on_frames, RELIABLE, raw=True)
         rehearse(self.case)
         self.spinner = Spinner(node)
         extra = int(self.options.recorder)
@@ -73,25 +73,15 @@ class ControllerNode:
                 self.bank.parameters[self.index, names.index(parameter.name)] = parameter.value
         return SetParametersResult(successful=True)
 
-    def on_frames(self, message: PmuDataFrame) -> None:
+    def on_frames(self, data: bytes) -> None:
         """One tick: act on what was delivered, answer also when nothing was."""
-        delivered = self.frames.read(message)
-        count = act(self.bank, self.state, self.index, message.tick, delivered, len(delivered), self.room, 0)
-        start = time_ns(message.header.stamp)
-        publish(self.to_link, self.setpoints.fill(message.tick, start, self.room[:count], self.name))
-        self.tell(message.tick, start, message.fresh)
-
-    def tell(self, tick: int, start_ns: int, fresh: bool) -> None:
-        """Publish the controller's state."""
-        state, c, message = self.state, self.index, self.message
-        set_time(message.header.stamp, start_ns)
-        message.tick, message.fresh = tick, fresh
-        message.inputs = state.inputs[c, : len(message.input_names)].tolist()
-        outputs = len(message.output_names)
-        message.outputs = state.outputs[c, :outputs].tolist()
-        message.unlimited_outputs = state.unlimited[c, :outputs].tolist()
-        message.saturated = (state.outputs[c, :outputs] != state.unlimited[c, :outputs]).tolist()
-        publish(self.to_recorder, message)
+        state, c = self.state, self.index
+        tick, delivered = self.frames.read(data)
+        start = tick_ns(tick, self.case.run.frame_rate)
+        count = act(self.bank, state, c, tick, delivered, len(delivered), self.room, 0)
+        publish(self.to_link, self.setpoints.fill(tick, start, self.room[:count], self.name))
+        inner = self.inner.fill(tick, start, len(delivered) > 0, state.inputs[c], state.unlimited[c], state.outputs[c])
+        publish(self.to_recorder, inner)
 
 
 def body(node: Node) -> None:

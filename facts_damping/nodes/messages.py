@@ -1,12 +1,13 @@
 """Between messages and the arrays that the compiled functions take: numbers pass unchanged, bit for bit.
 
-Messages are made once and filled anew every tick.
+What goes over the wire every tick is written and read as bytes (`cdr.Template`); what is rare, as
+rclpy's message objects.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from facts_damping_msgs.msg import (
@@ -22,17 +23,21 @@ from facts_damping_msgs.msg import (
     VoltageSetpoint,
     VoltageSetpoints,
 )
+from rclpy.serialization import deserialize_message
 
 from facts_damping.loop import controller_names
+from facts_damping.nodes.cdr import Template, views
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
+    from collections.abc import Hashable
+
     from builtin_interfaces.msg import Time
     from numpy.typing import NDArray
 
     from facts_damping.configuration import Case
 
-UNITS = {"rotor_angle": "rad"}  # of the truth's fields; all others are p.u.
+MOST_SHAPES = 64  # of one topic; a message of yet another shape is read by rclpy
 
 
 def set_time(time: Time, nanoseconds: int) -> None:
@@ -40,141 +45,287 @@ def set_time(time: Time, nanoseconds: int) -> None:
     time.sec, time.nanosec = divmod(int(nanoseconds), NANOSECONDS)
 
 
-def time_ns(time: Time) -> int:
-    """A time message as integer nanoseconds."""
-    return int(time.sec * NANOSECONDS + time.nanosec)
+class Shape:
+    """A message of one shape: a table of entries under a header, a tick and `fresh`.
+
+    `times` and `numbers` say which fields of an entry hold which fields of a row: row field -> path, or
+    paths.
+    """
+
+    def __init__(self, message: Any, entries: str, times: dict[str, Any], numbers: dict[str, Any]) -> None:
+        """Lay the message out."""
+        self.count = len(getattr(message, entries))
+        message.fresh = self.count > 0
+        self.template = t = Template(message)
+
+        def of_entries(*paths: str) -> Any:
+            return t.index(f"{entries}.{i}.{path}" for i in range(self.count) for path in paths)
+
+        self.stamp, self.nanosec = t.index(["header.stamp.sec"]), t.index(["header.stamp.nanosec"])
+        self.tick = t.index(["tick"])
+        self.times, self.numbers = {}, {}
+        if self.count:
+            for name, path in times.items():
+                self.times[name] = (of_entries(f"{path}.sec"), of_entries(f"{path}.nanosec"))
+            for name, path in numbers.items():
+                self.numbers[name] = of_entries(*([path] if isinstance(path, str) else path))
+
+    def fill(self, tick: int, start_ns: int, rows: NDArray[Any], more: dict[str, Any]) -> bytes:
+        """The message of `rows`; `more` holds numbers that rows do not."""
+        t = self.template
+        t.write(self.stamp, start_ns // NANOSECONDS)
+        t.write(self.nanosec, start_ns % NANOSECONDS)
+        t.write(self.tick, tick)
+        for name, (sec, nanosec) in self.times.items():
+            t.write(sec, rows[name] // NANOSECONDS)
+            t.write(nanosec, rows[name] % NANOSECONDS)
+        for name, field in self.numbers.items():
+            t.write(field, (more[name] if name in more else rows[name]).reshape(-1))
+        return t.data()
+
+    def read(self, data: bytes, rows: NDArray[Any]) -> int:
+        """Fill `rows` from a message that fits; returns its tick."""
+        seen = views(data)
+        tick = int(seen["u8"][self.tick[1]][0])
+        rows["tick"] = tick
+        for name, (sec, nanosec) in self.times.items():
+            rows[name] = seen["i4"][sec[1]].astype(np.int64) * NANOSECONDS + seen["u4"][nanosec[1]]
+        for name, field in self.numbers.items():
+            if name in (rows.dtype.names or ()) and name != "tick":
+                rows[name] = seen[field[0]][field[1]].reshape(rows[name].shape)
+        return tick
 
 
-class Frames:
-    """PMU data frames of a case: message to array and back."""
+class Table:
+    """Messages of one type in all the shapes that have come up, by key: the names of a message's entries."""
+
+    entries: ClassVar[str]
+    times: ClassVar[dict[str, Any]]
+    numbers: ClassVar[dict[str, Any]]
+
+    def __init__(self) -> None:
+        self._shapes: dict[Hashable, Shape] = {}
+
+    def make(self, key: Any) -> Any:
+        """An empty message of the shape that `key` stands for."""
+        raise NotImplementedError
+
+    def shape(self, key: Hashable) -> Shape:
+        """The shape of a key."""
+        if key not in self._shapes:
+            if len(self._shapes) >= MOST_SHAPES:
+                self._shapes.clear()
+            self._shapes[key] = Shape(self.make(key), self.entries, self.times, self.numbers)
+        return self._shapes[key]
+
+    def fitting(self, data: bytes) -> Hashable | None:
+        """Key of the shape that a message has; None where no such message has come up."""
+        for key, shape in self._shapes.items():
+            if shape.template.fits(data):
+                return key
+        return None
+
+
+class Frames(Table):
+    """PMU data frames of a case; a key is the stations of the entries, in order."""
+
+    entries: ClassVar[str] = "frames"
+    times: ClassVar[dict[str, Any]] = {"measured_ns": "header.stamp", "arrival_ns": "arrival"}
+    numbers: ClassVar[dict[str, Any]] = {
+        "values": [f"{name}_{unit}" for name, unit in CHANNELS.items()],
+        "tick": "tick",
+        "status": "status",
+    }
 
     def __init__(self, case: Case) -> None:
-        """Prepare an entry a station."""
+        """Take the names of stations and their buses."""
+        super().__init__()
         self._stations = [station.name for station in case.system.stations]
         buses = {m.name: m.bus for m in case.system.machines}
         self._buses = [s.bus or buses[s.machine or ""] for s in case.system.stations]
-        self._index = {name: i for i, name in enumerate(self._stations)}
-        self._fields = [f"{name}_{unit}" for name, unit in CHANNELS.items()]
-        self._message = PmuDataFrame()
-        self._pool: list[list[PmuFrame]] = []
         self._frame_rate = case.run.frame_rate
 
-    def _entry(self, station: int, uses: dict[int, int]) -> PmuFrame:
-        """An unused entry of a station, made where there is none yet."""
-        number = uses.get(station, 0)
-        uses[station] = number + 1
-        while len(self._pool) <= number:
-            self._pool.append([PmuFrame(station=name) for name in self._stations])
-            for entry, bus in zip(self._pool[-1], self._buses, strict=True):
-                entry.header.frame_id = bus
-        return self._pool[number][station]
-
-    def fill(self, tick: int, start_ns: int, delivered: NDArray[Any], count: int) -> PmuDataFrame:
-        """Message of `count` delivered entries; the same object every time."""
-        uses: dict[int, int] = {}
-        entries = []
-        for row in delivered[:count]:
-            entry = self._entry(int(row["station"]), uses)
-            measured = int(row["measured_ns"])
-            set_time(entry.header.stamp, measured)
-            set_time(entry.arrival, row["arrival_ns"])
-            entry.tick = -(-measured * self._frame_rate // NANOSECONDS)
-            values = row["values"].tolist()
-            for field, value in zip(self._fields, values, strict=True):
-                setattr(entry, field, value)
-            sound = all(math.isfinite(values[i]) for i in (0, 1, 3, 4))
-            entry.status = 0 if sound else PmuFrame.STATUS_DATA_ERROR
-            entries.append(entry)
-        message = self._message
-        set_time(message.header.stamp, start_ns)
-        message.tick = tick
-        message.fresh = count > 0
-        message.frames = entries
+    def make(self, key: tuple[int, ...]) -> PmuDataFrame:
+        """A message with an entry for each station of the key."""
+        message = PmuDataFrame(frames=[PmuFrame(station=self._stations[station]) for station in key])
+        for entry, station in zip(message.frames, key, strict=True):
+            entry.header.frame_id = self._buses[station]
         return message
 
-    def read(self, message: PmuDataFrame) -> NDArray[Any]:
-        """Entries of a message as rows of DELIVERY; an entry of an unknown station is passed over."""
-        rows = np.zeros(len(message.frames), DELIVERY)
-        count = 0
-        for entry in message.frames:
-            station = self._index.get(entry.station)
-            if station is None:
-                continue
-            values = tuple(getattr(entry, field) for field in self._fields)
-            rows[count] = (message.tick, station, time_ns(entry.header.stamp), time_ns(entry.arrival), values)
-            count += 1
-        return rows[:count]
+    def fill(self, tick: int, start_ns: int, delivered: NDArray[Any], count: int) -> bytes:
+        """Message of `count` delivered entries."""
+        rows = delivered[:count]
+        sound = np.isfinite(rows["values"][:, [0, 1, 3, 4]]).all(axis=1)
+        more = {
+            "tick": -(-rows["measured_ns"] * self._frame_rate // NANOSECONDS),
+            "status": np.where(sound, 0, PmuFrame.STATUS_DATA_ERROR),
+        }
+        return self.shape(tuple(rows["station"].tolist())).fill(tick, start_ns, rows, more)
+
+    def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
+        """Tick and entries (DELIVERY) of a message; an entry of an unknown station is passed over."""
+        key = self.fitting(data)
+        if key is None:
+            message = deserialize_message(data, PmuDataFrame)
+            known = [entry for entry in message.frames if entry.station in self._stations]
+            key = tuple(self._stations.index(entry.station) for entry in known)
+            if not self.shape(key).template.fits(data):
+                return message.tick, self._read_slowly(message.tick, known)
+        shape = self._shapes[key]
+        rows = np.zeros(shape.count, DELIVERY)
+        rows["station"] = key
+        return shape.read(data, rows), rows
+
+    def _read_slowly(self, tick: int, entries: list[PmuFrame]) -> NDArray[Any]:
+        rows = [
+            (
+                tick,
+                self._stations.index(entry.station),
+                _time_ns(entry.header.stamp),
+                _time_ns(entry.arrival),
+                tuple(getattr(entry, name) for name in self.numbers["values"]),
+            )
+            for entry in entries
+        ]
+        return np.array(rows, DELIVERY)
 
 
-class Setpoints:
-    """Voltage setpoints of a case: message to array and back."""
+class Setpoints(Table):
+    """Voltage setpoints of a case; a key is the message's controller, and controller and device of each entry."""
+
+    entries: ClassVar[str] = "setpoints"
+    times: ClassVar[dict[str, Any]] = {
+        "measured_ns": "header.stamp",
+        "issued_ns": "issued",
+        "effective_ns": "effective",
+    }
+    numbers: ClassVar[dict[str, Any]] = {"value": "value_pu"}
 
     def __init__(self, case: Case) -> None:
-        """Prepare names of devices and controllers."""
+        """Take the names of devices and controllers."""
+        super().__init__()
         self._devices = list(case.run.devices)
         self._places = {d.name: f"{d.from_bus}-{d.to_bus}" for d in case.system.devices}
         self._controllers = controller_names(case)
 
-    def fill(self, tick: int, start_ns: int, rows: NDArray[Any], controller: str) -> VoltageSetpoints:
-        """Message of setpoints; `controller` is empty as delivered by a link."""
-        message = VoltageSetpoints(tick=tick, controller=controller, fresh=len(rows) > 0)
-        set_time(message.header.stamp, start_ns)
-        for row in rows:
-            device = self._devices[row["device"]]
-            entry = VoltageSetpoint(
-                device=device, controller=self._controllers[row["controller"]], value_pu=float(row["value"])
-            )
-            entry.header.frame_id = self._places[device]
-            set_time(entry.header.stamp, row["measured_ns"])
-            set_time(entry.issued, row["issued_ns"])
-            set_time(entry.effective, row["effective_ns"])
+    def make(self, key: tuple[str, tuple[tuple[int, int], ...]]) -> VoltageSetpoints:
+        """A message with an entry for each pair of controller and device of the key."""
+        controller, pairs = key
+        message = VoltageSetpoints(controller=controller)
+        for c, d in pairs:
+            entry = VoltageSetpoint(device=self._devices[d], controller=self._controllers[c])
+            entry.header.frame_id = self._places[entry.device]
             message.setpoints.append(entry)
         return message
 
-    def read(self, message: VoltageSetpoints) -> NDArray[Any]:
-        """Setpoints of a message as rows of SETPOINT; those of unknown devices or controllers are passed over."""
+    def fill(self, tick: int, start_ns: int, rows: NDArray[Any], controller: str) -> bytes:
+        """Message of setpoints; `controller` is empty as delivered by a link."""
+        pairs = tuple(zip(rows["controller"].tolist(), rows["device"].tolist(), strict=True))
+        return self.shape((controller, pairs)).fill(tick, start_ns, rows, {})
+
+    def read(self, data: bytes) -> tuple[int, str, NDArray[Any]]:
+        """Tick, controller and setpoints (SETPOINT) of a message; those of unknown names are passed over."""
+        key: Any = self.fitting(data)
+        if key is None:
+            message = deserialize_message(data, VoltageSetpoints)
+            known = [e for e in message.setpoints if e.device in self._devices and e.controller in self._controllers]
+            pairs = tuple((self._controllers.index(e.controller), self._devices.index(e.device)) for e in known)
+            key = (message.controller, pairs)
+            if not self.shape(key).template.fits(data):
+                return message.tick, message.controller, self._read_slowly(message.tick, pairs, known)
+        shape = self._shapes[key]
+        rows = np.zeros(shape.count, SETPOINT)
+        for i, (controller, device) in enumerate(key[1]):
+            rows["controller"][i], rows["device"][i] = controller, device
+        return shape.read(data, rows), key[0], rows
+
+    def _read_slowly(
+        self, tick: int, pairs: tuple[tuple[int, int], ...], entries: list[VoltageSetpoint]
+    ) -> NDArray[Any]:
         rows = [
-            (
-                message.tick,
-                self._controllers.index(entry.controller),
-                self._devices.index(entry.device),
-                time_ns(entry.header.stamp),
-                time_ns(entry.issued),
-                time_ns(entry.effective),
-                entry.value_pu,
-            )
-            for entry in message.setpoints
-            if entry.device in self._devices and entry.controller in self._controllers
+            (tick, *pair, _time_ns(e.header.stamp), _time_ns(e.issued), _time_ns(e.effective), e.value_pu)
+            for pair, e in zip(pairs, entries, strict=True)
         ]
         return np.array(rows, SETPOINT)
 
 
+def _time_ns(time: Time) -> int:
+    """A time message as integer nanoseconds."""
+    return int(time.sec * NANOSECONDS + time.nanosec)
+
+
 class Truth:
-    """The plant's state of a case as a message."""
+    """The plant's state of a case."""
 
     def __init__(self, case: Case) -> None:
-        """Prepare an entry a machine and a device."""
-        self._message = PlantState(
-            machines=[MachineState(machine=m.name) for m in case.system.machines],
-            devices=[DeviceState(device=name) for name in case.run.devices],
-        )
-        self._machine_fields = [f"{name}_{UNITS.get(name, 'pu')}" for name in MACHINE_TRUTH.names or ()]
-        self._device_fields = [f"{name}_pu" for name in DEVICE_TRUTH.names or () if name != "blocked"]
+        """Lay out an entry a machine and a device."""
+        machines = [MachineState(machine=m.name) for m in case.system.machines]
+        devices = [DeviceState(device=name) for name in case.run.devices]
+        self._template = t = Template(PlantState(machines=machines, devices=devices))
+        units = {"rotor_angle": "rad"}  # of the truth's fields; all others are p.u.
+        names = [f"{name}_{units.get(name, 'pu')}" for name in MACHINE_TRUTH.names or ()]
+        self._machines = t.index(f"machines.{i}.{name}" for i in range(len(machines)) for name in names)
+        self._devices = {
+            name: t.index(f"devices.{i}.{name if name == 'blocked' else name + '_pu'}" for i in range(len(devices)))
+            for name in (DEVICE_TRUTH.names or () if devices else ())
+        }
+        self._head = [t.index([p]) for p in ("header.stamp.sec", "header.stamp.nanosec", "tick", "in_synchronism")]
 
-    def fill(self, tick: int, start_ns: int, sound: bool, machines: NDArray[Any], devices: NDArray[Any]) -> PlantState:
-        """Message of a tick; the same object every time."""
-        message = self._message
-        set_time(message.header.stamp, start_ns)
-        message.tick = tick
-        message.in_synchronism = bool(sound)
-        for entry, row in zip(message.machines, machines.tolist(), strict=True):
-            for field, value in zip(self._machine_fields, row, strict=True):
-                setattr(entry, field, value)
-        for entry, row in zip(message.devices, devices.tolist(), strict=True):
-            for field, value in zip(self._device_fields, row[:-1], strict=True):
-                setattr(entry, field, value)
-            entry.blocked = row[-1] != 0.0
-        return message
+    def fill(self, tick: int, start_ns: int, sound: bool, machines: NDArray[Any], devices: NDArray[Any]) -> bytes:
+        """Message of a tick."""
+        t = self._template
+        head = (start_ns // NANOSECONDS, start_ns % NANOSECONDS, tick, sound)
+        for field, value in zip(self._head, head, strict=True):
+            t.write(field, value)
+        t.write(self._machines, machines.view(np.float64))  # all fields are numbers of the same kind
+        for name, field in self._devices.items():
+            t.write(field, devices[name])
+        return t.data()
+
+
+class Inner:
+    """The state of one controller of a case."""
+
+    def __init__(self, case: Case, index: int) -> None:
+        """Lay out its signals and devices."""
+        controller = case.run.controllers[index]
+        signals, devices = len(controller.signals), len(controller.devices)
+        self._template = t = Template(
+            ControllerState(
+                controller=controller_names(case)[index],
+                input_names=controller.signals,
+                inputs=[0.0] * signals,
+                output_names=controller.devices,
+                unlimited_outputs=[0.0] * devices,
+                outputs=[0.0] * devices,
+                saturated=[False] * devices,
+            )
+        )
+        self._head = [t.index([p]) for p in ("header.stamp.sec", "header.stamp.nanosec", "tick", "fresh")]
+        self._inputs = t.index(f"inputs.{i}" for i in range(signals))
+        self._outputs = [
+            t.index(f"{name}.{i}" for i in range(devices)) for name in ("unlimited_outputs", "outputs", "saturated")
+        ]
+
+    def fill(
+        self,
+        tick: int,
+        start_ns: int,
+        fresh: bool,
+        inputs: NDArray[Any],
+        unlimited: NDArray[Any],
+        outputs: NDArray[Any],
+    ) -> bytes:
+        """Message of a tick."""
+        t = self._template
+        head = (start_ns // NANOSECONDS, start_ns % NANOSECONDS, tick, fresh)
+        for field, value in zip(self._head, head, strict=True):
+            t.write(field, value)
+        t.write(self._inputs, inputs[: len(self._inputs[1])])
+        count = len(self._outputs[0][1])
+        for field, values in zip(self._outputs, (unlimited, outputs, outputs != unlimited), strict=True):
+            t.write(field, values[:count])
+        return t.data()
 
 
 def grid_event(event: dict[str, Any]) -> GridEvent:
@@ -209,14 +360,4 @@ def _channel(name: str, row: NDArray[Any]) -> LinkChannelStatistics:
         delay_mean_s=total / delivered / NANOSECONDS if some else math.nan,
         delay_min_s=low / NANOSECONDS if some else math.nan,
         delay_max_s=high / NANOSECONDS if some else math.nan,
-    )
-
-
-def controller_state(case: Case, index: int) -> ControllerState:
-    """An empty state message of a controller, with its names."""
-    controller = case.run.controllers[index]
-    return ControllerState(
-        controller=controller_names(case)[index],
-        input_names=controller.signals,
-        output_names=controller.devices,
     )

@@ -24,7 +24,7 @@ from facts_damping.nodes.node import (
 )
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.plant.dynamics import advance, measure, workspace
-from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -52,7 +52,7 @@ class PlantSim:
         self.to_all = node.create_publisher(PlantState, "plant/state", RELIABLE)
         self.to_events = node.create_publisher(GridEvent, "plant/events", RELIABLE)
         self.to_diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
-        node.create_subscription(VoltageSetpoints, "setpoints/delivered", self.on_setpoints, RELIABLE)
+        node.create_subscription(VoltageSetpoints, "setpoints/delivered", self.on_setpoints, RELIABLE, raw=True)
         self.answered = -1
         self.waiting: list[Any] = []
         self.events = grid_events(self.case)
@@ -66,10 +66,11 @@ class PlantSim:
             self.options,
         )
 
-    def on_setpoints(self, message: VoltageSetpoints) -> None:
+    def on_setpoints(self, data: bytes) -> None:
         """Keep the setpoints of a tick until the plant advances."""
-        self.answered = max(self.answered, message.tick)
-        self.waiting.append(self.setpoints.read(message))
+        tick, _, rows = self.setpoints.read(data)
+        self.answered = max(self.answered, tick)
+        self.waiting.append(rows)
 
     def measure(self, tick: int, start_ns: int) -> bool:
         """Measure at the start of a tick and publish: the frame first, since others wait for it."""
@@ -84,7 +85,7 @@ class PlantSim:
 
     def advance(self, start_ns: int, end_ns: int) -> None:
         """Advance to the next tick under the setpoints that have come."""
-        rows = np.concatenate(self.waiting) if self.waiting else self.setpoints.read(VoltageSetpoints())
+        rows = np.concatenate(self.waiting) if self.waiting else np.zeros(0, SETPOINT)
         self.waiting.clear()
         advance(self.plant, self.state, start_ns, end_ns, rows, len(rows), self.work)
 

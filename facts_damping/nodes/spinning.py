@@ -6,6 +6,7 @@ subscriptions and services (so `ros2 param` works); the nodes here have no timer
 
 from __future__ import annotations
 
+import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
@@ -18,55 +19,68 @@ from rclpy.utilities import get_default_context
 if TYPE_CHECKING:
     from rclpy.node import Node
 
+REQUESTS_S = 0.05  # wall time between two looks for requests
+
 
 class Spinner:
     """Waits for messages and requests of one node and calls their callbacks."""
 
     def __init__(self, node: Node) -> None:
         """Take over the node's subscriptions and services; none may be added later."""
-        self._subscriptions = list(node.subscriptions)
-        self._services = list(node.services)
+        self._subscriptions = [(s.handle.pointer, s) for s in node.subscriptions]
+        self._services = [(s.handle.pointer, s) for s in node.services]
         context: Any = get_default_context()
         self._guard = SignalHandlerGuardCondition(context)
         self._entered = ExitStack()
-        entities: list[Any] = [*self._subscriptions, *self._services, self._guard]
+        entities: list[Any] = [*node.subscriptions, *node.services, self._guard, context]
         for entity in entities:
             self._entered.enter_context(entity.handle)
-        self._entered.enter_context(context.handle)
-        self._wait_set: Any = rclpy_implementation.WaitSet(
-            len(self._subscriptions), 1, 0, 0, len(self._services), 0, context.handle
-        )
+        counts = (len(self._subscriptions), len(self._services))
+        self._messages: Any = rclpy_implementation.WaitSet(counts[0], 1, 0, 0, 0, 0, context.handle)
+        self._requests: Any = rclpy_implementation.WaitSet(0, 0, 0, 0, counts[1], 0, context.handle)
+        self._asked = time.monotonic()
 
     def turn(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` seconds, then serve what is ready, one message a subscription.
 
-        Returns whether anything was; raises ExternalShutdownException once the context is shut down.
+        Returns whether a message was; raises ExternalShutdownException once the context is shut down.
+        Requests are looked for now and then: waiting for them too would make every turn dearer.
         """
-        wait_set = self._wait_set
+        if time.monotonic() - self._asked > REQUESTS_S:
+            self._serve()
+        wait_set = self._messages
         wait_set.clear_entities()
-        for subscription in self._subscriptions:
+        for _, subscription in self._subscriptions:
             wait_set.add_subscription(subscription.handle)
-        for service in self._services:
-            wait_set.add_service(service.handle)
         wait_set.add_guard_condition(self._guard.handle)
-        wait_set.wait(max(0, int(timeout_s * 1e9)))
+        wait_set.wait(max(0, int(min(timeout_s, REQUESTS_S) * 1e9)))
         if not rclpy.ok():
             raise ExternalShutdownException
         served = False
         ready = wait_set.get_ready_entities("subscription")
-        for subscription in self._subscriptions:
-            if subscription.handle.pointer in ready:
+        for pointer, subscription in self._subscriptions if ready else ():
+            if pointer in ready:
                 served |= _take(subscription)
-        ready = wait_set.get_ready_entities("service")
-        for service in self._services:
-            if service.handle.pointer in ready:
-                _serve(service)
-                served = True
         return served
+
+    def _serve(self) -> None:
+        """Answer the requests that wait, so that `ros2 param` works."""
+        self._asked = time.monotonic()
+        wait_set = self._requests
+        wait_set.clear_entities()
+        for _, service in self._services:
+            wait_set.add_service(service.handle)
+        wait_set.wait(0)
+        ready = wait_set.get_ready_entities("service")
+        for pointer, service in self._services if ready else ():
+            if pointer in ready:
+                request, header = service.handle.service_take_request(service.srv_type.Request)
+                if header is not None:
+                    service.send_response(service.callback(request, service.srv_type.Response()), header)
 
     def close(self) -> None:
         """Let go of all entities."""
-        self._wait_set = None
+        self._messages = self._requests = None
         self._entered.close()
         self._guard.destroy()
 
@@ -76,16 +90,6 @@ def _take(subscription: Any) -> bool:
     taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
     if taken is None:
         return False
-    message, information = taken
-    if subscription.raw:
-        subscription.callback(message, information)
-    else:
-        subscription.callback(message)
+    wants = subscription._callback_type  # noqa: SLF001 (as rclpy's own executor asks)
+    subscription.callback(*(taken if wants is subscription.CallbackType.WithMessageInfo else taken[:1]))
     return True
-
-
-def _serve(service: Any) -> None:
-    """Answer one request, if there still is one."""
-    request, header = service.handle.service_take_request(service.srv_type.Request)
-    if header is not None:
-        service.send_response(service.callback(request, service.srv_type.Response()), header)

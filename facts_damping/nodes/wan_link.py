@@ -14,7 +14,7 @@ from facts_damping.loop import build_link, controller_names, rehearse, tick_ns
 from facts_damping.nodes.messages import Frames, Setpoints, link_statistics
 from facts_damping.nodes.node import RELIABLE, publish, read_case, read_options, run_node, wait_for_peers
 from facts_damping.nodes.spinning import Spinner
-from facts_damping.signals import CHANNELS
+from facts_damping.signals import CHANNELS, SETPOINT
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -33,9 +33,9 @@ class WanLink:
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", RELIABLE)
         self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", RELIABLE)
         self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", RELIABLE)
-        node.create_subscription(PmuDataFrame, "pmu/frames", self.on_frame, RELIABLE)
+        node.create_subscription(PmuDataFrame, "pmu/frames", self.on_frame, RELIABLE, raw=True)
         for name in self.names:
-            node.create_subscription(VoltageSetpoints, f"{name}/setpoints", self.on_setpoints, RELIABLE)
+            node.create_subscription(VoltageSetpoints, f"{name}/setpoints", self.on_setpoints, RELIABLE, raw=True)
         self.tick, self.heard = -1, time.monotonic()
         self.missing: set[str] = set()
         self.given: dict[str, list[Any]] = {name: [] for name in self.names}
@@ -53,27 +53,27 @@ class WanLink:
         rate = self.case.run.frame_rate
         return tick_ns(tick, rate), tick_ns(tick + 1, rate)
 
-    def on_frame(self, message: PmuDataFrame) -> None:
+    def on_frame(self, data: bytes) -> None:
         """A new tick: send its frame up, deliver what arrives in it."""
         if self.missing:
             self.answer()  # real time: the plant did not wait for a controller that is late
-        self.tick = message.tick
+        self.tick, rows = self.frames.read(data)
         start, end = self.span(self.tick)
-        for row in self.frames.read(message):
-            self.frame[row["station"]] = row["values"]
+        self.frame[rows["station"]] = rows["values"]
         count = uplink(self.up, self.tick, start, end, self.frame)
         publish(self.to_controllers, self.frames.fill(self.tick, start, self.up.out, count))
         self.missing = set(self.names)
         if not self.missing:
             self.answer()
 
-    def on_setpoints(self, message: VoltageSetpoints) -> None:
+    def on_setpoints(self, data: bytes) -> None:
         """A controller's setpoints; the last one's bring the answer to the plant."""
-        if message.controller not in self.given:
+        tick, controller, rows = self.setpoints.read(data)
+        if controller not in self.given:
             return
-        self.given[message.controller].append(self.setpoints.read(message))
-        if message.tick == self.tick and self.missing:
-            self.missing.discard(message.controller)
+        self.given[controller].append(rows)
+        if tick == self.tick and self.missing:
+            self.missing.discard(controller)
             if not self.missing:
                 self.answer()
 
@@ -81,7 +81,7 @@ class WanLink:
         """Send the setpoints down, in the order of the controllers, and deliver what arrives in the tick."""
         start, end = self.span(self.tick)
         rows = [row for name in self.names for row in self.given[name]]
-        given = np.concatenate(rows) if rows else self.setpoints.read(VoltageSetpoints())
+        given = np.concatenate(rows) if rows else np.zeros(0, SETPOINT)
         for kept in self.given.values():
             kept.clear()
         count = downlink(self.down, self.tick, end, given, len(given))

@@ -1,0 +1,94 @@
+"""Compute time of 20 s of closed loop in process, beside ANDES on Kundur's two-area system in the same run."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import statistics
+import time
+from typing import TYPE_CHECKING
+
+from facts_damping import loop
+from facts_damping.configuration import load_case
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+RUNS = 7
+OURS = {
+    "two_area small, LLC": ["scenario=small"],
+    "two_area large, LLC": ["scenario=large"],
+    "two_area multiple, LLC, 100 ms": ["scenario=multiple", "link=delay_100ms"],
+    "kundur_12_6 bus8_fault, no device": [
+        "system=kundur_12_6",
+        "scenario=bus8_fault",
+        "devices=[]",
+        "controllers=[]",
+    ],
+}
+
+
+def median_s(function: Callable[[], object]) -> float:
+    """Median wall time of a few calls, after one that is not counted, s."""
+    times = []
+    for _ in range(RUNS + 1):
+        began = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - began)
+    return statistics.median(times[1:])
+
+
+def compiled_s(sets: list[str]) -> float:
+    """Median time of the compiled loop alone, s: power flow and set-up not counted."""
+    case = load_case(None, sets)
+    times = []
+    for _ in range(RUNS + 1):
+        parts = loop.build_loop(case)
+        kept = loop.room(case, parts)
+        began = time.perf_counter()
+        loop.run_loop(parts, case.run.frame_rate, case.ticks, kept)
+        times.append(time.perf_counter() - began)
+    return statistics.median(times[1:])
+
+
+def andes_s(step: float) -> float | None:
+    """Time of ANDES for 20 s of its own two-area case with a bus fault, s; None where it is not installed."""
+    try:
+        import andes  # noqa: PLC0415 (an optional extra)
+    except ImportError:
+        return None
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        andes.config_logger(stream_level=50)
+        times = []
+        for _ in range(3):
+            system = andes.load(andes.get_case("kundur/kundur_full.xlsx"), no_output=True, default_config=True)
+            system.PFlow.run()
+            system.TDS.config.tf = 20.0
+            system.TDS.config.tstep = step
+            system.TDS.config.fixt = 1
+            system.TDS.config.no_tqdm = 1
+            began = time.perf_counter()
+            system.TDS.run()
+            times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def main() -> None:
+    """Print all times and ratios."""
+    print(f"{'20 s of':<36} {'loop s':>8} {'run() s':>8}   (median of {RUNS})")
+    ours = {}
+    for name, sets in OURS.items():
+        ours[name] = compiled_s(sets)
+        case = load_case(None, sets)
+        print(f"{name:<36} {ours[name]:8.4f} {median_s(lambda case=case: loop.run(case)):8.4f}")  # type: ignore[misc]
+    reference = ours["kundur_12_6 bus8_fault, no device"]
+    for step in (1 / 30, 0.01):
+        took = andes_s(step)
+        if took is None:
+            print("ANDES: not installed (pip install -e '.[bench]')")
+            return
+        print(f"ANDES, kundur_full, step {step:.4f} s  {took:8.4f}   {took / reference:.0f} times ours")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""Messages written and read as bytes are what rclpy makes of them, bit for bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from facts_damping_msgs import msg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+
+from facts_damping.configuration import Case, load_case
+from facts_damping.nodes.messages import Frames, Inner, Setpoints, Truth
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
+
+TIMES = st.integers(0, 2**31 * NANOSECONDS - 1)
+FLOATS = st.floats(allow_nan=True, width=64)
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    return load_case(None)
+
+
+def bits(values: Any) -> bytes:
+    return np.asarray(values, np.float64).tobytes()
+
+
+@st.composite
+def deliveries(draw: st.DrawFn) -> Any:
+    count = draw(st.integers(0, 12))
+    rows = np.zeros(count, DELIVERY)
+    for row in rows:
+        row["station"] = draw(st.integers(0, 4))
+        row["measured_ns"], row["arrival_ns"] = draw(TIMES), draw(TIMES)
+        row["values"] = draw(st.lists(FLOATS, min_size=len(CHANNELS), max_size=len(CHANNELS)))
+    return rows
+
+
+@settings(deadline=None, max_examples=60)
+@given(rows=deliveries(), tick=st.integers(0, 2**40), start=TIMES)
+def test_frames_as_bytes_are_the_message(case: Case, rows: Any, tick: int, start: int) -> None:
+    data = Frames(case).fill(tick, start, rows, len(rows))
+    message = deserialize_message(data, msg.PmuDataFrame)
+    assert (message.tick, message.fresh) == (tick, len(rows) > 0)
+    assert message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec == start
+    assert [e.station for e in message.frames] == [case.system.stations[i].name for i in rows["station"]]
+    for entry, row in zip(message.frames, rows, strict=True):
+        assert entry.arrival.sec * NANOSECONDS + entry.arrival.nanosec == row["arrival_ns"]
+        assert bits([getattr(entry, f"{name}_{unit}") for name, unit in CHANNELS.items()]) == bits(row["values"])
+        sound = np.isfinite(row["values"][[0, 1, 3, 4]]).all()
+        assert entry.status == (0 if sound else msg.PmuFrame.STATUS_DATA_ERROR)
+
+
+@settings(deadline=None, max_examples=60)
+@given(rows=deliveries(), tick=st.integers(0, 2**40))
+def test_frames_are_read_back_also_from_rclpy(case: Case, rows: Any, tick: int) -> None:
+    rows["tick"] = tick
+    writer, reader = Frames(case), Frames(case)
+    data = writer.fill(tick, 0, rows, len(rows))
+    again = serialize_message(deserialize_message(data, msg.PmuDataFrame))
+    for source in (data, again, data):
+        seen_tick, seen = reader.read(source)
+        assert seen_tick == tick
+        assert seen.tobytes() == rows.tobytes()
+
+
+def test_measured_tick_is_that_of_the_frame(case: Case) -> None:
+    rate = case.run.frame_rate
+    rows = np.zeros(1, DELIVERY)
+    for tick in [0, 1, 2, 59, 60, 61, 12345]:
+        rows["measured_ns"] = tick * NANOSECONDS // rate
+        message = deserialize_message(Frames(case).fill(tick + 7, 0, rows, 1), msg.PmuDataFrame)
+        assert message.frames[0].tick == tick
+
+
+def test_entries_of_unknown_stations_are_passed_over(case: Case) -> None:
+    rows = np.zeros(3, DELIVERY)
+    rows["station"] = [0, 1, 2]
+    rows["values"] = np.arange(15.0).reshape(3, 5)
+    message = deserialize_message(Frames(case).fill(5, 0, rows, 3), msg.PmuDataFrame)
+    message.frames[1].station = "ELSEWHERE"
+    tick, seen = Frames(case).read(serialize_message(message))
+    assert tick == 5
+    assert seen["station"].tolist() == [0, 2]
+    assert seen["values"].tolist() == rows["values"][[0, 2]].tolist()
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    tick=st.integers(0, 2**40),
+    entries=st.lists(st.tuples(TIMES, TIMES, TIMES, FLOATS), max_size=4),
+    controller=st.sampled_from(["", "controller_0_LLC"]),
+)
+def test_setpoints_as_bytes_are_the_message(
+    case: Case, tick: int, entries: list[tuple[int, int, int, float]], controller: str
+) -> None:
+    rows = np.array([(tick, 0, 0, *entry) for entry in entries], SETPOINT)
+    data = Setpoints(case).fill(tick, 0, rows, controller)
+    message = deserialize_message(data, msg.VoltageSetpoints)
+    assert (message.tick, message.controller, message.fresh) == (tick, controller, len(rows) > 0)
+    assert bits([entry.value_pu for entry in message.setpoints]) == bits(rows["value"])
+    assert {entry.device for entry in message.setpoints} <= {"sssc"}
+    for source in (data, serialize_message(message)):
+        seen_tick, seen_controller, seen = Setpoints(case).read(source)
+        assert (seen_tick, seen_controller) == (tick, controller)
+        assert seen.tobytes() == rows.tobytes()
+
+
+def test_truth_and_inner_state_are_the_messages(case: Case) -> None:
+    rng = np.random.default_rng(1)
+    machines, devices = np.zeros(4, MACHINE_TRUTH), np.zeros(1, DEVICE_TRUTH)
+    machines.view(np.float64)[:] = rng.normal(size=20)
+    devices.view(np.float64)[:] = rng.normal(size=7)
+    devices["blocked"] = 1.0
+    state = deserialize_message(Truth(case).fill(7, 1_500_000_001, True, machines, devices), msg.PlantState)
+    assert (state.tick, state.in_synchronism, state.header.stamp.nanosec) == (7, True, 500_000_001)
+    assert [m.machine for m in state.machines] == ["G1", "G2", "G3", "G4"]
+    assert [m.rotor_angle_rad for m in state.machines] == machines["rotor_angle"].tolist()
+    assert [m.terminal_voltage_pu for m in state.machines] == machines["terminal_voltage"].tolist()
+    assert state.devices[0].dc_voltage_pu == devices["dc_voltage"][0]
+    assert state.devices[0].blocked
+    data = Inner(case, 0).fill(9, 0, True, np.array([0.25]), np.array([3.0]), np.array([0.1]))
+    inner = deserialize_message(data, msg.ControllerState)
+    assert (inner.tick, inner.fresh, inner.input_names) == (9, True, ["speed"])
+    assert (list(inner.inputs), list(inner.unlimited_outputs), list(inner.outputs)) == ([0.25], [3.0], [0.1])
+    assert list(inner.saturated) == [True]
