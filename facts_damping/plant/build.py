@@ -47,6 +47,7 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
 
     Raises `InputError` for a power flow that does not converge, or an event that cannot happen.
     """
+    steps = stages(system, listed)
     flow = solve(system)
     devices = [d for d in system.devices if d.name in installed]
     index = {name: i for i, name in enumerate(flow.names)}
@@ -82,7 +83,6 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
     for p, device in enumerate(devices):
         converters[p] = sssc.row(device, offset + sssc.STATES * p)
     names += exciter_names + [f"{d.name}.{state}" for d in devices for state in sssc.STATE_NAMES]
-    steps = stages(system, listed)
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=to_ns(system.step),

@@ -49,6 +49,7 @@ def timeline(listed: Sequence[Event]) -> list[Change]:
 def stages(system: System, listed: Sequence[Event]) -> list[Stage]:
     """The stages of a run, the first from the start. Raises `InputError` where an event cannot happen."""
     found = [Stage()]
+    check_islands(system, found[0].topology, f"system {system.name}: has an")
     for change in timeline(listed):
         after = _apply(system, found[-1], change)
         check_islands(system, after.topology, f"{change.where} ({change.event.kind}): leaves an")

@@ -177,5 +177,5 @@ def check_islands(system: System, topology: Topology, when: str) -> None:
         if island not in fed:
             members = [name for name in names if label[index[name]] == island]
             raise InputError(
-                f"{when}: island without a machine: buses {', '.join(members)}; allowed: at least one machine an island"
+                f"{when} island without a machine: buses {', '.join(members)}; allowed: at least one machine an island"
             )

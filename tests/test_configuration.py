@@ -1,0 +1,222 @@
+"""Bad input of any kind gives one line with source, field, value and what is allowed; good input round-trips."""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from facts_damping import loop
+from facts_damping.configuration import load_case, load_system, make_case
+from facts_damping.errors import InputError
+from facts_damping.files import dump, read_table, shipped
+from facts_damping.plant.build import build
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+JUNK = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(10**6), 10**6),
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.text(max_size=8),
+    st.lists(st.integers(), max_size=3),
+    st.dictionaries(st.text(max_size=4), st.integers(), max_size=2),
+)
+
+
+def leaves(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Paths of everything in a content."""
+    if path:
+        yield path
+    pairs = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, value in pairs:
+        yield from leaves(value, (*path, key))
+
+
+def mutate(content: Any, path: tuple[Any, ...], how: str, junk: Any) -> Any:
+    made = copy.deepcopy(content)
+    here = made
+    for key in path[:-1]:
+        here = here[key]
+    if how == "replace":
+        here[path[-1]] = junk
+    elif how == "remove":
+        del here[path[-1]]
+    elif isinstance(here, dict):
+        here[f"{path[-1]}_x"] = here.pop(path[-1])
+    else:
+        here.append(junk)
+    return made
+
+
+def assert_one_line(error: InputError) -> None:
+    text = str(error)
+    assert "\n" not in text
+    assert len(text) < 2000
+    assert "allowed" in text or "must" in text or "needs" in text
+
+
+INLINE = load_case("two_area_multiple").document()
+PATHS = list(leaves(INLINE))
+
+
+@settings(deadline=None, max_examples=250)
+@given(
+    path=st.sampled_from(PATHS),
+    how=st.sampled_from(["replace", "remove", "rename"]),
+    junk=JUNK,
+)
+def test_random_mutation_is_refused_in_one_line_or_runs(path: tuple[Any, ...], how: str, junk: Any) -> None:
+    """A mutated run, with everything it names inline, is either a run that can be built or a clear error."""
+    try:
+        case = make_case(mutate(INLINE, path, how, junk), "mutated")
+        loop.build_plant(case)
+        loop.build_link(case)
+        loop.build_bank(case)
+    except InputError as error:
+        assert_one_line(error)
+
+
+@settings(deadline=None, max_examples=100)
+@given(data=st.data())
+def test_random_damage_to_shipped_files_is_refused_in_one_line_or_read(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """Bytes of a shipped system changed at random: read, or refused in one line."""
+    file = data.draw(st.sampled_from(sorted(shipped("systems").values())))
+    raw = bytearray(file.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+    folder = tmp_path_factory.mktemp("damaged")
+    for other in shipped("systems").values():
+        (folder / other.name).write_bytes(other.read_bytes())
+    path = folder / "damaged.yaml"
+    path.write_bytes(bytes(raw))
+    try:
+        system = load_system(str(path))
+        build(system, [d.name for d in system.devices], [])
+    except InputError as error:
+        assert_one_line(error)
+
+
+@pytest.mark.parametrize("name", shipped("runs"))
+def test_document_of_a_run_is_a_run_by_itself(name: str, tmp_path: Path) -> None:
+    case = load_case(name)
+    path = tmp_path / "again.yaml"
+    path.write_text(dump(case.document()))
+    again = load_case(str(path))
+    assert again.document() == case.document()
+    assert again.summary() == case.summary()
+    assert (again.system, again.scenario.events, again.link) == (case.system, case.scenario.events, case.link)
+
+
+@pytest.mark.parametrize("name", shipped("systems"))
+def test_shipped_systems_build(name: str) -> None:
+    system = load_system(name)
+    built = build(system, [d.name for d in system.devices], [])
+    assert len(built.state_names) == len(built.state.x)
+
+
+@pytest.mark.parametrize("name", shipped("scenarios"))
+def test_shipped_scenarios_build(name: str) -> None:
+    system, scenario = name.split("/")
+    devices = [d.name for d in load_system(system).devices]
+    case = load_case(None, [f"system={system}", f"scenario={scenario}", f"devices={devices}", "controllers=[]"])
+    assert len(loop.build_plant(case).plant.stage_start_ns) >= 2
+
+
+REFUSED = [
+    (["frame_rat=60"], "frame_rat: unknown key; allowed: system, scenario"),
+    (["frame_rate=0"], "frame_rate: 0 given; allowed: greater than or equal to 1"),
+    (["frame_rate=sixty"], "frame_rate: 'sixty' given; allowed: a valid integer"),
+    (["duration=-1"], "duration: -1 given"),
+    (["duration=.inf"], "duration: inf given"),
+    (["system=nowhere"], "systems: 'nowhere' given; allowed: kundur_12_6"),
+    (["system=/no/such/file.yaml"], "/no/such/file.yaml: no such file"),
+    (["scenario=huge"], "scenarios: 'huge' given; allowed: large, multiple, small"),
+    (["link=wet_string"], "links: 'wet_string' given; allowed: delay_100ms, ideal"),
+    (["link.up.0.delay=-0.1"], "link.up.0.delay: -0.1 given; allowed: greater than or equal to 0"),
+    (["link.up.0.model=chaos"], "link.up.0.model: 'chaos' given; allowed: 'constant'"),
+    (["link.up.7.delay=0.1"], "link.up.7: '7' given; allowed: an index from 0 to 0"),
+    (["devices=[tcsc]"], "devices.0: 'tcsc' given; allowed: sssc"),
+    (["devices=[]"], "controllers.0.devices: 'sssc' given; allowed: none"),
+    (["controllers.0.name=PID"], "controllers.0.name: 'PID' given; allowed: LLC"),
+    (["controllers.0.signals=[noise]"], "controllers.0.signals: 'noise' given; allowed: w12"),
+    (["controllers.0.signals=[w12, w34]"], "controllers.0.signals: 2 given; allowed: 1 for LLC"),
+    (["controllers.0.parameters.gain=1e9"], "parameters.gain: 1e+09 given; allowed: -1000 to 1000"),
+    (["controllers.0.parameters.Kp=1"], "parameters: 'Kp' given; allowed: gain, Tw, T1"),
+    (["controllers.1.name=LLC"], "controllers.1.devices: 'sssc' given, which is commanded already"),
+    (["scenario.0.kind=earthquake"], "scenario.0.kind: 'earthquake' given; allowed: 'fault', 'clear'"),
+    (["system.machines.0.H=-6.5"], "system.machines.0.H: -6.5 given; allowed: greater than 0"),
+    (["system.machines.0.Xd=0.1"], "Xl < Xd2 < Xd1 < Xd must hold"),
+    (["system.lines.0.from=B77"], "line_5_6.from: 'B77' given; allowed: B1"),
+    (["system.machines.1.slack=false", "system.machines.1.P=700"], "0 slack machines given"),
+    (["system.devices.0.vp_max=0.5"], "vp_max must be below vc_max"),
+    (["no equals"], "allowed: key.path=value"),
+]
+
+
+@pytest.mark.parametrize(("sets", "said"), REFUSED, ids=[" ".join(sets) for sets, _ in REFUSED])
+def test_bad_setting_is_refused_by_name(sets: list[str], said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_case(None, sets)
+    assert said in str(caught.value)
+    assert_one_line(caught.value)
+
+
+def test_grid_whose_power_flow_does_not_converge_is_refused() -> None:
+    case = load_case(None, ["system.loads.1.P=90000", "system.loads.1.at=solved"])
+    with pytest.raises(InputError, match=r"power flow does not converge: mismatch .* allowed"):
+        loop.build_plant(case)
+
+
+def test_island_without_a_machine_is_refused() -> None:
+    case = load_case(None, ["system.buses.12.name=LONELY", "system.buses.12.nominal_voltage=230"])
+    with pytest.raises(InputError, match="island without a machine: buses LONELY; allowed: at least one machine"):
+        loop.build_plant(case)
+
+
+def test_event_on_a_line_that_is_not_there_is_refused() -> None:
+    case = load_case(None, ["scenario=multiple", "scenario.0.line=line_99"])
+    with pytest.raises(InputError, match=r"events.0.line: 'line_99' given; allowed: line_5_6, line_6_7"):
+        loop.build_plant(case)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("system: [unclosed", "line 1: unreadable YAML"),
+        ("system: a\nsystem: b", "unreadable YAML"),
+        ("- just\n- a list", "allowed: a mapping"),
+        ("\x00\x01", "unreadable YAML"),
+        ("extends: nothing_there", "extends: 'nothing_there' given"),
+    ],
+)
+def test_unreadable_file_is_named(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "run.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_table(path)
+    assert str(caught.value).startswith(str(path))
+    assert said in str(caught.value)
+    assert_one_line(caught.value)
+
+
+def test_set_below_a_name_changes_the_named_files_content() -> None:
+    case = load_case("two_area_small", ["link=delay_100ms", "link.up.1.delay=0.0734", "scenario.0.change=-0.2"])
+    assert [stage.delay for stage in case.link.up] == [0.02, 0.0734]
+    assert case.scenario.events[0].change == -0.2  # type: ignore[union-attr]
+    assert case.duration == 20.0
+
+
+def test_extends_takes_what_it_does_not_say_from_the_other_file() -> None:
+    base, dc = load_system("kundur_12_6"), load_system("kundur_12_6_dc")
+    assert base.exciters == []
+    assert len(dc.exciters) == 4
+    assert dc.machines == base.machines
