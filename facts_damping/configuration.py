@@ -13,6 +13,9 @@ from facts_damping.parameters.system import System
 from facts_damping.validation import check
 
 
+MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
+
+
 @dataclass(frozen=True)
 class Case:
     """A checked run: what the user asked for, and the files it names, read."""
@@ -126,6 +129,11 @@ def _known(where: str, name: str, allowed: list[str]) -> None:
 def _check_case(case: Case, source: str) -> None:
     """What one file alone cannot tell: devices, controllers, signals and parameters that are not there."""
     run, system = case.run, case.system
+    if case.ticks > MOST_TICKS:
+        raise InputError(
+            f"{source}: duration: {case.duration:g} s at {run.frame_rate} frames/s given, {case.ticks} frames; "
+            f"allowed: at most {MOST_TICKS} frames"
+        )
     for i, device in enumerate(run.devices):
         _known(f"{source}: devices.{i}", device, [d.name for d in system.devices])
     if len(run.devices) > 1:

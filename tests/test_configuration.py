@@ -137,6 +137,7 @@ REFUSED = [
     (["frame_rate=sixty"], "frame_rate: 'sixty' given; allowed: a valid integer"),
     (["duration=-1"], "duration: -1 given"),
     (["duration=.inf"], "duration: inf given"),
+    (["duration=99999", "frame_rate=1000"], "99999000 frames; allowed: at most 2000000 frames"),
     (["system=nowhere"], "systems: 'nowhere' given; allowed: kundur_12_6"),
     (["system=/no/such/file.yaml"], "/no/such/file.yaml: no such file"),
     (["scenario=huge"], "scenarios: 'huge' given; allowed: large, multiple, small"),

@@ -73,7 +73,8 @@ def solve(system: System) -> PowerFlow:
     angle[:] = np.deg2rad(slack.angle)
     free_angle = np.array([i for i in range(len(names)) if i != index[slack.bus]], int)
     free_magnitude = np.array([i for i in range(len(names)) if i not in {index[m.bus] for m in system.machines}], int)
-    voltage, residual = _newton(matrix, scheduled, magnitude, angle, free_angle, free_magnitude)
+    with np.errstate(all="ignore"):  # where it diverges, the mismatch says so
+        voltage, residual = _newton(matrix, scheduled, magnitude, angle, free_angle, free_magnitude)
     if not residual < TOLERANCE:
         raise InputError(
             f"system {system.name}: power flow does not converge: mismatch {residual:.3g} p.u. after "
