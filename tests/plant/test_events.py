@@ -1,0 +1,266 @@
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
+import pytest
+
+from facts_damping.configuration import make_case
+from facts_damping.errors import InputError
+from facts_damping.parameters.run import Event
+from facts_damping.plant.events import stages, timeline
+from tests.plant.running import events, follow, frame_times, plant, shipped, slopes
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+SECOND = 1_000_000_000
+
+
+def at(time: float, kind: str, **fields: Any) -> dict[str, Any]:
+    return {"time": time, "kind": kind, **fields}
+
+
+# Each kind once, with what its stage must hold.
+KINDS: dict[str, list[dict[str, Any]]] = {
+    "fault": [at(1.5, "fault", bus="B9")],
+    "clear": [at(1.0, "fault", line="line_4"), at(1.5, "clear", line="line_4")],
+    "line_out": [at(1.5, "line_out", line="line_2")],
+    "line_in": [at(1.0, "line_out", line="line_2"), at(1.5, "line_in", line="line_2")],
+    "load_step": [at(1.5, "load_step", load="load_2", change=-0.1)],
+    "mechanical_power_step": [at(1.5, "mechanical_power_step", machine="G1", change=0.1)],
+    "generator_trip": [at(1.5, "generator_trip", machine="G4")],
+}
+
+
+def refusal(*rows: dict[str, Any]) -> str:
+    """The message with which events are refused."""
+    with pytest.raises(InputError) as error:
+        plant("two_area", *rows)
+    return str(error.value)
+
+
+def test_every_kind_is_here() -> None:
+    models = get_args(get_args(Event)[0])
+    assert set(KINDS) == {kind for model in models for kind in get_args(model.model_fields["kind"].annotation)}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_acts_from_its_instant_on(kind: str) -> None:
+    """Nothing before, something after; what is taken back leaves the start's network."""
+    built = plant("two_area", *KINDS[kind])
+    assert built.plant.stage_start_ns[-1] == 1.5 * SECOND
+    assert built.plant.stage_start_ns[0] == 0
+    before, after = slopes(built, stage=0), slopes(built, stage=len(built.plant.stage_start_ns) - 1)
+    assert np.abs(before).max() < 1e-9
+    if kind in ("clear", "line_in"):
+        assert np.abs(slopes(built, stage=1)).max() > 1e-3
+        np.testing.assert_array_equal(built.plant.network[2], built.plant.network[0])
+        np.testing.assert_array_equal(after, before)
+    else:
+        assert np.abs(after).max() > 1e-3
+    trace = follow(built, [0.0, KINDS[kind][0]["time"], 1.5, 1.6])
+    assert np.abs(trace.x[1] - built.state.x).max() < 1e-9
+    assert np.abs(trace.x[3] - built.state.x).max() > 1e-4
+
+
+def test_a_line_that_goes_out_and_comes_in_leaves_no_trace() -> None:
+    rows = [at(1.0, "line_out", line="line_2"), at(2.0, "line_in", line="line_2")]
+    found = stages(shipped("two_area"), events(*rows))
+    assert [s.start_ns for s in found] == [0, SECOND, 2 * SECOND]
+    assert [s.topology.lines_out for s in found] == [frozenset(), {"line_2"}, frozenset()]
+
+
+def test_steps_are_relative_to_the_start() -> None:
+    """A second step replaces the first: both are shares of what was at the start."""
+    rows = [
+        at(1.0, "load_step", load="load_2", change=-0.1),
+        at(2.0, "load_step", load="load_2", change=0.2),
+        at(3.0, "mechanical_power_step", machine="G1", change=0.1),
+        at(4.0, "mechanical_power_step", machine="G1", change=0.0),
+    ]
+    built = plant("two_area", *rows)
+    found = stages(shipped("two_area"), events(*rows))
+    assert [s.topology.load_scale.get("load_2", 1.0) for s in found] == pytest.approx([1, 0.9, 1.2, 1.2, 1.2])
+    power = built.plant.mechanical_power
+    np.testing.assert_allclose(power[:, 0] / power[0, 0], [1, 1, 1, 1.1, 1], rtol=1e-14)
+    np.testing.assert_array_equal(power[:, 1:], np.tile(power[0, 1:], (5, 1)))
+
+
+def test_order_in_the_list_is_of_no_account() -> None:
+    rows = [at(t, "load_step", load="load_1", change=c) for t, c in ((3.0, 0.3), (1.0, 0.1), (2.0, 0.2))]
+    found = stages(shipped("two_area"), events(*rows))
+    assert [s.topology.load_scale.get("load_1", 1.0) for s in found] == pytest.approx([1, 1.1, 1.2, 1.3])
+
+
+def test_events_at_one_instant_are_one_stage() -> None:
+    rows = [
+        at(1.0, "load_step", load="load_1", change=0.1),
+        at(1.0, "line_out", line="line_2"),
+        at(0.0, "line_out", line="line_1"),
+    ]
+    found = stages(shipped("two_area"), events(*rows[:2]))
+    assert [s.start_ns for s in found] == [0, SECOND]
+    assert (found[1].topology.load_scale, found[1].topology.lines_out) == ({"load_1": 1.1}, {"line_2"})
+    (only,) = stages(shipped("two_area"), events(rows[2]))
+    assert only.topology.lines_out == {"line_1"}
+
+
+def test_a_tripped_machine_gives_nothing_and_is_no_longer_in_the_grid() -> None:
+    built = plant("two_area", at(1.0, "generator_trip", machine="G4"))
+    trace = follow(built, frame_times(3))
+    out = trace.t >= 1.0
+    assert (trace.machines["electrical_power"][out, 3] == 0).all()
+    assert (trace.frames[out, 3, 3] == 0).all()
+    assert (trace.frames[~out, 3, 3] > 6.9).all()
+    assert np.abs(trace.speeds[out, 3]).max() < 1e-9
+    assert built.plant.mechanical_power[1, 3] == 0
+    assert trace.speeds[-1, :3].max() < -5e-4  # the others have its load to carry
+
+
+@pytest.mark.parametrize("place", [{"bus": "B9"}, {"line": "line_4", "location": 0.3}])
+@pytest.mark.parametrize("impedance", [{}, {"r": 0.01, "x": 0.02}])
+def test_a_fault_with_a_duration_is_a_fault_and_a_clear(place: dict[str, Any], impedance: dict[str, float]) -> None:
+    """Bit for bit."""
+    element = {key: value for key, value in place.items() if key != "location"}
+    brief = plant("two_area", at(1.0, "fault", duration=0.1, **place, **impedance))
+    both = plant("two_area", at(1.1, "clear", **element), at(1.0, "fault", **place, **impedance))
+    traces = [follow(built, frame_times(2)) for built in (brief, both)]
+    np.testing.assert_array_equal(traces[0].x, traces[1].x)
+    assert np.abs(traces[0].speeds).max() > 1e-4
+
+
+def test_timeline_names_the_event_that_a_clearing_belongs_to() -> None:
+    rows = [at(2.0, "load_step", load="load_1", change=0.1), at(1.0, "fault", bus="B9", duration=0.5)]
+    found = [(change.time_ns, change.where, change.event.kind) for change in timeline(events(*rows))]
+    assert found == [
+        (SECOND, "events.1", "fault"),
+        (3 * SECOND // 2, "events.1.duration", "clear"),
+        (2 * SECOND, "events.0", "load_step"),
+    ]
+
+
+def during(place: dict[str, Any]) -> NDArray[np.float64]:
+    """Slopes of the start's state with a fault burning, without the device, whose bus may be the faulted one."""
+    return slopes(plant("two_area", at(0.0, "fault", **place), installed=[]))
+
+
+@pytest.mark.parametrize(("location", "bus"), [(1e-9, "B8E"), (1 - 1e-9, "B9")])
+def test_a_fault_at_the_end_of_a_line_is_one_at_its_bus(location: float, bus: str) -> None:
+    near, there = during({"line": "line_4", "location": location}), during({"bus": bus})
+    middle = during({"line": "line_4", "location": 0.5})
+    np.testing.assert_allclose(near, there, rtol=1e-6, atol=1e-6)
+    assert np.abs(middle - there).max() > 1e-3
+
+
+def test_a_bolted_fault_is_the_limit_of_a_small_impedance() -> None:
+    bolted, small, large = (during({"line": "line_4", "r": r}) for r in (0.0, 1e-9, 1e3))
+    np.testing.assert_allclose(small, bolted, rtol=0, atol=1e-4)
+    assert np.abs(large).max() < 1e-2 < np.abs(bolted).max()
+
+
+def test_a_bolted_fault_holds_its_bus_at_zero() -> None:
+    system = shipped("two_area")
+    (station,) = [i for i, s in enumerate(system.stations) if s.name == "TIE"]
+    trace = follow(plant(system, at(1.0, "fault", bus="B8W", duration=0.1)), frame_times(2))
+    burning = (trace.t >= 1.0) & (trace.t < 1.1)
+    assert (trace.frames[burning, station, 0] == 0).all()
+    assert (trace.frames[~burning, station, 0] > 0.5).all()
+
+
+# Events, and what the message must name: index and field, value given, what is allowed.
+REFUSED: list[tuple[list[dict[str, Any]], str, str, str]] = [
+    ([at(1, "fault", bus="B99")], "events.0.bus", "'B99'", "B1, B2"),
+    ([at(1, "fault", line="tie")], "events.0.line", "'tie'", "line_5_6, line_6_7"),
+    ([at(1, "fault", line="T1")], "events.0.line", "'T1'", "line_5_6"),
+    ([at(1, "fault", bus="B9"), at(2, "fault", bus="B9")], "events.1", "'B9'", "one fault an element"),
+    ([at(1, "fault", line="line_4"), at(2, "fault", line="line_4", location=0.9)], "events.1", "'line_4'", "one fault"),
+    ([at(1, "clear", bus="B9")], "events.0", "'B9'", "none"),
+    ([at(1, "clear", bus="B99")], "events.0.bus", "'B99'", "B1, B2"),
+    ([at(1, "fault", line="line_4"), at(2, "clear", line="line_3")], "events.1", "'line_3'", "line_4"),
+    ([at(1, "fault", bus="B9", duration=0.1), at(2, "clear", bus="B9")], "events.1", "'B9'", "none"),
+    ([at(1, "fault", bus="B9", duration=0.5), at(1.2, "clear", bus="B9")], "events.0.duration", "'B9'", "none"),
+    ([at(2, "fault", bus="B9"), at(1, "clear", bus="B9")], "events.1", "'B9'", "none"),
+    ([at(1, "line_out", line="line_9")], "events.0.line", "'line_9'", "line_1, line_2"),
+    ([at(1, "line_out", line="sssc")], "events.0.line", "'sssc'", "line_1, line_2"),
+    (
+        [at(1, "line_out", line="line_2"), at(2, "line_out", line="line_2")],
+        "events.1.line",
+        "'line_2'",
+        "line_1, line_3",
+    ),
+    ([at(1, "line_in", line="line_2")], "events.0.line", "'line_2'", "none"),
+    ([at(1, "line_out", line="line_2"), at(2, "line_in", line="line_3")], "events.1.line", "'line_3'", "line_2"),
+    ([at(1, "load_step", load="load_3", change=0.1)], "events.0.load", "'load_3'", "load_1, load_2"),
+    ([at(1, "mechanical_power_step", machine="G5", change=0.1)], "events.0.machine", "'G5'", "G1, G2, G3, G4"),
+    ([at(1, "generator_trip", machine="G5")], "events.0.machine", "'G5'", "G1, G2, G3, G4"),
+    ([at(1, "generator_trip", machine="G1")] * 2, "events.1.machine", "'G1'", "G2, G3, G4"),
+    (
+        [at(1, "generator_trip", machine="G1"), at(2, "mechanical_power_step", machine="G1", change=0.1)],
+        "events.1.machine",
+        "'G1'",
+        "G2, G3, G4",
+    ),
+]
+
+
+@pytest.mark.parametrize(("rows", "where", "given", "allowed"), REFUSED)
+def test_what_cannot_happen_is_refused(rows: list[dict[str, Any]], where: str, given: str, allowed: str) -> None:
+    message = refusal(*rows)
+    assert re.match(rf"{re.escape(where)}: {given} given", message), message
+    assert allowed in message.partition("allowed: ")[2]
+    assert given.strip("'") not in message.partition("allowed: ")[2].split(", ")
+
+
+def test_an_island_without_a_machine_is_refused() -> None:
+    rows = [at(1, "line_out", line="T1"), at(2, "line_out", line="T2"), at(3, "line_out", line="line_6_7")]
+    message = refusal(*rows)
+    assert re.match(r"events\.2 \(line_out\): .*island without a machine: buses B5, B6; allowed: at least one", message)
+    trips = [at(g, "generator_trip", machine=f"G{g}") for g in (1, 2, 3, 4)]
+    assert re.match(
+        r"events\.3 \(generator_trip\): .*island without a machine: buses B1, B2, .*allowed:", refusal(*trips)
+    )
+
+
+def test_two_islands_with_machines_run_apart() -> None:
+    rows = [at(1.0, "line_out", line="line_1"), at(1.0, "line_out", line="line_2")]
+    trace = follow(plant("two_area", *rows, installed=[]), frame_times(2))
+    assert trace.speeds[-1, :2].min() > 1e-3
+    assert trace.speeds[-1, 2:].max() < -1e-3
+
+
+@pytest.mark.xfail(
+    reason="refused: the network's equations are singular where only the device joins a bus", strict=True
+)
+@pytest.mark.parametrize("lines", [("line_1", "line_2"), ("line_3", "line_4")])
+def test_two_islands_run_apart_with_the_device_between_them(lines: tuple[str, str]) -> None:
+    """One bus of the SSSC has lost its lines: no current can flow, the converter is blocked."""
+    built = plant("two_area", *(at(1.0, "line_out", line=line) for line in lines))
+    trace = follow(built, frame_times(2))
+    assert (trace.devices["blocked"][trace.t >= 1.0] == 1).all()
+    without = follow(
+        plant("two_area", *(at(1.0, "line_out", line=line) for line in lines), installed=[]), frame_times(2)
+    )
+    np.testing.assert_allclose(trace.speeds, without.speeds, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("row", "field", "allowed"),
+    [
+        (at(-1, "line_out", line="line_1"), "scenario.0.time", "greater than or equal to 0"),
+        (at(1, "earthquake"), "scenario.0.kind", "'fault'"),
+        (at(1, "fault"), r"scenario.0(\.\w+)?", "either `bus` or `line`"),
+        (at(1, "clear", bus="B9", line="line_1"), r"scenario.0(\.\w+)?", "either `bus` or `line`"),
+        (at(1, "fault", line="line_1", location=1.0), "scenario.0.location", "less than 1"),
+        (at(1, "load_step", load="load_1", change=-1.5), "scenario.0.change", "greater than or equal to -1"),
+        (at(1, "generator_trip", machine="G1", change=1.0), "scenario.0.change", "time, kind, machine"),
+        (at(1, "line_out"), "scenario.0.line", "missing"),
+        (at(float("nan"), "line_out", line="line_1"), "scenario.0.time", "finite"),
+    ],
+)
+def test_rows_that_are_no_events_are_refused(row: dict[str, Any], field: str, allowed: str) -> None:
+    with pytest.raises(InputError) as error:
+        make_case({"scenario": [row]}, "run.yaml")
+    assert re.match(rf"run\.yaml: ({field}): ", str(error.value)), error.value
+    assert allowed in str(error.value)
