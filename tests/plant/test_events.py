@@ -102,7 +102,8 @@ def test_events_at_one_instant_are_one_stage() -> None:
     ]
     found = stages(shipped("two_area"), events(*rows[:2]))
     assert [s.start_ns for s in found] == [0, SECOND]
-    assert (found[1].topology.load_scale, found[1].topology.lines_out) == ({"load_1": 1.1}, {"line_2"})
+    assert dict(found[1].topology.load_scale) == {"load_1": 1.1}
+    assert found[1].topology.lines_out == {"line_2"}
     (only,) = stages(shipped("two_area"), events(rows[2]))
     assert only.topology.lines_out == {"line_1"}
 

@@ -15,18 +15,21 @@ from tests.plant.running import Trace, changed, events, follow, frame_times, pla
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.system import Line, Sssc, System, Transformer
 
 VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(len(CHANNELS))
 LOAD_STEP = {"time": 0.1, "kind": "load_step", "load": "load_2", "change": -0.1}
 some = settings(deadline=None, max_examples=15)
 
 
+def branches(system: System) -> list[Line | Transformer | Sssc]:
+    return [*system.lines, *system.transformers, *system.devices]
+
+
 def everywhere(system: System) -> System:
     """A station at each end of each branch, beside those at the machines."""
-    branches = [*system.lines, *system.transformers, *system.devices]
-    stations = [{"name": m.name, "machine": m.name} for m in system.machines]
-    for branch in branches:
+    stations: list[dict[str, Any]] = [{"name": m.name, "machine": m.name} for m in system.machines]
+    for branch in branches(system):
         for side, bus in (("from", branch.from_bus), ("to", branch.to_bus)):
             stations.append({"name": f"{branch.name}.{side}", "bus": bus, "branches": [branch.name]})
     return changed(system, stations=stations, signals={}, measures={})
@@ -52,7 +55,7 @@ def test_power_balances_at_every_bus_and_in_all() -> None:
     at = {s.bus: phasor[s.name] for s in system.stations}
     for m in system.machines:
         left[m.bus] += power[m.name]
-    for branch in [*system.lines, *system.transformers, *system.devices]:
+    for branch in branches(system):
         left[branch.from_bus] -= power[f"{branch.name}.from"]
         left[branch.to_bus] -= power[f"{branch.name}.to"]
     drawn = np.zeros(len(trace.t))
@@ -126,7 +129,7 @@ def test_centre_of_inertia_moves_by_the_net_power_alone() -> None:
 def usual() -> tuple[NDArray[np.complex128], dict[str, NDArray[np.float64]]]:
     """Eigenvalues and speeds by machine of the shipped order."""
     system = shipped("two_area")
-    return np.linalg.eigvals(linearise(plant(system))[0]), swing(system)
+    return np.linalg.eigvals(linearise(plant(system))[0]).astype(complex), swing(system)
 
 
 def swing(system: System) -> dict[str, NDArray[np.float64]]:

@@ -1,0 +1,207 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from facts_damping.link.chain import chain, longest_delay_ns, traverse
+from facts_damping.link.transfer import Direction, direction, directions, downlink, uplink
+from facts_damping.loop import tick_ns
+from facts_damping.parameters.run import Link, Stage
+from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+STATIONS, DEVICES, TICKS = 3, 2, 40
+some = settings(deadline=None, max_examples=40)
+rates = st.integers(1, 1000)
+nanoseconds = st.integers(0, 2_000_000_000)
+
+
+def stages(*delays_ns: int) -> list[Stage]:
+    return [Stage(delay=d * 1e-9) for d in delays_ns]
+
+
+class Sent(NamedTuple):
+    """What a direction was given, and what it delivered, each entry with the number of its tick."""
+
+    way: Direction
+    given: NDArray[Any]
+    delivered: NDArray[Any]
+    ticks: int
+
+
+def send_up(delays_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
+    """Frames through a chain; each value says tick, station and channel."""
+    way = direction(stages(*delays_ns), DELIVERY, STATIONS, STATIONS, rate)
+    given, out = [], []
+    for k in range(ticks):
+        start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
+        frame = k + 0.1 * np.arange(STATIONS)[:, None] + 0.01 * np.arange(len(CHANNELS))
+        made = np.zeros(STATIONS, DELIVERY)
+        made["station"], made["measured_ns"], made["values"] = np.arange(STATIONS), start, frame
+        given.append(made)
+        count = uplink(way, k, start, end, frame)
+        out.append(way.out[:count].copy())
+        assert (out[-1]["tick"] == k).all()
+        assert (out[-1]["arrival_ns"] < end).all()
+    return Sent(way, np.concatenate(given), np.concatenate(out), ticks)
+
+
+def send_down(delays_ns: Sequence[int], issued_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
+    """Setpoints, each issued at its own instant, in the tick that holds it; values count them."""
+    way = direction(stages(*delays_ns), SETPOINT, DEVICES, len(issued_ns), rate)
+    given = np.zeros(len(issued_ns), SETPOINT)
+    given["issued_ns"] = given["effective_ns"] = np.sort(issued_ns)
+    given["device"], given["value"] = np.arange(len(given)) % DEVICES, np.arange(len(given))
+    out = []
+    for k in range(ticks):
+        start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
+        due = given[(given["issued_ns"] >= start) & (given["issued_ns"] < end)]
+        count = downlink(way, k, end, due, len(due))
+        out.append(way.out[:count].copy())
+        assert (out[-1]["tick"] == k).all()
+        assert ((out[-1]["effective_ns"] < end) & (out[-1]["effective_ns"] >= start)).all()
+    return Sent(way, given[given["issued_ns"] < tick_ns(ticks, rate)], np.concatenate(out), ticks)
+
+
+def check_statistics(sent: Sent, channel_of: str, delay_ns: int) -> None:
+    """Sent = delivered + under way + lost, a channel each; the delays are those of the chain."""
+    way, under_way = sent.way, sent.way.ring[1]
+    head = way.ring[0]
+    waiting = [way.entries[(head + i) % len(way.entries)][channel_of] for i in range(under_way)]
+    for channel, s in enumerate(way.statistics):
+        assert s["sent"] == (sent.given[channel_of] == channel).sum()
+        assert s["delivered"] == (sent.delivered[channel_of] == channel).sum()
+        assert s["lost"] == 0
+        assert s["sent"] == s["delivered"] + waiting.count(channel)
+        assert s["delay_sum_ns"] == delay_ns * s["delivered"]
+        if s["delivered"]:
+            assert s["delay_min_ns"] == s["delay_max_ns"] == delay_ns
+
+
+@some
+@given(rate=rates)
+def test_without_delay_a_tick_gets_what_it_gave(rate: int) -> None:
+    """Identity within the tick, in order, at the time of measurement."""
+    sent = send_up([], rate)
+    for name in ("station", "measured_ns", "values"):
+        np.testing.assert_array_equal(sent.delivered[name], sent.given[name])
+    np.testing.assert_array_equal(sent.delivered["arrival_ns"], sent.given["measured_ns"])
+    np.testing.assert_array_equal(sent.delivered["tick"], np.repeat(np.arange(TICKS), STATIONS))
+    check_statistics(sent, "station", 0)
+
+
+@some
+@given(rate=rates, delay=nanoseconds)
+def test_a_delay_shifts_every_entry_by_itself(rate: int, delay: int) -> None:
+    """To the nanosecond, whatever the frames; nothing lost, nothing twice, in order."""
+    sent = send_up([delay], rate)
+    n = len(sent.delivered)
+    np.testing.assert_array_equal(sent.delivered["arrival_ns"], sent.given["measured_ns"][:n] + delay)
+    for name in ("station", "measured_ns", "values"):
+        np.testing.assert_array_equal(sent.delivered[name], sent.given[name][:n])
+    assert n == (sent.given["measured_ns"] + delay < tick_ns(TICKS, rate)).sum()
+    tick_of = [next(k for k in range(TICKS) if t < tick_ns(k + 1, rate)) for t in sent.delivered["arrival_ns"]]
+    assert sent.delivered["tick"].tolist() == tick_of
+    check_statistics(sent, "station", delay)
+
+
+@some
+@given(rate=rates, delays=st.lists(st.integers(0, 500_000_000), max_size=5))
+def test_a_chain_delays_by_the_sum_of_its_stages(rate: int, delays: list[int]) -> None:
+    chained, single = send_up(delays, rate), send_up([sum(delays)], rate)
+    np.testing.assert_array_equal(chained.delivered, single.delivered)
+    table = chain(stages(*delays))
+    assert traverse(table, 12_345) == 12_345 + sum(delays)
+    assert longest_delay_ns(table) == sum(delays)
+
+
+@some
+@given(rate=st.integers(5, 1000), delay=nanoseconds, data=st.data())
+def test_setpoints_go_down_as_frames_go_up(rate: int, delay: int, data: st.DataObject) -> None:
+    """Each from its own instant of issue, not from its tick's."""
+    end = tick_ns(TICKS, rate) - 1
+    issued = data.draw(st.lists(st.integers(0, end), max_size=20))
+    sent = send_down([delay], issued, rate)
+    n = len(sent.delivered)
+    assert n == (sent.given["issued_ns"] + delay <= end).sum()
+    np.testing.assert_array_equal(sent.delivered["effective_ns"], sent.given["issued_ns"][:n] + delay)
+    for name in ("device", "value", "issued_ns"):
+        np.testing.assert_array_equal(sent.delivered[name], sent.given[name][:n])
+    check_statistics(sent, "device", delay)
+
+
+@some
+@given(issued=st.lists(st.integers(0, 999_999_999), min_size=1, max_size=12), delay=st.integers(0, 400_000_000))
+def test_what_is_sent_late_is_delivered_in_order_of_arrival(issued: list[int], delay: int) -> None:
+    """Setpoints of several controllers come in any order of issue: out by arrival, first come first at one instant."""
+    way = direction(stages(delay), SETPOINT, DEVICES, len(issued), 60)
+    given = np.zeros(len(issued), SETPOINT)
+    given["issued_ns"], given["value"] = issued, np.arange(len(issued))
+    assert downlink(way, 0, delay, given, len(given)) == 0
+    count = downlink(way, 1, 1_000_000_000 + delay, given, 0)
+    order = np.argsort(issued, kind="stable")
+    np.testing.assert_array_equal(way.out[:count]["value"], order)
+    np.testing.assert_array_equal(way.out[:count]["effective_ns"], np.array(issued)[order] + delay)
+    assert downlink(way, 2, 5_000_000_000, given, 0) == 0
+
+
+def test_an_entry_that_arrives_on_a_boundary_belongs_to_the_tick_that_starts() -> None:
+    rate = 50
+    sent = send_up([20_000_000], rate, 3)
+    assert sent.delivered["tick"].tolist() == [1] * STATIONS + [2] * STATIONS
+    early = send_up([19_999_999], rate, 3)
+    assert early.delivered["tick"].tolist() == [k for k in range(3) for _ in range(STATIONS)]
+
+
+def test_the_ring_goes_round_many_times() -> None:
+    """The queue holds a second's worth and more: here ten times its size goes through."""
+    rate, delay = 100, 50_000_000
+    sent = send_up([delay], rate, 1200)
+    assert len(sent.given) > 10 * len(sent.way.entries)
+    np.testing.assert_array_equal(sent.delivered["values"], sent.given["values"][: len(sent.delivered)])
+    check_statistics(sent, "station", delay)
+
+
+def test_what_finds_no_room_is_counted_as_lost() -> None:
+    """Sent = delivered + under way + lost, and those that are there arrive."""
+    way = direction(stages(to_ns(1.0)), SETPOINT, 1, 1, 10)
+    room = len(way.entries)
+    given = np.zeros(room + 7, SETPOINT)
+    given["value"] = np.arange(len(given))
+    assert downlink(way, 0, 1, given, len(given)) == 0
+    (s,) = way.statistics
+    assert (s["sent"], s["delivered"], s["lost"], way.ring[1]) == (room + 7, 0, 7, room)
+    count = downlink(way, 1, to_ns(2.0), given, 0)
+    assert way.out[:count]["value"].tolist() == list(range(room))
+    assert (s["delivered"], way.ring[1]) == (room, 0)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1, 60.0])
+def test_directions_have_room_for_the_longest_delay(delay: float) -> None:
+    """Every tick full, for as long as entries are under way."""
+    link = Link(up=[Stage(delay=delay)], down=[Stage(delay=delay)])
+    up, down = directions(link, STATIONS, DEVICES, 2, 30)
+    frame, given = np.zeros((STATIONS, len(CHANNELS))), np.zeros(4, SETPOINT)
+    for k in range(round(delay * 30) + 60):
+        start, end = tick_ns(k, 30), tick_ns(k + 1, 30)
+        given["issued_ns"] = start
+        uplink(up, k, start, end, frame)
+        downlink(down, k, end, given, len(given))
+    assert up.statistics["lost"].sum() == down.statistics["lost"].sum() == 0
+    assert up.statistics["delivered"].min() > 0
+    assert len(up.statistics) == STATIONS
+    assert len(down.statistics) == DEVICES
+
+
+def test_directions_do_not_share_their_state() -> None:
+    up, down = directions(Link(up=[Stage(delay=0.02)], down=[Stage(delay=0.03)]), STATIONS, DEVICES, 1, 60)
+    assert (longest_delay_ns(up.chain), longest_delay_ns(down.chain)) == (20_000_000, 30_000_000)
+    assert (up.entries.dtype, down.entries.dtype) == (DELIVERY, SETPOINT)
