@@ -1,0 +1,163 @@
+"""The executables as `ros2 run` starts them: any order, parameters with meaning and range, errors in one line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import rclpy
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+from facts_damping import loop
+from facts_damping.configuration import load_case
+from facts_damping.recording.reader import load
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.node import Node
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def start(domain: int) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Starts executables by name with parameters; whatever still runs at the end is stopped."""
+    running: list[subprocess.Popen[str]] = []
+
+    def start_one(executable: str, *options: str, **parameters: Any) -> subprocess.Popen[str]:
+        arguments = [str(Path(sys.executable).parent / executable), "--ros-args", *options]
+        for name, value in parameters.items():
+            arguments += ["-p", f"{name}:={value}"]
+        running.append(subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+        return running[-1]
+
+    yield start_one
+    for popen in running:
+        if popen.poll() is None:
+            popen.terminate()
+        try:
+            popen.communicate(timeout=10)
+        except subprocess.TimeoutExpired:
+            popen.kill()
+            popen.communicate()
+
+
+@pytest.fixture
+def client(domain: int) -> Iterator[Callable[[Any, str, Any], Any]]:
+    """Calls a service of another node and returns the answer."""
+    context = Context()
+    rclpy.init(context=context)
+    node: Node = rclpy.create_node("tester", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def call(kind: Any, name: str, request: Any) -> Any:
+        service = node.create_client(kind, name)
+        assert service.wait_for_service(PATIENCE_S), name
+        future = service.call_async(request)
+        executor.spin_until_future_complete(future, PATIENCE_S)
+        assert future.done(), f"no answer from {name}"
+        return future.result()
+
+    yield call
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def test_nodes_started_one_by_one_give_the_in_process_run(start: Any, tmp_path: Path) -> None:
+    common = {"scenario": "large", "duration": 3.0, "link": "delay_100ms", "recorder": "true", "start_timeout": 60.0}
+    recorder = start("recorder", output=tmp_path / "bag", **common)
+    plant = start("plant_sim", **common)
+    start("wan_link", **common)
+    start("controller", "-r", "__node:=damper", **common)
+    _, errors = plant.communicate(timeout=PATIENCE_S)
+    assert (plant.returncode, errors) == (0, "")
+    recorder.terminate()
+    output, errors = recorder.communicate(timeout=PATIENCE_S)
+    assert (recorder.returncode, output, errors) == (0, "lost 0\n", "")
+    recorded = load(tmp_path / "bag")
+    computed = loop.run(load_case(None, ["scenario=large", "duration=3.0", "link=delay_100ms"]))
+    assert recorded.frames.tobytes() == computed.frames.tobytes()
+    assert recorded.applied.tobytes() == computed.applied.tobytes()
+
+
+def test_graph_in_a_namespace(start: Any) -> None:
+    """Names are relative: the whole graph moves with its namespace."""
+    common = {"duration": 0.5}
+    nodes = [start(name, "-r", "__ns:=/grid_a", **common) for name in ("wan_link", "controller", "plant_sim")]
+    _, errors = nodes[-1].communicate(timeout=PATIENCE_S)
+    assert (nodes[-1].returncode, errors) == (0, "")
+
+
+def test_parameters_have_description_unit_and_range(start: Any, client: Any) -> None:
+    start("controller", start_timeout=60.0)
+    start("wan_link", start_timeout=60.0)
+    start("plant_sim", mode="realtime", duration=1000.0, start_timeout=60.0)
+    names = client(ListParameters, "/controller/list_parameters", ListParameters.Request()).result.names
+    own = {"gain", "Tw", "T1", "T2", "T3", "T4"}
+    assert own | {"run", "set", "mode", "timeout", "index", "frame_rate", "duration", "seed"} <= set(names)
+    described = client(DescribeParameters, "/controller/describe_parameters", DescribeParameters.Request(names=names))
+    by_name = {d.name: d for d in described.descriptors}
+    for name in own:
+        assert by_name[name].description.endswith("]"), name
+        assert by_name[name].floating_point_range[0].from_value < by_name[name].floating_point_range[0].to_value
+        assert not by_name[name].read_only
+    assert by_name["duration"].description.endswith("[s]")
+    assert by_name["frame_rate"].integer_range[0].to_value == 1000
+    assert by_name["frame_rate"].read_only
+    assert all(
+        d.description for d in described.descriptors if d.name not in ("use_sim_time", "start_type_description_service")
+    )
+
+    def set_gain(value: float) -> Any:
+        wanted = Parameter(name="gain", value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
+        request = SetParameters.Request(parameters=[wanted])
+        return client(SetParameters, "/controller/set_parameters", request).results[0]
+
+    assert set_gain(30.0).successful
+    refused = set_gain(1e6)
+    assert not refused.successful
+    assert refused.reason
+    answer = client(GetParameters, "/controller/get_parameters", GetParameters.Request(names=["gain"]))
+    assert answer.values[0].double_value == 30.0
+
+
+@pytest.mark.parametrize(
+    ("executable", "parameters", "said"),
+    [
+        ("plant_sim", {"frame_rate": 0}, "frame_rate"),
+        ("plant_sim", {"scenario": "huge"}, "allowed: large, multiple, small"),
+        ("plant_sim", {"mode": "warp"}, "mode: 'warp' given; allowed: lockstep, realtime"),
+        ("wan_link", {"link": "wet_string"}, "allowed: delay_100ms, ideal"),
+        ("wan_link", {"set": "[link.up.0.delay=-1]"}, "link.up.0.delay: -1 given"),
+        ("controller", {"index": 7}, "index: 7 given; allowed: 0 to 0"),
+        ("controller", {"gain": 1e9}, "gain"),
+        ("controller", {"run": "nowhere"}, "runs: 'nowhere' given"),
+        ("recorder", {"output": "/proc/nowhere"}, "/proc/nowhere"),
+    ],
+)
+def test_bad_parameter_is_exit_2_and_one_line(start: Any, executable: str, parameters: Any, said: str) -> None:
+    node = start(executable, **parameters)
+    output, errors = node.communicate(timeout=PATIENCE_S)
+    assert node.returncode == 2
+    assert output == ""
+    assert errors.count("\n") == 1
+    assert said in errors
+
+
+def test_missing_peer_is_named(start: Any) -> None:
+    began = time.monotonic()
+    node = start("plant_sim", start_timeout=1.0)
+    _, errors = node.communicate(timeout=PATIENCE_S)
+    assert time.monotonic() - began < PATIENCE_S / 2
+    assert node.returncode == 1
+    assert "a subscriber of /pmu/frames, a publisher of /setpoints/delivered" in errors
