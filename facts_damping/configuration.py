@@ -12,7 +12,6 @@ from facts_damping.parameters.run import Link, Run, Scenario
 from facts_damping.parameters.system import System
 from facts_damping.validation import check
 
-
 MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
 
 

@@ -6,10 +6,11 @@ import sys
 import time
 from pathlib import Path
 
-from facts_damping import cli, configuration, graph
+from facts_damping import commands, configuration, graph
 from facts_damping.analysis.summary import table
 from facts_damping.errors import FactsDampingError
 from facts_damping.recording.reader import load
+from facts_damping.terminal import Progress
 
 CASES = {
     "no control": ["controllers=[]"],
@@ -24,7 +25,7 @@ def run_all(folder: Path) -> None:
     for name, sets in CASES.items():
         case = configuration.load_case("two_area_small", sets)
         place = folder / name.replace(",", "").replace(" ", "_")
-        progress = cli.Progress(name)
+        progress = Progress(name)
         try:
             outcome = graph.run(case, "lockstep", place, progress)
         finally:
@@ -33,9 +34,9 @@ def run_all(folder: Path) -> None:
         named.append((name, record))
         print(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
     print("\nscenario small of two_area: load of area 2 decreased by 10 % at t = 1 s\n")
-    print(table([(name, cli.summarise(record, None, None)) for name, record in named]))
+    print(table([(name, commands.summarise(record, None, None)) for name, record in named]))
     print()
-    for path in cli.plot(named, folder):
+    for path in commands.plot(named, folder):
         print(f"plot: {path}")
     print(f"recordings: {folder}/*/recording")
 

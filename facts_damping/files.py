@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 from functools import cache
 from pathlib import Path
@@ -80,6 +81,24 @@ def read_table(path: Path) -> dict[str, Any]:
             raise InputError(f"{path}: extends: '{base}' given; allowed: a file that does not extend another itself")
         content = {**parent, **content}
     return content
+
+
+def new_folder(path: Path) -> Path:
+    """A folder for results, made where it is not there yet."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {path}: {error.strerror}; allowed: a folder that can be written") from error
+    return path
+
+
+def check_writable(target: str | None) -> None:
+    """Refuse a file for results (`-`: standard output) that cannot be written, before any work is done."""
+    if target in (None, "-"):
+        return
+    path = Path(str(target))
+    if path.is_dir() or not os.access(path.parent, os.W_OK):
+        raise InputError(f"--json {path}: cannot be written; allowed: a file in an existing folder, or -")
 
 
 def dump(content: Any) -> str:

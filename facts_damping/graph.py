@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, RunError
-from facts_damping.files import dump
+from facts_damping.files import dump, new_folder
 from facts_damping.loop import controller_names
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], 
     """
     if (out / "recording").exists():
         raise InputError(f"--out {out}: holds a recording already; allowed: a new folder")
-    out.mkdir(parents=True, exist_ok=True)
+    new_folder(out)
     began = time.monotonic()
     misses = 0
     with graph(case, mode, out, timeout) as running:

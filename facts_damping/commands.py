@@ -1,0 +1,196 @@
+"""What the commands do: simulate, run, analyze, modes, list. Each takes the parsed command line."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from facts_damping import configuration, files, loop
+from facts_damping.terminal import Progress, write_json
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
+    from facts_damping.signals import Record
+
+
+def _out(arguments: argparse.Namespace, name: str) -> Path:
+    """Folder for results: `--out`, or a new one under `results`, named by date and run."""
+    if arguments.out is not None:
+        return Path(arguments.out)
+    return Path("results") / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
+
+
+def _say(arguments: argparse.Namespace, text: str) -> None:
+    """Tell the user, unless standard output belongs to JSON."""
+    if arguments.json != "-":
+        sys.stdout.write(text + "\n")
+
+
+def summarise(record: Record, wall_s: float | None, recording: str | None) -> dict[str, Any]:
+    """The JSON of a run (docs/commands.md)."""
+    from facts_damping.analysis import summary
+
+    return {**summary.summarise(record), "wall_s": wall_s, "recording": recording}
+
+
+def plot(records: Sequence[tuple[str, Record]], folder: Path) -> list[Path]:
+    """Plots of speeds, tie flow and injected voltage as PNG."""
+    from facts_damping.analysis.plots import plot_comparison
+
+    return plot_comparison(records, folder)
+
+
+def _report(
+    arguments: argparse.Namespace,
+    named: list[tuple[str, Record]],
+    summaries: list[dict[str, Any]],
+    folder: Path,
+) -> None:
+    """Table on the terminal, plots in the folder."""
+    from facts_damping.analysis.summary import table
+
+    for name, record in named:
+        for note in record.notes:
+            sys.stderr.write(f"{name}: {note}\n")
+    _say(arguments, table([(name, s) for (name, _), s in zip(named, summaries, strict=True)]))
+    files.new_folder(folder)
+    for path in plot(named, folder):
+        _say(arguments, f"plot: {path}")
+
+
+def label(run: dict[str, Any]) -> str:
+    """A short name of a run: system, scenario, controllers, link."""
+    parts = [
+        run["system"],
+        run["scenario"],
+        "+".join(c["name"] for c in run["controllers"]) or "none",
+        run["link"],
+    ]
+    return "-".join(part if isinstance(part, str) else "custom" for part in parts).replace("/", "_")
+
+
+def simulate(arguments: argparse.Namespace) -> None:
+    """One closed loop in process."""
+    case = configuration.load_case(arguments.run, arguments.set)
+    loop.build_loop(case)  # bad input is refused before anything is made
+    if arguments.out is not None:
+        files.new_folder(Path(arguments.out))
+    began = time.perf_counter()
+    record = loop.run(case)
+    result = summarise(record, time.perf_counter() - began, None)
+    if arguments.out is not None:
+        folder = Path(arguments.out)
+        _report(arguments, [(label(case.summary()), record)], [result], folder)
+        write_json(str(folder / "result.json"), result)
+    else:
+        from facts_damping.analysis.summary import table
+
+        _say(arguments, table([(label(case.summary()), result)]))
+    write_json(arguments.json, result)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """The same loop as a ROS 2 graph."""
+    from facts_damping import graph
+    from facts_damping.recording.reader import load
+
+    case = configuration.load_case(arguments.run, arguments.set)
+    loop.build_loop(case)  # bad input is refused before anything starts
+    name = label(case.summary())
+    folder = _out(arguments, name)
+    progress = Progress(name)
+    try:
+        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout)
+    finally:
+        progress.close()
+    record = load(outcome.recording)
+    result = summarise(record, outcome.wall_s, str(outcome.recording))
+    result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
+    _report(arguments, [(name, record)], [result], folder)
+    _say(arguments, f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}")
+    _say(arguments, f"recording: {outcome.recording}")
+    write_json(str(folder / "result.json"), result)
+    write_json(arguments.json, result)
+
+
+def analyze(arguments: argparse.Namespace) -> None:
+    """Figures and plots of recordings."""
+    from facts_damping.recording.reader import load
+
+    named = []
+    for path in arguments.recordings:
+        record = load(path)
+        named.append((label(record.configuration.get("asked") or record.configuration), record))
+    if len({name for name, _ in named}) < len(named):
+        named = [(f"{i + 1} {name}", record) for i, (name, record) in enumerate(named)]
+    results = [
+        summarise(record, None, str(path)) for (_, record), path in zip(named, arguments.recordings, strict=True)
+    ]
+    folder = Path(arguments.out) if arguments.out is not None else Path(arguments.recordings[0]).parent / "analysis"
+    _report(arguments, named, results, folder)
+    write_json(arguments.json, results)
+
+
+def modes(arguments: argparse.Namespace) -> None:
+    """Power flow, eigenvalues and participation of a system at its start, devices installed."""
+    from facts_damping.plant import linear
+    from facts_damping.plant.build import build
+
+    system = configuration.load_system(arguments.system, arguments.set)
+    built = build(system, [d.name for d in system.devices], [])
+    matrix, _ = linear.linearise(built)
+    found = linear.modes(matrix, built.state_names)
+    buses = built.flow.buses(system.base_power)
+    _say(
+        arguments,
+        f"{system.name}: {system.description}\n\nbus          V p.u.  angle deg       P MW     Q Mvar",
+    )
+    for bus in buses:
+        _say(arguments, "{name:<10} {v_pu:8.4f} {angle_deg:10.3f} {p_mw:10.2f} {q_mvar:10.2f}".format(**bus))
+    _say(arguments, "\n     real 1/s   imag rad/s         Hz  damping ratio  participation")
+    rows = []
+    for mode in found:
+        rows.append(
+            {
+                "real": mode.eigenvalue.real,
+                "imag": mode.eigenvalue.imag,
+                "frequency_hz": mode.frequency_hz,
+                "damping_ratio": mode.damping_ratio,
+                "participation": mode.participation,
+            }
+        )
+        most = ", ".join(f"{state} {share:.2f}" for state, share in list(mode.participation.items())[:4])
+        _say(
+            arguments,
+            f"{mode.eigenvalue.real:13.5f} {mode.eigenvalue.imag:12.5f} {mode.frequency_hz:10.4f} "
+            f"{mode.damping_ratio:14.4f}  {most}",
+        )
+    write_json(arguments.json, {"power_flow": {"buses": buses}, "modes": rows})
+
+
+def list_(arguments: argparse.Namespace) -> None:
+    """What there is: systems, scenarios, controllers, links."""
+    if arguments.kind == "controllers":
+        from facts_damping.control.table import CONTROLLERS
+
+        rows = [
+            {
+                "name": name,
+                "description": kind.description,
+                "parameters": {p: row.default for p, row in kind.parameters.items()},
+            }
+            for name, kind in CONTROLLERS.items()
+        ]
+    else:
+        rows = []
+        for name, path in files.shipped(arguments.kind).items():
+            content = files.read_table(path)
+            rows.append({"name": name, "description": str(content.get("description", ""))})
+    width = max(len(str(row["name"])) for row in rows)
+    for row in rows:
+        _say(arguments, f"{row['name']!s:<{width}}  {row['description']}")
+    write_json(arguments.json, rows)

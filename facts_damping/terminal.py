@@ -1,0 +1,53 @@
+"""What a user sees: progress on the terminal, JSON in a file or on standard output."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+
+class Progress:
+    """A line of progress on standard error, where that is a terminal."""
+
+    def __init__(self, label: str) -> None:
+        self._label, self._shown = label, sys.stderr.isatty()
+        self._began = time.monotonic()
+
+    def __call__(self, done: int, of: int) -> None:
+        """Show how far it is."""
+        if self._shown:
+            took = time.monotonic() - self._began
+            width = 30
+            bar = "#" * (width * done // of)
+            sys.stderr.write(f"\r{self._label} [{bar:<{width}}] {done}/{of} ticks, {took:.0f} s")
+            sys.stderr.flush()
+
+    def close(self) -> None:
+        """End the line."""
+        if self._shown:
+            sys.stderr.write("\n")
+
+
+def write_json(target: str | None, content: Any) -> None:
+    """Write JSON to a file, or to standard output for `-`."""
+    if target is None:
+        return
+    text = json.dumps(_finite(content), indent=2, allow_nan=False) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+        return
+    Path(target).write_text(text, encoding="utf-8")
+
+
+def _finite(content: Any) -> Any:
+    """Content with None for numbers that JSON does not know."""
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [_finite(value) for value in content]
+    if isinstance(content, float) and content - content != 0.0:
+        return None
+    return content
