@@ -170,6 +170,18 @@ def test_a_bolted_fault_holds_its_bus_at_zero() -> None:
     assert (trace.frames[~burning, station, 0] > 0.5).all()
 
 
+def test_a_line_taken_out_takes_its_fault_along() -> None:
+    """The usual clearing by breakers; a fault that still burns is back with the line."""
+    fault = [at(1.0, "fault", line="line_4", location=0.3, r=0.01), at(1.1, "line_out", line="line_4")]
+    out = plant("two_area", at(1.1, "line_out", line="line_4")).plant.network[-1]
+    burning = plant("two_area", *fault, at(2.0, "line_in", line="line_4")).plant.network
+    cleared = [at(1.5, "clear", line="line_4"), at(2.0, "line_in", line="line_4")]
+    healthy = plant("two_area", *fault, *cleared).plant.network
+    np.testing.assert_array_equal(burning[2], out)
+    np.testing.assert_array_equal(burning[3], burning[1])
+    np.testing.assert_array_equal(healthy[-1], healthy[0])
+
+
 # Events, and what the message must name: index and field, value given, what is allowed.
 REFUSED: list[tuple[list[dict[str, Any]], str, str, str]] = [
     ([at(1, "fault", bus="B99")], "events.0.bus", "'B99'", "B1, B2"),
