@@ -11,7 +11,7 @@ from facts_damping.control.bank import act, parameters
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError
 from facts_damping.loop import build_bank, build_link, controller_names, issue_room, rehearse, tick_ns
-from facts_damping.nodes.messages import Frames, Inner, Setpoints
+from facts_damping.nodes.messages import Inner
 from facts_damping.nodes.node import (
     RELIABLE,
     descriptor,
@@ -22,6 +22,7 @@ from facts_damping.nodes.node import (
     wait_for_peers,
 )
 from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.tables import Frames, Setpoints
 
 if TYPE_CHECKING:
     from rclpy.node import Node

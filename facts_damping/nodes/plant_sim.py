@@ -7,12 +7,12 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
 
 from facts_damping.errors import RunError
 from facts_damping.loop import build_plant, grid_events, rehearse, tick_ns
-from facts_damping.nodes.messages import Frames, Setpoints, Truth, grid_event, set_time
+from facts_damping.nodes.messages import Truth, diagnostics, grid_event
 from facts_damping.nodes.node import (
     RELIABLE,
     finish,
@@ -23,6 +23,7 @@ from facts_damping.nodes.node import (
     wait_for_peers,
 )
 from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.plant.dynamics import advance, measure, workspace
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 
@@ -105,18 +106,6 @@ class PlantSim:
             pass
         self.misses += self.answered < tick
 
-    def diagnose(self, start_ns: int) -> None:
-        """Publish how the plant keeps time."""
-        status = DiagnosticStatus(name="plant_sim", level=DiagnosticStatus.WARN if self.misses else DiagnosticStatus.OK)
-        status.message = f"{self.misses} deadline misses" if self.misses else "on time"
-        status.values = [
-            KeyValue(key="deadline_misses", value=str(self.misses)),
-            KeyValue(key="mode", value=self.options.mode),
-        ]
-        message = DiagnosticArray(status=[status])
-        set_time(message.header.stamp, start_ns)
-        publish(self.to_diagnostics, message)
-
     def run(self) -> None:
         """All ticks, or until the plant is no longer sound; progress as lines `tick K N MISSES` on standard output."""
         rate, ticks = self.case.run.frame_rate, self.case.ticks
@@ -125,7 +114,7 @@ class PlantSim:
             start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
             sound = self.measure(k, start)
             if k % rate == 0:
-                self.diagnose(start)
+                publish(self.to_diagnostics, diagnostics("plant_sim", self.options.mode, self.misses, start))
             if self.options.realtime:
                 self.wait_realtime(k, wall_start + end * 1e-9)
             else:

@@ -11,9 +11,10 @@ from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, VoltageSetpoint
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import downlink, uplink
 from facts_damping.loop import build_link, controller_names, rehearse, tick_ns
-from facts_damping.nodes.messages import Frames, Setpoints, link_statistics
+from facts_damping.nodes.messages import link_statistics
 from facts_damping.nodes.node import RELIABLE, publish, read_case, read_options, run_node, wait_for_peers
 from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.signals import CHANNELS, SETPOINT
 
 if TYPE_CHECKING:

@@ -60,7 +60,7 @@ def client(domain: int) -> Iterator[Callable[[Any, str, Any], Any]]:
     executor.add_node(node)
 
     def call(kind: Any, name: str, request: Any) -> Any:
-        service = node.create_client(kind, name)
+        service: Any = node.create_client(kind, name)
         assert service.wait_for_service(PATIENCE_S), name
         future = service.call_async(request)
         executor.spin_until_future_complete(future, PATIENCE_S)
