@@ -9,9 +9,11 @@ from scipy.linalg import expm
 
 from facts_damping import loop
 from facts_damping.configuration import load_case
+from facts_damping.plant.dynamics import advance, workspace
 from facts_damping.plant.linear import linearise
+from facts_damping.signals import to_ns
 from tests.independent import two_area as reference
-from tests.plant.running import BYPASS, Trace, follow, frame_times, plant, shipped, split
+from tests.plant.running import BYPASS, Trace, follow, frame_times, plant, shipped, split, table
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -131,6 +133,14 @@ def test_a_setpoint_on_a_boundary_of_frames_is_in_force_from_there_on() -> None:
     trace = follow(built, frame_times(0.1), [(3 / 60, 0.05)])
     assert (trace.reference[:4] == 0).all()
     np.testing.assert_allclose(trace.reference[4:, 0], 0.05, rtol=0, atol=1e-12)
+
+
+def test_a_setpoint_that_comes_late_acts_at_once_and_the_last_of_an_instant_wins() -> None:
+    """In real time a link may deliver what was due before."""
+    plant_, state, *_ = plant("two_area")
+    targets = table([(0.05, 0.03), (0.08, -0.02), (0.08, 0.01)])
+    advance(plant_, state, to_ns(0.1), to_ns(0.12), targets, len(targets), workspace(plant_, state))
+    assert (state.target[0], state.reference[0]) == (0.01, 0.01)
 
 
 def test_the_reference_is_an_exact_ramp() -> None:
