@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from facts_damping.errors import InputError
 from facts_damping.parameters.system import Sssc
 from facts_damping.plant import sssc
+from tests.independent.dynamics import sssc_voltage
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
 FAULT = {"time": 0.1, "kind": "fault", "bus": "B8", "duration": 0.1}
@@ -49,6 +50,12 @@ def test_converter_solves_its_port(
     assert found.blocked == (found.v_p == found.v_q == 0 and found.ac_limited and found.dc_limited)
     if abs(voltage) > 0.4:
         assert not found.blocked
+    if not found.blocked:  # the independent model, at this current
+        dx = np.zeros(3)
+        sssc.derivatives(row, np.array(x), found, dx)
+        v_p, v_q, _, rates = sssc_voltage(found.magnitude, u, np.array(x))
+        assert (found.v_p, found.v_q) == pytest.approx((v_p, v_q), rel=1e-9, abs=1e-12)
+        np.testing.assert_allclose(dx, rates, rtol=1e-9, atol=1e-12)
 
 
 def test_a_blocked_converter_stands_still() -> None:
