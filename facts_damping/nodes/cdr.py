@@ -10,10 +10,13 @@ does not fit it is read by rclpy as usual.
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+import struct
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from rclpy.serialization import serialize_message
+
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -31,6 +34,7 @@ FORMATS = {
     "uint64": "u8",
     "double": "f8",
 }
+_STAMP, _TICK = struct.Struct("<iI"), struct.Struct("<Q")
 _SEQUENCE = re.compile(r"sequence<(.+)>")
 
 
@@ -74,34 +78,45 @@ def _leaf(value: Any, kind: str, path: str) -> Iterator[tuple[str, str, Any]]:
         yield from _fields(value, f"{path}.")
 
 
+class Field(NamedTuple):
+    """Where numbers of one format stand in a stream: format, and indices among the numbers of that format."""
+
+    form: str
+    places: NDArray[np.int64]
+
+
 class Template:
-    """The bytes of a message whose strings and lengths stay."""
+    """The bytes of a message whose strings and lengths stay; it begins with a header's stamp."""
 
     def __init__(self, message: Any) -> None:
         """Lay out `message`; its numbers may be changed later, its strings and lengths may not."""
-        serialised = serialize_message(message)
+        serialised = np.frombuffer(serialize_message(message), np.uint8)
         self._places, shape = places(message)
         self._shape = np.array(shape) + HEADER
+        self._constant = serialised[self._shape].tobytes()
+        self._tick = HEADER + self._places["tick"][0]
         # Padding is zero, between fields and at the end, where DDS fills up a word: equal runs, equal bytes.
         self._buffer = bytearray(_words(len(serialised)))
         kept = np.frombuffer(self._buffer, np.uint8)
-        for used in (np.arange(HEADER), self._shape):
-            kept[used] = np.frombuffer(serialised, np.uint8)[used]
-        for offset, form in self._places.values():
-            used = np.arange(HEADER + offset, HEADER + offset + int(form[1]))
-            kept[used] = np.frombuffer(serialised, np.uint8)[used]
-        self._constant = kept[self._shape].copy()
-        self._views = views(self._buffer)
+        used = [np.arange(offset, offset + int(form[1])) + HEADER for offset, form in self._places.values()]
+        for part in (np.arange(HEADER), self._shape, *used):
+            kept[part] = serialised[part]
+        self._views = {form: _numbers(self._buffer, form) for form in FORMATS.values()}
 
-    def index(self, paths: Iterable[str]) -> tuple[str, NDArray[np.int64]]:
-        """Format and indices of fields of one type, for `write` and `read`."""
+    def index(self, paths: Iterable[str]) -> Field:
+        """The fields of some paths, all of one format."""
         known = [self._places[path] for path in paths]
-        form = known[0][1]
-        return form, np.array([offset // int(form[1]) for offset, _ in known])
+        form = known[0][1] if known else "f8"
+        return Field(form, np.array([offset // int(form[1]) for offset, _ in known], np.int64))
 
-    def write(self, field: tuple[str, NDArray[np.int64]], values: Any) -> None:
+    def write(self, field: Field, values: Any) -> None:
         """Put values into fields."""
-        self._views[field[0]][field[1]] = values
+        self._views[field.form][field.places] = values
+
+    def write_head(self, start_ns: int, tick: int) -> None:
+        """Put the stamp of the header and the tick."""
+        _STAMP.pack_into(self._buffer, HEADER, *divmod(start_ns, NANOSECONDS))
+        _TICK.pack_into(self._buffer, self._tick, tick)
 
     def data(self) -> bytes:
         """The message as it stands, to be published raw."""
@@ -111,15 +126,21 @@ class Template:
         """Whether `data` is a message of this shape: equal but for its numbers (and what pads it)."""
         if _words(len(data)) != len(self._buffer):
             return False
-        return bool(np.array_equal(np.frombuffer(data, np.uint8)[self._shape], self._constant))
+        return bool(np.frombuffer(data, np.uint8)[self._shape].tobytes() == self._constant)
+
+    def tick_of(self, data: bytes) -> int:
+        """Tick of a message that fits."""
+        return int(_TICK.unpack_from(data, self._tick)[0])
 
 
-def views(data: bytes | bytearray) -> dict[str, NDArray[Any]]:
-    """The stream of a message as numbers of each format, for the fields that `Template.index` gives."""
-    return {
-        form: np.frombuffer(data, f"<{form}", (len(data) - HEADER) // int(form[1]), HEADER)
-        for form in ("u1", "u2", "i4", "u4", "u8", "f8")
-    }
+def read(data: bytes, field: Field) -> NDArray[Any]:
+    """Values of fields in a message that fits their template."""
+    return _numbers(data, field.form)[field.places]
+
+
+def _numbers(data: bytes | bytearray, form: str) -> NDArray[Any]:
+    """The stream as numbers of one format."""
+    return np.frombuffer(data, f"<{form}", (len(data) - HEADER) // int(form[1]), HEADER)
 
 
 def _words(size: int) -> int:

@@ -43,14 +43,13 @@ class Truth:
             name: t.index(f"devices.{i}.{name if name == 'blocked' else name + '_pu'}" for i in range(len(devices)))
             for name in (DEVICE_TRUTH.names or () if devices else ())
         }
-        self._head = [t.index([p]) for p in ("header.stamp.sec", "header.stamp.nanosec", "tick", "in_synchronism")]
+        self._sound = t.index(["in_synchronism"])
 
     def fill(self, tick: int, start_ns: int, sound: bool, machines: NDArray[Any], devices: NDArray[Any]) -> bytes:
         """Message of a tick."""
         t = self._template
-        head = (start_ns // NANOSECONDS, start_ns % NANOSECONDS, tick, sound)
-        for field, value in zip(self._head, head, strict=True):
-            t.write(field, value)
+        t.write_head(start_ns, tick)
+        t.write(self._sound, sound)
         t.write(self._machines, machines.view(np.float64))  # all fields are numbers of the same kind
         for name, field in self._devices.items():
             t.write(field, devices[name])
@@ -75,7 +74,7 @@ class Inner:
                 saturated=[False] * devices,
             )
         )
-        self._head = [t.index([p]) for p in ("header.stamp.sec", "header.stamp.nanosec", "tick", "fresh")]
+        self._fresh = t.index(["fresh"])
         self._inputs = t.index(f"inputs.{i}" for i in range(signals))
         self._outputs = [
             t.index(f"{name}.{i}" for i in range(devices)) for name in ("unlimited_outputs", "outputs", "saturated")
@@ -92,11 +91,10 @@ class Inner:
     ) -> bytes:
         """Message of a tick."""
         t = self._template
-        head = (start_ns // NANOSECONDS, start_ns % NANOSECONDS, tick, fresh)
-        for field, value in zip(self._head, head, strict=True):
-            t.write(field, value)
-        t.write(self._inputs, inputs[: len(self._inputs[1])])
-        count = len(self._outputs[0][1])
+        t.write_head(start_ns, tick)
+        t.write(self._fresh, fresh)
+        t.write(self._inputs, inputs[: len(self._inputs.places)])
+        count = len(self._outputs[0].places)
         for field, values in zip(self._outputs, (unlimited, outputs, outputs != unlimited), strict=True):
             t.write(field, values[:count])
         return t.data()

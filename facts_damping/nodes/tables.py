@@ -6,18 +6,18 @@ is laid out once (`cdr.Template`) and then written and read in place.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from facts_damping_msgs.msg import PmuDataFrame, PmuFrame, VoltageSetpoint, VoltageSetpoints
 from rclpy.serialization import deserialize_message
 
 from facts_damping.loop import controller_names
-from facts_damping.nodes.cdr import Template, views
+from facts_damping.nodes.cdr import Field, Template, read
 from facts_damping.signals import CHANNELS, DELIVERY, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Sequence
 
     from builtin_interfaces.msg import Time
     from numpy.typing import NDArray
@@ -27,63 +27,75 @@ if TYPE_CHECKING:
 MOST_SHAPES = 64  # of one topic; when there are more, all are laid out anew as they come
 
 
-class Shape:
-    """A message of one shape: a table of entries under a header, a tick and `fresh`.
+class Layout(NamedTuple):
+    """How a message's table of entries lies in rows of eight-byte words (DELIVERY, SETPOINT).
 
-    `times` and `numbers` say which fields of an entry hold which fields of a row: row field -> path, or
-    paths.
+    `times`: paths of an entry's times, in the order of the row's columns from `first_time` on;
+    `values`: paths of its numbers, in the order of the columns from `first_value` on.
     """
 
-    def __init__(self, message: Any, entries: str, times: dict[str, Any], numbers: dict[str, Any]) -> None:
+    entries: str
+    dtype: np.dtype[Any]
+    times: list[str]
+    first_time: int
+    values: list[str]
+    first_value: int
+
+
+class Shape:
+    """A message of one shape: a table of entries under a header, a tick and `fresh`."""
+
+    def __init__(self, message: Any, layout: Layout) -> None:
         """Lay the message out."""
-        self.count = len(getattr(message, entries))
+        self.count = len(getattr(message, layout.entries))
         message.fresh = self.count > 0
-        self.template = t = Template(message)
+        self.template = Template(message)
+        self._layout = layout
+        self._fields: dict[tuple[str, ...], Field] = {}
+        self._times = slice(layout.first_time, layout.first_time + len(layout.times))
+        self._values = slice(layout.first_value, layout.first_value + len(layout.values))
+        self._sec = self.of_entries(*(f"{path}.sec" for path in layout.times))
+        self._nanosec = self.of_entries(*(f"{path}.nanosec" for path in layout.times))
+        self._numbers = self.of_entries(*layout.values)
 
-        def of_entries(*paths: str) -> Any:
-            return t.index(f"{entries}.{i}.{path}" for i in range(self.count) for path in paths)
+    def of_entries(self, *paths: str) -> Field:
+        """Fields of all entries, entry by entry."""
+        if paths not in self._fields:
+            places = (f"{self._layout.entries}.{i}.{path}" for i in range(self.count) for path in paths)
+            self._fields[paths] = self.template.index(places)
+        return self._fields[paths]
 
-        self.stamp, self.nanosec = t.index(["header.stamp.sec"]), t.index(["header.stamp.nanosec"])
-        self.tick = t.index(["tick"])
-        self.times, self.numbers = {}, {}
-        if self.count:
-            for name, path in times.items():
-                self.times[name] = (of_entries(f"{path}.sec"), of_entries(f"{path}.nanosec"))
-            for name, path in numbers.items():
-                self.numbers[name] = of_entries(*([path] if isinstance(path, str) else path))
-
-    def fill(self, tick: int, start_ns: int, rows: NDArray[Any], more: dict[str, Any]) -> bytes:
-        """The message of `rows`; `more` holds numbers that rows do not."""
+    def fill(self, tick: int, start_ns: int, rows: NDArray[Any], more: Sequence[tuple[Field, Any]] = ()) -> bytes:
+        """The message of `rows`; `more` gives fields that rows do not hold, and their values."""
         t = self.template
-        t.write(self.stamp, start_ns // NANOSECONDS)
-        t.write(self.nanosec, start_ns % NANOSECONDS)
-        t.write(self.tick, tick)
-        for name, (sec, nanosec) in self.times.items():
-            t.write(sec, rows[name] // NANOSECONDS)
-            t.write(nanosec, rows[name] % NANOSECONDS)
-        for name, field in self.numbers.items():
-            t.write(field, (more[name] if name in more else rows[name]).reshape(-1))
+        t.write_head(start_ns, tick)
+        if self.count:
+            words = rows.view(np.int64).reshape(self.count, -1)
+            sec, nanosec = np.divmod(words[:, self._times], NANOSECONDS)
+            t.write(self._sec, sec.ravel())
+            t.write(self._nanosec, nanosec.ravel())
+            t.write(self._numbers, words.view(np.float64)[:, self._values].ravel())
+            for field, values in more:
+                t.write(field, values)
         return t.data()
 
-    def read(self, data: bytes, rows: NDArray[Any]) -> int:
-        """Fill `rows` from a message that fits; returns its tick."""
-        seen = views(data)
-        tick = int(seen["u8"][self.tick[1]][0])
+    def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
+        """Tick and rows of a message that fits; names are the caller's to fill in."""
+        rows = np.zeros(self.count, self._layout.dtype)
+        tick = self.template.tick_of(data)
         rows["tick"] = tick
-        for name, (sec, nanosec) in self.times.items():
-            rows[name] = seen["i4"][sec[1]].astype(np.int64) * NANOSECONDS + seen["u4"][nanosec[1]]
-        for name, field in self.numbers.items():
-            if name in (rows.dtype.names or ()) and name != "tick":
-                rows[name] = seen[field[0]][field[1]].reshape(rows[name].shape)
-        return tick
+        if self.count:
+            words = rows.view(np.int64).reshape(self.count, -1)
+            times = read(data, self._sec).astype(np.int64) * NANOSECONDS + read(data, self._nanosec)
+            words[:, self._times] = times.reshape(self.count, -1)
+            words.view(np.float64)[:, self._values] = read(data, self._numbers).reshape(self.count, -1)
+        return tick, rows
 
 
 class Table:
     """Messages of one type in all the shapes that have come up, by key: the names of a message's entries."""
 
-    entries: ClassVar[str]
-    times: ClassVar[dict[str, Any]]
-    numbers: ClassVar[dict[str, Any]]
+    layout: ClassVar[Layout]
 
     def __init__(self) -> None:
         self._shapes: dict[Hashable, Shape] = {}
@@ -97,7 +109,7 @@ class Table:
         if key not in self._shapes:
             if len(self._shapes) >= MOST_SHAPES:
                 self._shapes.clear()
-            self._shapes[key] = Shape(self.make(key), self.entries, self.times, self.numbers)
+            self._shapes[key] = Shape(self.make(key), self.layout)
         return self._shapes[key]
 
     def fitting(self, data: bytes) -> Hashable | None:
@@ -111,13 +123,14 @@ class Table:
 class Frames(Table):
     """PMU data frames of a case; a key is the stations of the entries, in order."""
 
-    entries: ClassVar[str] = "frames"
-    times: ClassVar[dict[str, Any]] = {"measured_ns": "header.stamp", "arrival_ns": "arrival"}
-    numbers: ClassVar[dict[str, Any]] = {
-        "values": [f"{name}_{unit}" for name, unit in CHANNELS.items()],
-        "tick": "tick",
-        "status": "status",
-    }
+    layout = Layout(
+        "frames",
+        DELIVERY,
+        times=["header.stamp", "arrival"],
+        first_time=2,
+        values=[f"{name}_{unit}" for name, unit in CHANNELS.items()],
+        first_value=4,
+    )
 
     def __init__(self, case: Case) -> None:
         """Take the names of stations and their buses."""
@@ -137,12 +150,15 @@ class Frames(Table):
     def fill(self, tick: int, start_ns: int, delivered: NDArray[Any], count: int) -> bytes:
         """Message of `count` delivered entries."""
         rows = delivered[:count]
+        shape = self.shape(tuple(rows["station"].tolist()))
+        if not count:
+            return shape.fill(tick, start_ns, rows)
         sound = np.isfinite(rows["values"][:, [0, 1, 3, 4]]).all(axis=1)
-        more = {
-            "tick": -(-rows["measured_ns"] * self._frame_rate // NANOSECONDS),
-            "status": np.where(sound, 0, PmuFrame.STATUS_DATA_ERROR),
-        }
-        return self.shape(tuple(rows["station"].tolist())).fill(tick, start_ns, rows, more)
+        ticks = -(-rows["measured_ns"] * self._frame_rate // NANOSECONDS)
+        status = np.where(sound, 0, PmuFrame.STATUS_DATA_ERROR)
+        return shape.fill(
+            tick, start_ns, rows, [(shape.of_entries("tick"), ticks), (shape.of_entries("status"), status)]
+        )
 
     def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
         """Tick and entries (DELIVERY) of a message; an entry of an unknown station is passed over."""
@@ -153,10 +169,9 @@ class Frames(Table):
             key = tuple(self._stations.index(entry.station) for entry in known)
             if not self.shape(key).template.fits(data):
                 return message.tick, self._read_slowly(message.tick, known)
-        shape = self._shapes[key]
-        rows = np.zeros(shape.count, DELIVERY)
+        tick, rows = self._shapes[key].read(data)
         rows["station"] = key
-        return shape.read(data, rows), rows
+        return tick, rows
 
     def _read_slowly(self, tick: int, entries: list[PmuFrame]) -> NDArray[Any]:
         rows = [
@@ -165,7 +180,7 @@ class Frames(Table):
                 self._stations.index(entry.station),
                 _time_ns(entry.header.stamp),
                 _time_ns(entry.arrival),
-                tuple(getattr(entry, name) for name in self.numbers["values"]),
+                tuple(getattr(entry, name) for name in self.layout.values),
             )
             for entry in entries
         ]
@@ -175,13 +190,14 @@ class Frames(Table):
 class Setpoints(Table):
     """Voltage setpoints of a case; a key is the message's controller, and controller and device of each entry."""
 
-    entries: ClassVar[str] = "setpoints"
-    times: ClassVar[dict[str, Any]] = {
-        "measured_ns": "header.stamp",
-        "issued_ns": "issued",
-        "effective_ns": "effective",
-    }
-    numbers: ClassVar[dict[str, Any]] = {"value": "value_pu"}
+    layout = Layout(
+        "setpoints",
+        SETPOINT,
+        times=["header.stamp", "issued", "effective"],
+        first_time=3,
+        values=["value_pu"],
+        first_value=6,
+    )
 
     def __init__(self, case: Case) -> None:
         """Take the names of devices and controllers."""
@@ -203,7 +219,7 @@ class Setpoints(Table):
     def fill(self, tick: int, start_ns: int, rows: NDArray[Any], controller: str) -> bytes:
         """Message of setpoints; `controller` is empty as delivered by a link."""
         pairs = tuple(zip(rows["controller"].tolist(), rows["device"].tolist(), strict=True))
-        return self.shape((controller, pairs)).fill(tick, start_ns, rows, {})
+        return self.shape((controller, pairs)).fill(tick, start_ns, rows)
 
     def read(self, data: bytes) -> tuple[int, str, NDArray[Any]]:
         """Tick, controller and setpoints (SETPOINT) of a message; those of unknown names are passed over."""
@@ -215,11 +231,10 @@ class Setpoints(Table):
             key = (message.controller, pairs)
             if not self.shape(key).template.fits(data):
                 return message.tick, message.controller, self._read_slowly(message.tick, pairs, known)
-        shape = self._shapes[key]
-        rows = np.zeros(shape.count, SETPOINT)
-        for i, (controller, device) in enumerate(key[1]):
-            rows["controller"][i], rows["device"][i] = controller, device
-        return shape.read(data, rows), key[0], rows
+        tick, rows = self._shapes[key].read(data)
+        for row, (controller, device) in zip(rows, key[1], strict=True):
+            row["controller"], row["device"] = controller, device
+        return tick, key[0], rows
 
     def _read_slowly(
         self, tick: int, pairs: tuple[tuple[int, int], ...], entries: list[VoltageSetpoint]
