@@ -15,8 +15,10 @@ from facts_damping.control.bank import Bank, BankState, act, bank
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import Direction, directions, downlink, uplink
 from facts_damping.plant.build import Built, build
-from facts_damping.plant.dynamics import Plant, PlantState, Work, advance, measure, workspace
 from facts_damping.plant.events import timeline
+from facts_damping.plant.integration import advance
+from facts_damping.plant.measurement import measure
+from facts_damping.plant.model import Plant, PlantState, Work, workspace
 from facts_damping.signals import (
     CHANNELS,
     DELIVERY,

@@ -24,7 +24,9 @@ from facts_damping.nodes.node import (
 )
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
-from facts_damping.plant.dynamics import advance, measure, workspace
+from facts_damping.plant.integration import advance
+from facts_damping.plant.measurement import measure
+from facts_damping.plant.model import workspace
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 
 if TYPE_CHECKING:

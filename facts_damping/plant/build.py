@@ -9,8 +9,8 @@ import numpy as np
 
 from facts_damping.errors import InputError
 from facts_damping.plant import excitation, machine, sssc
-from facts_damping.plant.dynamics import MACHINE, Plant, PlantState
 from facts_damping.plant.events import stages
+from facts_damping.plant.model import MACHINE, Plant, PlantState
 from facts_damping.plant.network import (
     Branch,
     Topology,

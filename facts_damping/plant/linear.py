@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.linalg import eig
 
-from facts_damping.plant.dynamics import derivatives, workspace
+from facts_damping.plant.dynamics import derivatives
+from facts_damping.plant.model import workspace
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

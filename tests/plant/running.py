@@ -11,7 +11,10 @@ from facts_damping.configuration import load_system
 from facts_damping.parameters.run import Scenario
 from facts_damping.parameters.system import System
 from facts_damping.plant.build import Built, build
-from facts_damping.plant.dynamics import PlantState, advance, derivatives, measure, workspace
+from facts_damping.plant.dynamics import derivatives
+from facts_damping.plant.integration import advance
+from facts_damping.plant.measurement import measure
+from facts_damping.plant.model import PlantState, workspace
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, to_ns
 
 if TYPE_CHECKING:

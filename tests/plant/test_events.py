@@ -79,13 +79,18 @@ def test_steps_are_relative_to_the_start() -> None:
         at(2.0, "load_step", load="load_2", change=0.2),
         at(3.0, "mechanical_power_step", machine="G1", change=0.1),
         at(4.0, "mechanical_power_step", machine="G1", change=0.0),
+        at(5.0, "load_step", load="load_1", change=0.3),
+        at(5.0, "mechanical_power_step", machine="G2", change=-0.2),
+        at(6.0, "mechanical_power_step", machine="G1", change=0.5),
     ]
     built = plant("two_area", *rows)
     found = stages(shipped("two_area"), events(*rows))
-    assert [s.topology.load_scale.get("load_2", 1.0) for s in found] == pytest.approx([1, 0.9, 1.2, 1.2, 1.2])
+    assert [s.topology.load_scale.get("load_2", 1.0) for s in found] == pytest.approx([1, 0.9, 1.2, 1.2, 1.2, 1.2, 1.2])
+    assert [s.topology.load_scale.get("load_1", 1.0) for s in found] == pytest.approx([1, 1, 1, 1, 1, 1.3, 1.3])
     power = built.plant.mechanical_power
-    np.testing.assert_allclose(power[:, 0] / power[0, 0], [1, 1, 1, 1.1, 1], rtol=1e-14)
-    np.testing.assert_array_equal(power[:, 1:], np.tile(power[0, 1:], (5, 1)))
+    np.testing.assert_allclose(power[:, 0] / power[0, 0], [1, 1, 1, 1.1, 1, 1, 1.5], rtol=1e-14)
+    np.testing.assert_allclose(power[:, 1] / power[0, 1], [1, 1, 1, 1, 1, 0.8, 0.8], rtol=1e-14)
+    np.testing.assert_array_equal(power[:, 2:], np.tile(power[0, 2:], (7, 1)))
 
 
 def test_order_in_the_list_is_of_no_account() -> None:

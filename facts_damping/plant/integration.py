@@ -1,0 +1,107 @@
+"""One step of time: setpoints, events and reference ramps split it exactly; compiled.
+
+State is explicit and owned by the caller; times are integer nanoseconds.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.compiling import compiled
+from facts_damping.plant.dynamics import derivatives
+from facts_damping.plant.model import stage_at
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from facts_damping.plant.model import Plant, PlantState, Work
+
+
+@compiled
+def _runge_kutta(plant: Plant, state: PlantState, ramp: NDArray[np.float64], stage: int, h: float, work: Work) -> None:
+    """One classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s."""
+    x, k, reference = state.x, work.slopes, work.reference
+    trial = k[4]
+    derivatives(plant, x, state.reference, stage, k[0], work)
+    for part in range(1, 4):
+        share = h if part == 3 else 0.5 * h
+        for i in range(x.size):
+            trial[i] = x[i] + share * k[part - 1, i]
+        for d in range(reference.size):
+            reference[d] = state.reference[d] + share * ramp[d]
+        derivatives(plant, trial, reference, stage, k[part], work)
+    for i in range(x.size):
+        x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
+
+
+@compiled
+def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], first: int, count: int, now: int) -> int:
+    """Put the setpoints that are effective by `now` in force, limited; returns the index of the next one."""
+    while first < count and setpoints[first].effective_ns <= now:
+        value, device = setpoints[first].value, setpoints[first].device
+        if math.isfinite(value):
+            limit = plant.converters[device].v_max
+            state.target[device] = min(max(value, -limit), limit)
+        first += 1
+    return first
+
+
+@compiled
+def _ramp(plant: Plant, state: PlantState, ramp: NDArray[np.float64], end: int, now: int) -> int:
+    """Slopes (p.u./s) that take the references to their targets at their rate limits; where the first arrives."""
+    for d in range(ramp.size):
+        gap = state.target[d] - state.reference[d]
+        rate = plant.converters[d].rate_max
+        ramp[d] = 0.0
+        if gap != 0.0:
+            ramp[d] = math.copysign(rate, gap)
+            end = min(end, now + max(1, math.ceil(abs(gap) / rate * 1e9)))
+    return end
+
+
+@compiled
+def _move_reference(state: PlantState, ramp: NDArray[np.float64], seconds: float) -> None:
+    """Move the references along their ramps, not beyond their targets."""
+    for d in range(ramp.size):
+        gap = state.target[d] - state.reference[d]
+        move = ramp[d] * seconds
+        if abs(move) >= abs(gap):
+            state.reference[d] = state.target[d]
+        else:
+            state.reference[d] += move
+
+
+@compiled
+def advance(
+    plant: Plant,
+    state: PlantState,
+    start_ns: int,
+    end_ns: int,
+    setpoints: NDArray[Any],
+    count: int,
+    work: Work,
+) -> None:
+    """Advance the plant in place from `start_ns` to `end_ns` under `count` setpoints, ordered by time.
+
+    Setpoints, events and the ends of reference ramps split the interval exactly; each part is divided
+    into equal steps of at most `plant.step_ns`. A setpoint that is not finite is passed over.
+    """
+    now, following = start_ns, 0
+    ramp = work.slopes[5, : state.reference.size]
+    while now < end_ns:
+        following = _take_setpoints(plant, state, setpoints, following, count, now)
+        stage = stage_at(plant, now)
+        end = end_ns
+        if following < count:
+            end = min(end, setpoints[following].effective_ns)
+        if stage + 1 < plant.stage_start_ns.size:
+            end = min(end, plant.stage_start_ns[stage + 1])
+        end = _ramp(plant, state, ramp, end, now)
+        steps = (end - now + plant.step_ns - 1) // plant.step_ns
+        h = (end - now) * 1e-9 / steps
+        for _ in range(steps):
+            _runge_kutta(plant, state, ramp, stage, h, work)
+            _move_reference(state, ramp, h)
+        now = end
