@@ -19,8 +19,8 @@ def short(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _place(error_location: tuple[int | str, ...], content: Any) -> list[str]:
-    """An error's location as keys of the content: without pydantic's own tags."""
+def _place(error_location: tuple[int | str, ...], content: Any, *, absent: bool) -> list[str]:
+    """An error's location as keys of the content: without pydantic's own tags; `absent`: the last is not in it."""
     found: list[str] = []
     part: Any
     for i, part in enumerate(error_location):
@@ -29,7 +29,7 @@ def _place(error_location: tuple[int | str, ...], content: Any) -> list[str]:
             isinstance(content, list) and isinstance(part, int) and part < len(content)
         ):
             content = content[part]
-        elif not (last and isinstance(content, dict)) or (isinstance(part, str) and re.search(r"[\[\]-]", part)):
+        elif not (last and absent and isinstance(content, dict)):
             continue
         found.append(str(part))
     return found
@@ -66,7 +66,7 @@ def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
     location, given = first["loc"], first["input"]
-    keys = _place(location, content)
+    keys = _place(location, content, absent=first["type"] in ("missing", "extra_forbidden"))
     if under == "scenario" and keys[:1] == ["events"]:
         keys = keys[1:]  # a run's scenario is the list of events itself
     field = ".".join([under, *keys] if under else keys)

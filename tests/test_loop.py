@@ -9,6 +9,10 @@ from hypothesis import strategies as st
 
 from facts_damping import loop
 from facts_damping.configuration import load_case
+from facts_damping.control.bank import act
+from facts_damping.link.transfer import downlink, uplink
+from facts_damping.plant.integration import advance
+from facts_damping.plant.measurement import measure
 
 ARRAYS = ("time_ns", "frames", "delivered", "issued", "applied", "machines", "devices", "in_synchronism")
 
@@ -29,13 +33,11 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
     rate = case.run.frame_rate
     for k in range(case.ticks):
         start, end = loop.tick_ns(k, rate), loop.tick_ns(k + 1, rate)
-        loop.measure(
-            parts.plant, parts.plant_state, start, kept.frames[k], kept.machines[k], kept.devices[k], parts.work
-        )
-        delivered = loop.uplink(parts.up, k, start, end, kept.frames[k])
-        issued = loop.act(parts.bank, parts.bank_state, 0, k, parts.up.out, delivered, parts.issued, 0)
-        applied = loop.downlink(parts.down, k, end, parts.issued, issued)
-        loop.advance(parts.plant, parts.plant_state, start, end, parts.down.out, applied, parts.work)
+        measure(parts.plant, parts.plant_state, start, kept.frames[k], kept.machines[k], kept.devices[k], parts.work)
+        delivered = uplink(parts.up, k, start, end, kept.frames[k])
+        issued = act(parts.bank, parts.bank_state, 0, k, parts.up.out, delivered, parts.issued, 0)
+        applied = downlink(parts.down, k, end, parts.issued, issued)
+        advance(parts.plant, parts.plant_state, start, end, parts.down.out, applied, parts.work)
     assert kept.frames.tobytes() == whole.frames.tobytes()
     assert kept.machines.tobytes() == whole.machines.tobytes()
     assert kept.devices.tobytes() == whole.devices.tobytes()

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.system import Signal
 
 UNSET = -1
+IMPLAUSIBLE = 1e6  # p.u. or rad: a quantity of this size or more counts as not available
 
 
 class Bank(NamedTuple):
@@ -116,7 +117,7 @@ def _signals(bank: Bank, state: BankState, c: int) -> bool:
             if bank.weight[c, i, s] != 0.0:
                 total += bank.weight[c, i, s] * state.held[c, s, bank.channel[c, i]]
         if bank.deviation[c, i]:
-            if math.isnan(state.baseline[c, i]):
+            if math.isnan(state.baseline[c, i]) and math.isfinite(total):
                 state.baseline[c, i] = total
             total -= state.baseline[c, i]
         state.inputs[c, i] = total
@@ -165,7 +166,8 @@ def act(
             if entry.measured_ns > state.held_ns[c, entry.station]:
                 state.held_ns[c, entry.station] = entry.measured_ns
                 for j in range(state.held.shape[2]):
-                    state.held[c, entry.station, j] = entry.values[j]
+                    value = entry.values[j]
+                    state.held[c, entry.station, j] = value if abs(value) < IMPLAUSIBLE else math.nan
             i += 1
         if not _act(bank, state, c):
             continue

@@ -196,7 +196,7 @@ class System(Model):
     base_power: float = quantity(100.0, "MVA", "system base", gt=0, le=1e5)
     frequency: float = quantity(60.0, "Hz", "nominal frequency", ge=10, le=400)
     line_model: Literal["pi", "distributed"] = Field("pi", description="distributed: long-line correction")
-    step: float = quantity(1 / 240, "s", "longest step of the integrator", ge=1e-5, le=0.02)
+    step: float = quantity(1 / 480, "s", "longest step of the integrator", ge=1e-5, le=0.02)
     buses: list[Bus] = Field(..., min_length=1)
     lines: list[Line] = []
     transformers: list[Transformer] = []

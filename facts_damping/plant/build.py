@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from facts_damping.errors import InputError
 from facts_damping.plant import excitation, machine, sssc
-from facts_damping.plant.events import stages
+from facts_damping.plant.events import Stage, stages
 from facts_damping.plant.model import MACHINE, Plant, PlantState
 from facts_damping.plant.network import (
     Branch,
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
     from facts_damping.parameters.system import Sssc, Station, System
 
 
+STRAY = 1e-9j  # p.u., stray susceptance of a floating bus; no current flows there, so a device is blocked
+
+
 class Built(NamedTuple):
     """A plant, its state at the start, and the names of what its arrays hold."""
 
@@ -43,71 +47,84 @@ class Built(NamedTuple):
 
 
 def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> Built:
-    """Power flow, steady state of every machine, and the reduced network of every stage.
+    """Power flow, steady state of machines and devices, and the reduced network of every stage.
 
-    Raises `InputError` for a power flow that does not converge, or an event that cannot happen.
+    Raises `InputError` for a power flow that does not converge, limits that do not admit the start, or an
+    event that cannot happen.
     """
     steps = stages(system, listed)
-    flow = solve(system)
+    flow = solve(system, installed)
     devices = [d for d in system.devices if d.name in installed]
-    index = {name: i for i, name in enumerate(flow.names)}
-    voltage = {name: abs(flow.voltage[i]) for name, i in index.items()}
-    machines = np.zeros(len(system.machines), MACHINE)
+    rotating = _machines(system, flow)
+    offset = len(rotating.x)
+    converters = np.zeros(len(devices), sssc.SSSC)
+    starts = [sssc.start(device, flow.currents[device.name]) for device in devices]
+    for p, device in enumerate(devices):
+        converters[p] = sssc.row(device, offset + sssc.STATES * p)
+    voltage = {name: abs(v) for name, v in zip(flow.names, flow.voltage, strict=True)}
+    stations = [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.stations]
+    plant = Plant(
+        omega_0=2 * math.pi * system.frequency,
+        step_ns=to_ns(system.step),
+        machines=rotating.rows,
+        exciters=rotating.exciters,
+        converters=converters,
+        stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
+        mechanical_power=np.array([_mechanical_power(system, rotating.power, s) for s in steps]),
+        online=np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps]),
+        network=np.array([reduce_network(system, devices, s.topology, voltage) for s in steps]),
+        station_machine=np.array(stations),
+    )
+    state = PlantState(np.concatenate([rotating.x, *starts]), np.zeros(len(devices)), np.zeros(len(devices)))
+    names = rotating.names + [f"{d.name}.{state}" for d in devices for state in sssc.STATE_NAMES]
+    return Built(plant, state, flow, names)
+
+
+class _Rotating(NamedTuple):
+    """All machines with their exciters: tables, air-gap powers (p.u. of the ratings), states, names of states."""
+
+    rows: NDArray[Any]
+    exciters: NDArray[Any]
+    power: NDArray[np.float64]
+    x: NDArray[np.float64]
+    names: list[str]
+
+
+def _machines(system: System, flow: PowerFlow) -> _Rotating:
+    """Machines and exciters in the steady state of a power flow."""
+    rows = np.zeros(len(system.machines), MACHINE)
     exciters = np.zeros(len(system.machines), excitation.EXCITER)
     power = np.zeros(len(system.machines))
-    states: list[NDArray[np.float64]] = []
-    exciter_states: list[NDArray[np.float64]] = []
-    names: list[str] = []
-    exciter_names: list[str] = []
+    x, names, exciter_x, exciter_names = [], [], [], []
     offset = machine.ROTOR_STATES * len(system.machines)
     by_machine = {e.machine: e for e in system.exciters}
     for g, m in enumerate(system.machines):
         circuits = machine.MODELS[m.model](m)
         ratio = m.rating / system.base_power
-        v = complex(flow.voltage[index[m.bus]])
+        v = complex(flow.voltage[flow.names.index(m.bus)])
         start = machine.steady_state(m, circuits, v, (flow.generation[m.name] / v).conjugate() / ratio)
-        row, started = excitation.row(by_machine.get(m.name), offset, abs(v), start.field_voltage)
-        machines[g] = (ratio, m.H, m.D, ratio / complex(m.Ra, m.Xd2), *circuits)
-        exciters[g], power[g] = row, start.power
-        states.append(start.states)
-        exciter_states.append(started)
-        names += [f"{m.name}.{state}" for state in machine.STATE_NAMES[m.model]]
-        exciter_names += [f"{m.name}.{state}" for state in excitation.STATE_NAMES[int(row["code"])]]
-        offset += len(started)
-        if not _within(row, start.field_voltage):
+        exciter, started = excitation.row(by_machine.get(m.name), offset, abs(v), start.field_voltage)
+        if not _within(exciter, start.field_voltage):
             raise InputError(
                 f"exciters: {m.name} needs a field voltage of {start.field_voltage:.3f} p.u. at the start; "
-                f"allowed by its limits: {row['minimum']:g} to {row['maximum']:g}"
+                f"allowed by its limits: {exciter['minimum']:g} to {exciter['maximum']:g}"
             )
-    converters = np.zeros(len(devices), sssc.SSSC)
-    for p, device in enumerate(devices):
-        converters[p] = sssc.row(device, offset + sssc.STATES * p)
-    names += exciter_names + [f"{d.name}.{state}" for d in devices for state in sssc.STATE_NAMES]
-    plant = Plant(
-        omega_0=2 * math.pi * system.frequency,
-        step_ns=to_ns(system.step),
-        machines=machines,
-        exciters=exciters,
-        converters=converters,
-        stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
-        mechanical_power=np.array(
-            [
-                [
-                    0.0 if m.name in s.topology.machines_out else power[g] * s.mechanical_scale.get(m.name, 1.0)
-                    for g, m in enumerate(system.machines)
-                ]
-                for s in steps
-            ]
-        ),
-        online=np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps]),
-        network=np.array([reduce_network(system, devices, s.topology, voltage) for s in steps]),
-        station_machine=np.array(
-            [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.stations]
-        ),
-    )
-    x = np.concatenate([*states, *exciter_states, *(sssc.start() for _ in devices)])
-    state = PlantState(x, np.zeros(len(devices)), np.zeros(len(devices)))
-    return Built(plant, state, flow, names)
+        rows[g] = (ratio, m.H, m.D, ratio / complex(m.Ra, m.Xd2), *circuits)
+        exciters[g], power[g] = exciter, start.power
+        offset += len(started)
+        x.append(start.states)
+        exciter_x.append(started)
+        names += [f"{m.name}.{state}" for state in machine.STATE_NAMES[m.model]]
+        exciter_names += [f"{m.name}.{state}" for state in excitation.STATE_NAMES[int(exciter["code"])]]
+    return _Rotating(rows, exciters, power, np.concatenate([*x, *exciter_x]), names + exciter_names)
+
+
+def _mechanical_power(system: System, power: NDArray[np.float64], stage: Stage) -> list[float]:
+    """Mechanical powers of a stage, p.u. of the ratings; none for a machine that was tripped."""
+    return [
+        0.0 if m.name in stage.topology.machines_out else power[g] * stage.mechanical_scale.get(m.name, 1.0)
+        for g, m in enumerate(system.machines)
+    ]
 
 
 def _within(row: NDArray[np.void], field_voltage: float) -> bool:
@@ -151,6 +168,7 @@ def reduce_network(
         sources[index[m.bus], g] = 1.0
     for p, (first, second) in enumerate(ends):
         sources[first, len(norton) + p], sources[second, len(norton) + p] = -1.0, 1.0
+    matrix[np.diag_indices(len(names))] += floating(matrix) * STRAY
     live = [i for i, name in enumerate(names) if name not in grounded(topology)]
     bus_voltage = np.zeros_like(sources)
     try:
@@ -164,6 +182,14 @@ def reduce_network(
     places = [index[_station_bus(system, s)] for s in system.stations]
     currents = [_station_current(system, s, present, devices, bus_voltage, index, norton) for s in system.stations]
     return np.array([*machine_rows, *port_rows, *bus_voltage[places], *currents])
+
+
+def floating(matrix: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """Which buses hang on nothing but a device's port: no path to any shunt, so that their voltage is not given."""
+    _, label = connected_components(matrix != 0, directed=False)
+    shunt = np.abs(matrix.sum(axis=1)) > 1e-9 * np.abs(matrix).max(axis=1)  # rows of lossless parts sum to zero
+    fed = set(label[shunt])
+    return np.array([part not in fed for part in label])
 
 
 def _station_bus(system: System, station: Station) -> str:

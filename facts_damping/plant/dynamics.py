@@ -44,8 +44,9 @@ def solve_network(plant: Plant, x: NDArray[np.float64], reference: NDArray[np.fl
             emf_q += m.C[0, i] * x[o + 2 + i]
             emf_d += m.C[1, i] * x[o + 2 + i]
         delta = x[o]
-        work.emf[g] = complex(emf_d, emf_q) * complex(math.sin(delta), -math.cos(delta))
-        work.injection[g] = m.admittance * work.emf[g] * plant.online[stage, g]
+        work.emf[g] = complex(emf_d, emf_q)
+        work.rotation[g] = complex(math.sin(delta), -math.cos(delta))
+        work.injection[g] = m.admittance * work.emf[g] * work.rotation[g] * plant.online[stage, g]
     found = sssc.Converter(0j, 0.0, 0.0, 0.0, 0.0, 0.0, True, True, True)
     for p in range(plant.converters.size):
         port = machines + p
@@ -59,15 +60,13 @@ def solve_network(plant: Plant, x: NDArray[np.float64], reference: NDArray[np.fl
 
 
 @compiled
-def stator(plant: Plant, x: NDArray[np.float64], stage: int, g: int, work: Work) -> tuple[complex, complex, float]:
+def stator(plant: Plant, stage: int, g: int, work: Work) -> tuple[complex, complex, float]:
     """Terminal voltage (p.u.), stator current Id + j Iq and air-gap power (p.u. of the rating) of machine g."""
     m = plant.machines[g]
-    o = ROTOR_STATES * g
+    emf = work.emf[g]
     voltage = row_times(plant, stage, g, work.injection)
-    current = m.admittance * (work.emf[g] - voltage) * plant.online[stage, g] / m.ratio
-    back = complex(math.sin(x[o]), math.cos(x[o]))  # exp(-j (delta - pi/2))
-    emf = work.emf[g] * back
-    current *= back
+    seen = voltage * work.rotation[g].conjugate()  # from the rotor
+    current = m.admittance * (emf - seen) * (plant.online[stage, g] / m.ratio)
     return voltage, current, emf.real * current.real + emf.imag * current.imag
 
 
@@ -89,7 +88,7 @@ def derivatives(
         m = plant.machines[g]
         e = plant.exciters[g]
         o = ROTOR_STATES * g
-        voltage, current, power = stator(plant, x, stage, g, work)
+        voltage, current, power = stator(plant, stage, g, work)
         efd = excitation.field_voltage(e, x)
         dx[o] = plant.omega_0 * x[o + 1]
         dx[o + 1] = (plant.mechanical_power[stage, g] - power - m.D * x[o + 1]) / (2.0 * m.H)

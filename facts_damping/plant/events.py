@@ -99,12 +99,14 @@ def _apply(system: System, stage: Stage, change: Change) -> Stage:
 
 def _fault(before: Topology, event: events.Fault | events.Clear, where: str) -> Topology:
     """Topology after a fault appears or is cleared."""
-    burning = [place.bus or place.line or "" for place in before.faults]
     element = event.bus or event.line or ""
+    burning = [place for place in before.faults if (place.bus, place.line) == (event.bus, event.line)]
     if isinstance(event, events.Clear):
-        _known(where, element, burning)
+        if not burning:
+            places = ", ".join(place.bus or place.line or "" for place in before.faults)
+            raise InputError(f"{where}: '{element}' given, where no fault burns; allowed: {places or 'none'}")
         return before.without_fault(event.bus, event.line)
-    if element in burning:
+    if burning:
         raise InputError(f"{where}: '{element}' given, where a fault burns already; allowed: one fault an element")
     location = event.location if event.line is not None else 0.0
     return before.with_fault(FaultPlace(event.bus, event.line, location), complex(event.r, event.x))

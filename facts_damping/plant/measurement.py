@@ -41,7 +41,7 @@ def measure(
     for i in range(x.size):
         sound = sound and math.isfinite(x[i])
     for g in range(count):
-        voltage, _, power = stator(plant, x, stage, g, work)
+        voltage, _, power = stator(plant, stage, g, work)
         delta = x[ROTOR_STATES * g]
         machines[g].rotor_angle = delta
         machines[g].speed_deviation = x[ROTOR_STATES * g + 1]

@@ -57,7 +57,8 @@ class Work(NamedTuple):
 
     slopes: NDArray[np.float64]  # (6, states)
     injection: NDArray[np.complex128]  # (machines + ports,)
-    emf: NDArray[np.complex128]  # (machines,), subtransient EMF in the network's frame
+    emf: NDArray[np.complex128]  # (machines,), subtransient EMF E''d + j E''q in the rotor's frame, p.u.
+    rotation: NDArray[np.complex128]  # (machines,), exp(j (delta - pi/2)), from the rotor's frame to the network's
     reference: NDArray[np.float64]  # (devices,)
 
 
@@ -67,6 +68,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
     return Work(
         np.zeros((6, len(state.x))),
         np.zeros(columns, np.complex128),
+        np.zeros(machines, np.complex128),
         np.zeros(machines, np.complex128),
         np.zeros(len(state.reference)),
     )

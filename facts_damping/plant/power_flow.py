@@ -11,22 +11,30 @@ from facts_damping.errors import InputError
 from facts_damping.plant.network import Branch, Topology, admittance, branches, bus_names, two_port
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from facts_damping.parameters.system import System
 
 TOLERANCE = 1e-9  # p.u., largest power mismatch
+LOSS_TOLERANCE = 1e-13  # p.u., of the resistance that stands for a device's losses
 MAX_ITERATIONS = 30
 
 
 @dataclass(frozen=True)
 class PowerFlow:
-    """Solved power flow, p.u.: bus voltages and generation less loads (buses,), generation by machine, mismatch."""
+    """Solved power flow, p.u.
+
+    Bus voltages, and generation less loads at them (buses,); generation by machine, magnitude of the
+    current by device; the largest mismatch of power that remains.
+    """
 
     names: list[str]
     voltage: NDArray[np.complex128]
     injection: NDArray[np.complex128]
     generation: dict[str, complex]
+    currents: dict[str, float]
     residual: float
 
     def buses(self, base_power: float) -> list[dict[str, Any]]:
@@ -43,8 +51,28 @@ class PowerFlow:
         ]
 
 
-def solve(system: System) -> PowerFlow:
+def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     """Solve for all bus voltages before the first event.
+
+    An installed SSSC whose DC link has losses draws them from the network, as a resistance g / |I|^2
+    in series would; as |I| is not known before, the power flow is repeated until it is.
+    """
+    losses = {device.name: 0.0 for device in system.devices}
+    for _ in range(MAX_ITERATIONS):
+        flow = _solve(system, losses)
+        drawn = {d.name: d.g / max(flow.currents[d.name], d.I_min) ** 2 for d in system.devices if d.name in installed}
+        change = max([abs(drawn[name] - losses[name]) for name in drawn], default=0.0)
+        if change <= LOSS_TOLERANCE:
+            return flow
+        losses |= drawn
+    raise InputError(
+        f"system {system.name}: power flow does not converge: losses of the devices change by {change:.3g} p.u. "
+        f"after {MAX_ITERATIONS} iterations; allowed: {LOSS_TOLERANCE:g}"
+    )
+
+
+def _solve(system: System, losses: dict[str, float]) -> PowerFlow:
+    """Newton's method on the power balance of all buses, `losses` in series with the devices (p.u.).
 
     Unknowns are the angles of all buses but the slack's and the magnitudes at the buses without a
     machine; equations P_i + j Q_i = V_i conj(sum_j Y_ij V_j) (Kundur 1994, 6.4). A FACTS device in
@@ -53,7 +81,8 @@ def solve(system: System) -> PowerFlow:
     names = bus_names(system, Topology())
     index = {name: i for i, name in enumerate(names)}
     present = branches(system, Topology())
-    present += [Branch(d.name, d.from_bus, d.to_bus, two_port(d.rs, 0, 0)) for d in system.devices]
+    series = {d.name: d.rs + losses[d.name] for d in system.devices}
+    present += [Branch(d.name, d.from_bus, d.to_bus, two_port(series[d.name], 0, 0)) for d in system.devices]
     matrix = admittance(names, present)
     for shunt in system.shunts:
         matrix[index[shunt.bus], index[shunt.bus]] += 1j * shunt.Q / system.base_power
@@ -89,7 +118,9 @@ def solve(system: System) -> PowerFlow:
     for load in system.loads:
         scale = abs(voltage[index[load.bus]]) ** 2 if load.at == "nominal" else 1.0
         injection[index[load.bus]] -= complex(load.P, load.Q) / system.base_power * scale
-    return PowerFlow(names, voltage, injection, generation, residual)
+    drops = {d.name: abs(voltage[index[d.from_bus]] - voltage[index[d.to_bus]]) for d in system.devices}
+    currents = {name: float(drop / series[name]) for name, drop in drops.items()}
+    return PowerFlow(names, voltage, injection, generation, currents, residual)
 
 
 def _newton(

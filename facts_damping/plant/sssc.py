@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,9 +68,24 @@ def row(device: Sssc, offset: int) -> Any:
     return made
 
 
-def start() -> NDArray[np.float64]:
-    """States at the start: no injection, rated DC voltage."""
-    return np.array([0.0, 0.0, 1.0])
+def start(device: Sssc, magnitude: float) -> NDArray[np.float64]:
+    """States at rest with no injection, at rated DC voltage and a current's magnitude (p.u.).
+
+    The converter makes up for its transformer, s_q = -xs |I|, and draws what the DC link loses,
+    s_p |I| = g. Raises `InputError` where its limits do not admit that.
+    """
+    if magnitude < device.I_min:
+        raise InputError(
+            f"devices: {device.name} carries {magnitude:.3g} p.u. at the start; allowed: at least I_min, {device.I_min:g}"
+        )
+    share = min(1.0, device.I_rated / magnitude)
+    s_p, s_q = device.g / magnitude, device.xs * magnitude
+    if s_p > device.vp_max or s_p**2 + s_q**2 > device.vc_max**2:
+        raise InputError(
+            f"devices: {device.name} needs converter voltages of {s_p:.4g} (active) and {s_q:.4g} p.u. (reactive) "
+            f"at the start; allowed: vp_max {device.vp_max:g}, vc_max {device.vc_max:g} in all"
+        )
+    return np.array([0.0, s_p / share, 1.0])
 
 
 @compiled

@@ -231,7 +231,6 @@ def test_what_cannot_happen_is_refused(rows: list[dict[str, Any]], where: str, g
     assert given.strip("'") not in message.partition("allowed: ")[2].split(", ")
 
 
-@pytest.mark.xfail(reason="faults are told apart by name alone, and a bus may bear a line's name", strict=True)
 def test_a_line_is_not_taken_for_the_bus_of_its_name() -> None:
     system = shipped("two_area")
     lines = [{**line.model_dump(by_alias=True)} for line in system.lines]
@@ -257,9 +256,6 @@ def test_two_islands_with_machines_run_apart() -> None:
     assert trace.speeds[-1, 2:].max() < -1e-3
 
 
-@pytest.mark.xfail(
-    reason="refused: the network's equations are singular where only the device joins a bus", strict=True
-)
 @pytest.mark.parametrize("lines", [("line_1", "line_2"), ("line_3", "line_4")])
 def test_two_islands_run_apart_with_the_device_between_them(lines: tuple[str, str]) -> None:
     """One bus of the SSSC has lost its lines: no current can flow, the converter is blocked."""

@@ -124,7 +124,6 @@ def test_exciter_limits_that_do_not_admit_the_start_are_refused() -> None:
         plant(changed(system, exciters=exciters))
 
 
-@pytest.mark.xfail(reason="accepted, with max|dx/dt| = 0.03 at the start of xs = 0.03", strict=True)
 @pytest.mark.parametrize("limits", [{"xs": 0.03}, {"vc_max": 0.005, "vp_max": 0.004}])
 def test_device_limits_that_do_not_admit_the_start_are_refused(limits: dict[str, float]) -> None:
     """The converter makes up for xs |I| of its transformer: with a lower limit the start is no equilibrium."""
@@ -137,7 +136,6 @@ def test_other_devices_start_at_rest(fields: dict[str, float]) -> None:
     assert np.abs(slopes(plant(with_device(**fields)))).max() < 1e-9
 
 
-@pytest.mark.xfail(reason="starts with x_dc = 0, so vdc falls by g / tau; the power flow lacks the loss", strict=True)
 @pytest.mark.parametrize("g", [0.001, 0.05])
 def test_a_device_with_losses_starts_at_rest(g: float) -> None:
     assert np.abs(slopes(plant(with_device(g=g)))).max() < 1e-9

@@ -71,7 +71,6 @@ def test_fault_without_control_agrees_with_radau(before_loss: float, step: float
     np.testing.assert_allclose(trace.speeds, speeds, rtol=0, atol=bound)
 
 
-@pytest.mark.xfail(reason="1.5e-5 with the shipped step of 1/240 s from 12.8 s on; 3.6e-7 with 1/480 s", strict=True)
 def test_fault_without_control_agrees_with_radau_up_to_1_s_before_the_loss() -> None:
     trace, speeds = uncontrolled(1.0, shipped("two_area").step)
     np.testing.assert_allclose(trace.speeds, speeds, rtol=0, atol=1e-5)
