@@ -76,7 +76,8 @@ def start(device: Sssc, magnitude: float) -> NDArray[np.float64]:
     """
     if magnitude < device.I_min:
         raise InputError(
-            f"devices: {device.name} carries {magnitude:.3g} p.u. at the start; allowed: at least I_min, {device.I_min:g}"
+            f"devices: {device.name} carries {magnitude:.3g} p.u. at the start; "
+            f"allowed: at least I_min, {device.I_min:g}"
         )
     share = min(1.0, device.I_rated / magnitude)
     s_p, s_q = device.g / magnitude, device.xs * magnitude
