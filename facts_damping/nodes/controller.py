@@ -12,15 +12,8 @@ from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError
 from facts_damping.loop import build_bank, build_link, controller_names, issue_room, rehearse, tick_ns
 from facts_damping.nodes.messages import Inner
-from facts_damping.nodes.node import (
-    RELIABLE,
-    descriptor,
-    publish,
-    read_case,
-    read_options,
-    run_node,
-    wait_for_peers,
-)
+from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
+from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 
@@ -74,6 +67,11 @@ class ControllerNode:
                 self.bank.parameters[self.index, names.index(parameter.name)] = parameter.value
         return SetParametersResult(successful=True)
 
+    def run(self) -> None:
+        """Serve until stopped."""
+        while True:
+            self.spinner.turn(1.0)
+
     def on_frames(self, data: bytes) -> None:
         """One tick: act on what was delivered, answer also when nothing was."""
         state, c = self.state, self.index
@@ -85,19 +83,9 @@ class ControllerNode:
         publish(self.to_recorder, inner)
 
 
-def body(node: Node) -> None:
-    """Run one controller until stopped."""
-    controller = ControllerNode(node)
-    try:
-        while True:
-            controller.spinner.turn(1.0)
-    finally:
-        controller.spinner.close()
-
-
 def main() -> None:
     """Entry point of `ros2 run facts_damping controller`."""
-    run_node("controller", body)
+    run_node("controller", ControllerNode)
 
 
 if __name__ == "__main__":

@@ -13,15 +13,8 @@ from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageS
 from facts_damping.errors import RunError
 from facts_damping.loop import build_plant, grid_events, rehearse, tick_ns
 from facts_damping.nodes.messages import Truth, diagnostics, grid_event
-from facts_damping.nodes.node import (
-    RELIABLE,
-    finish,
-    publish,
-    read_case,
-    read_options,
-    run_node,
-    wait_for_peers,
-)
+from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
+from facts_damping.nodes.parameters import read_case, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.plant.integration import advance
@@ -128,21 +121,12 @@ class PlantSim:
             if not sound:
                 break
             self.advance(start, end)
-
-
-def body(node: Node) -> None:
-    """Run one plant."""
-    plant = PlantSim(node)
-    try:
-        plant.run()
-        finish([plant.to_link, plant.to_all, plant.to_events, plant.to_diagnostics], plant.options.timeout)
-    finally:
-        plant.spinner.close()
+        finish([self.to_link, self.to_all, self.to_events, self.to_diagnostics], self.options.timeout)
 
 
 def main() -> None:
     """Entry point of `ros2 run facts_damping plant_sim`."""
-    run_node("plant_sim", body)
+    run_node("plant_sim", PlantSim)
 
 
 if __name__ == "__main__":

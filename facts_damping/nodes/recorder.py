@@ -18,7 +18,8 @@ from rclpy.signals import SignalHandlerOptions
 from facts_damping import __version__
 from facts_damping.files import dump
 from facts_damping.loop import controller_names
-from facts_damping.nodes.node import RELIABLE, descriptor, read_case, read_options, run_node
+from facts_damping.nodes.node import RELIABLE, run_node
+from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.recording.writer import RecordingWriter
 
@@ -64,7 +65,10 @@ class Recorder:
     """Subscribes to everything and writes it."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters, open the recording, subscribe."""
+        """Read parameters, open the recording, subscribe; a signal ends the recording, not the context."""
+        self.stopped = Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: self.stopped.set())
         self.case, self.options = read_case(node), read_options(node)
         folder: Any = node.declare_parameter("output", "recording", descriptor("folder of the new recording")).value
         self.writer = RecordingWriter(folder, dump(self.case.document()), versions())
@@ -85,10 +89,19 @@ class Recorder:
         self.next[topic] = sequence + 1
         self.writer.write(topic, data, time.time_ns(), information["source_timestamp"], sequence)
 
-    def run(self, stopped: Event) -> None:
-        """Drain the queues, rest, and flush by the clock; once stopped, go on until nothing more comes."""
+    def run(self) -> None:
+        """Record until a signal, and then until nothing more comes; what was published by then is written."""
+        try:
+            self.drain()
+        finally:
+            self.writer.close(self.lost)
+        sys.stdout.write(f"lost {sum(self.lost.values())}\n")
+        sys.stdout.flush()
+
+    def drain(self) -> None:
+        """Empty the queues, rest, and flush by the clock."""
         flushed = heard = time.monotonic()
-        while not stopped.is_set() or time.monotonic() - heard < QUIET_S:
+        while not self.stopped.is_set() or time.monotonic() - heard < QUIET_S:
             while self.spinner.turn(0.0):
                 heard = time.monotonic()
             if time.monotonic() - flushed > FLUSH_S:
@@ -97,24 +110,9 @@ class Recorder:
             time.sleep(POLL_S)
 
 
-def body(node: Node) -> None:
-    """Record until a signal; what was published by then is written."""
-    stopped = Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopped.set())
-    recorder = Recorder(node)
-    try:
-        recorder.run(stopped)
-    finally:
-        recorder.writer.close(recorder.lost)
-        recorder.spinner.close()
-    sys.stdout.write(f"lost {sum(recorder.lost.values())}\n")
-    sys.stdout.flush()
-
-
 def main() -> None:
     """Entry point of `ros2 run facts_damping recorder`."""
-    run_node("recorder", body, signals=SignalHandlerOptions.NO)
+    run_node("recorder", Recorder, signals=SignalHandlerOptions.NO)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,8 @@ from facts_damping.errors import RunError
 from facts_damping.link.transfer import downlink, uplink
 from facts_damping.loop import build_link, controller_names, rehearse, tick_ns
 from facts_damping.nodes.messages import link_statistics
-from facts_damping.nodes.node import RELIABLE, publish, read_case, read_options, run_node, wait_for_peers
+from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
+from facts_damping.nodes.parameters import read_case, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.signals import CHANNELS, SETPOINT
@@ -113,18 +114,9 @@ class WanLink:
         return bool(self.missing) or self.tick + 1 < self.case.ticks
 
 
-def body(node: Node) -> None:
-    """Run one link."""
-    link = WanLink(node)
-    try:
-        link.run()
-    finally:
-        link.spinner.close()
-
-
 def main() -> None:
     """Entry point of `ros2 run facts_damping wan_link`."""
-    run_node("wan_link", body)
+    run_node("wan_link", WanLink)
 
 
 if __name__ == "__main__":

@@ -106,6 +106,20 @@ def test_real_time_loses_nothing_and_keeps_the_clock(domain: int, tmp_path: Path
         assert len(recorded.delivered) == len(loop.run(case).delivered)
 
 
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The processes that a graph starts, by name."""
+    found: dict[str, Any] = {}
+    original = graph.start
+
+    def spy(name: str, *arguments: Any) -> Any:
+        found[name] = original(name, *arguments)
+        return found[name]
+
+    monkeypatch.setattr(graph, "start", spy)
+    return found
+
+
 def nodes_left(folder: Path) -> list[str]:
     found = []
     for entry in Path("/proc").iterdir():
@@ -132,20 +146,12 @@ def nodes_left(folder: Path) -> list[str]:
     ],
 )
 def test_dead_or_silent_node_is_named(
-    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, node: str, number: int, said: str
+    domain: int, tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
 ) -> None:
-    started: dict[str, Any] = {}
-    original = graph.start
-
-    def spy(name: str, *arguments: Any) -> Any:
-        started[name] = original(name, *arguments)
-        return started[name]
-
     def strike(done: int, _of: int) -> None:
         if done > 1 and node in started:
             os.kill(started.pop(node).popen.pid, number)
 
-    monkeypatch.setattr(graph, "start", spy)
     began = time.monotonic()
     with pytest.raises(RunError, match=said):
         graph.run(load_case(None, ["duration=1000"]), "lockstep", tmp_path, strike, timeout=1.0)
@@ -153,21 +159,11 @@ def test_dead_or_silent_node_is_named(
     assert nodes_left(tmp_path) == []
 
 
-def test_killed_recorder_leaves_what_it_had_flushed(
-    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    started: dict[str, Any] = {}
-    original = graph.start
-
-    def spy(name: str, *arguments: Any) -> Any:
-        started[name] = original(name, *arguments)
-        return started[name]
-
+def test_killed_recorder_leaves_what_it_had_flushed(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
     def strike(done: int, _of: int) -> None:
         if done > 1000:
             started["recorder"].popen.kill()
 
-    monkeypatch.setattr(graph, "start", spy)
     with pytest.raises(RunError, match="recorder was killed"):
         graph.run(load_case(None, ["duration=1000"]), "lockstep", tmp_path, strike)
     recorded = load(tmp_path / "recording")

@@ -1,0 +1,97 @@
+"""Parameters of the nodes: declared from the fields of a run, with meaning, unit and range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from annotated_types import Ge, Gt, Le, Lt
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.parameter import Parameter
+
+from facts_damping.configuration import Case, load_case
+from facts_damping.errors import InputError
+from facts_damping.parameters.run import Run
+
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+    from rclpy.node import Node
+
+# Fields of a run that are parameters of every node; the others are reached through `set`.
+RUN_FIELDS = ("system", "scenario", "link", "frame_rate", "duration", "seed")
+
+OPTIONS: dict[str, tuple[Any, str]] = {
+    "mode": (
+        "lockstep",
+        "lockstep: the plant waits for each tick's setpoints; realtime: it is paced by the clock",
+    ),
+    "timeout": (5.0, "longest wait for a silent node once the run goes, s"),
+    "start_timeout": (30.0, "longest wait for the other nodes at the start, s"),
+    "recorder": (False, "true: wait for a recorder before starting"),
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of every node."""
+
+    mode: str
+    timeout: float
+    start_timeout: float
+    recorder: bool
+
+    @property
+    def realtime(self) -> bool:
+        """Whether the plant is paced by the clock."""
+        return self.mode == "realtime"
+
+
+def descriptor(description: str, unit: str = "", low: Any = None, high: Any = None, read_only: bool = True) -> Any:
+    """A ROS parameter's descriptor with meaning, unit and range."""
+    made = ParameterDescriptor(description=f"{description} [{unit}]" if unit else description, read_only=read_only)
+    if isinstance(low, int) and isinstance(high, int):
+        made.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+    elif low is not None and high is not None:
+        made.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high), step=0.0)]
+    return made
+
+
+def field_descriptor(field: FieldInfo) -> Any:
+    """The descriptor of a run's field, from its declaration."""
+    low = next((m.ge if isinstance(m, Ge) else m.gt for m in field.metadata if isinstance(m, (Ge, Gt))), None)
+    high = next((m.le if isinstance(m, Le) else m.lt for m in field.metadata if isinstance(m, (Le, Lt))), None)
+    extra = field.json_schema_extra
+    unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+    return descriptor(field.description or "", unit, low, high)
+
+
+def read_case(node: Node) -> Case:
+    """Declare the run's parameters and read the case that they describe."""
+    text = "name of a run under config/runs, or path of a YAML file; empty: all defaults"
+    run: Any = node.declare_parameter("run", "", descriptor(text)).value
+    sets: Any = node.declare_parameter(
+        "set", Parameter.Type.STRING_ARRAY, descriptor("changes to the run: key.path=value")
+    ).value
+    sets = list(sets or [])
+    case = load_case(run or None, sets)
+    changed = []
+    for name in RUN_FIELDS:
+        value = case.duration if name == "duration" else getattr(case.run, name)
+        if isinstance(value, (str, int, float)):
+            given: Any = node.declare_parameter(name, value, field_descriptor(Run.model_fields[name])).value
+            if given != value:
+                changed.append(f"{name}={given}")
+    return load_case(run or None, [*changed, *sets]) if changed else case
+
+
+def read_options(node: Node) -> Options:
+    """Declare and read the options of every node."""
+    limits = {"timeout": (0.05, 3600.0), "start_timeout": (0.05, 3600.0)}
+    values = {
+        name: node.declare_parameter(name, default, descriptor(text, "", *limits.get(name, ()))).value
+        for name, (default, text) in OPTIONS.items()
+    }
+    options = Options(**values)
+    if options.mode not in ("lockstep", "realtime"):
+        raise InputError(f"mode: '{options.mode}' given; allowed: lockstep, realtime")
+    return options
