@@ -20,7 +20,7 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose errors are one line."""
 
     def error(self, message: str) -> NoReturn:
-        raise InputError(f"{self.prog}: {message}")
+        raise InputError(message)
 
 
 def _common(parser: argparse.ArgumentParser, *, sets: bool = True, out: bool = True) -> None:
@@ -70,7 +70,10 @@ def parser() -> argparse.ArgumentParser:
 
 def _seconds(text: str) -> float:
     """A time-out, s."""
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
     if not 0.05 <= value <= 3600.0:
         raise argparse.ArgumentTypeError(f"{text} given; allowed: 0.05 to 3600 s")
     return value

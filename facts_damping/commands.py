@@ -47,19 +47,24 @@ def plot(records: Sequence[tuple[str, Record]], folder: Path) -> list[Path]:
 def _report(
     arguments: argparse.Namespace,
     named: list[tuple[str, Record]],
-    summaries: list[dict[str, Any]],
-    folder: Path,
+    results: list[dict[str, Any]],
+    folder: Path | None,
+    *more: str,
 ) -> None:
-    """Table on the terminal, plots in the folder."""
+    """Files first, the table on the terminal after them: a reader that closes its end loses no result."""
     from facts_damping.analysis.summary import table
 
+    one = arguments.command != "analyze"
+    pictures = [] if folder is None else plot(named, files.new_folder(folder))
+    if folder is not None:
+        write_json(str(folder / "result.json"), results[0] if one else results)
+    write_json(arguments.json, results[0] if one else results)
     for name, record in named:
         for note in record.notes:
             sys.stderr.write(f"{name}: {note}\n")
-    _say(arguments, table([(name, s) for (name, _), s in zip(named, summaries, strict=True)]))
-    files.new_folder(folder)
-    for path in plot(named, folder):
-        _say(arguments, f"plot: {path}")
+    _say(arguments, table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
+    for line in (*(f"plot: {path}" for path in pictures), *more):
+        _say(arguments, line)
 
 
 def label(run: dict[str, Any]) -> str:
@@ -82,15 +87,8 @@ def simulate(arguments: argparse.Namespace) -> None:
     began = time.perf_counter()
     record = loop.run(case)
     result = summarise(record, time.perf_counter() - began, None)
-    if arguments.out is not None:
-        folder = Path(arguments.out)
-        _report(arguments, [(label(case.summary()), record)], [result], folder)
-        write_json(str(folder / "result.json"), result)
-    else:
-        from facts_damping.analysis.summary import table
-
-        _say(arguments, table([(label(case.summary()), result)]))
-    write_json(arguments.json, result)
+    folder = None if arguments.out is None else Path(arguments.out)
+    _report(arguments, [(label(case.summary()), record)], [result], folder)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -110,11 +108,8 @@ def run(arguments: argparse.Namespace) -> None:
     record = load(outcome.recording)
     result = summarise(record, outcome.wall_s, str(outcome.recording))
     result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
-    _report(arguments, [(name, record)], [result], folder)
-    _say(arguments, f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}")
-    _say(arguments, f"recording: {outcome.recording}")
-    write_json(str(folder / "result.json"), result)
-    write_json(arguments.json, result)
+    counted = f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}"
+    _report(arguments, [(name, record)], [result], folder, counted, f"recording: {outcome.recording}")
 
 
 def analyze(arguments: argparse.Namespace) -> None:
@@ -132,7 +127,6 @@ def analyze(arguments: argparse.Namespace) -> None:
     ]
     folder = Path(arguments.out) if arguments.out is not None else Path(arguments.recordings[0]).parent / "analysis"
     _report(arguments, named, results, folder)
-    write_json(arguments.json, results)
 
 
 def modes(arguments: argparse.Namespace) -> None:

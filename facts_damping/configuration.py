@@ -10,7 +10,8 @@ from facts_damping.errors import InputError
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
 from facts_damping.parameters.run import Link, Run, Scenario
 from facts_damping.parameters.system import System
-from facts_damping.validation import check
+from facts_damping.plant.events import stages
+from facts_damping.validation import check, origin
 
 MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
 
@@ -111,13 +112,31 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
     else:
         scenario = check(Scenario, {"name": "inline", "events": run.scenario}, source, sets, "scenario")
     if isinstance(run.link, str):
-        path = find("links", run.link)
-        link = check(Link, read_table(path), str(path))
+        link_path = find("links", run.link)
+        link = check(Link, read_table(link_path), str(link_path))
     else:
         link = check(Link, run.link, source, sets, "link")
     case = Case(run, system, scenario, link)
-    _check_case(case, source)
+    _check_case(case, source, sets)
+    _check_events(case, str(path) if isinstance(run.scenario, str) else "", source, sets)
     return case
+
+
+def _check_events(case: Case, scenario_file: str, source: str, sets: dict[str, str] | None) -> None:
+    """Events that cannot happen, named by the scenario's file or by the run's own field."""
+    try:
+        stages(case.system, case.scenario.events)
+    except InputError as error:
+        text = str(error)
+        if not text.startswith("events."):
+            raise
+        if scenario_file:
+            raise InputError(f"{scenario_file}: {text}") from error
+        place = text.removeprefix("events.")
+        field = f"scenario.{place.split(':')[0].split(' ')[0]}"
+        raise InputError(
+            f"{origin(field, source, sets)}{place.removeprefix(field.removeprefix('scenario.'))}"
+        ) from error
 
 
 def _known(where: str, name: str, allowed: list[str]) -> None:
@@ -125,41 +144,45 @@ def _known(where: str, name: str, allowed: list[str]) -> None:
         raise InputError(f"{where}: '{name}' given; allowed: {', '.join(allowed) or 'none'}")
 
 
-def _check_case(case: Case, source: str) -> None:
+def _check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
     """What one file alone cannot tell: devices, controllers, signals and parameters that are not there."""
     run, system = case.run, case.system
     if case.ticks > MOST_TICKS:
         raise InputError(
-            f"{source}: duration: {case.duration:g} s at {run.frame_rate} frames/s given, {case.ticks} frames; "
-            f"allowed: at most {MOST_TICKS} frames"
+            f"{origin('duration', source, sets)}: {case.duration:g} s at {run.frame_rate} frames/s given, "
+            f"{case.ticks} frames; allowed: at most {MOST_TICKS} frames"
         )
     for i, device in enumerate(run.devices):
-        _known(f"{source}: devices.{i}", device, [d.name for d in system.devices])
+        _known(origin(f"devices.{i}", source, sets), device, [d.name for d in system.devices])
     if len(run.devices) > 1:
-        raise InputError(f"{source}: devices: {len(run.devices)} given; allowed: one device at most")
+        raise InputError(f"{origin('devices', source, sets)}: {len(run.devices)} given; allowed: one device at most")
     commanded: set[str] = set()
     for c, controller in enumerate(run.controllers):
-        where = f"{source}: controllers.{c}"
-        _known(f"{where}.name", controller.name, list(CONTROLLERS))
+        here = f"controllers.{c}"
+
+        def where(field: str, here: str = here) -> str:
+            return origin(f"{here}.{field}", source, sets)
+
+        _known(where("name"), controller.name, list(CONTROLLERS))
         kind = CONTROLLERS[controller.name]
         for device in controller.devices:
-            _known(f"{where}.devices", device, run.devices)
+            _known(where("devices"), device, run.devices)
             if device in commanded:
                 raise InputError(
-                    f"{where}.devices: '{device}' given, which is commanded already; allowed: each device once"
+                    f"{where('devices')}: '{device}' given, which is commanded already; allowed: each device once"
                 )
             commanded.add(device)
         for signal in controller.signals:
-            _known(f"{where}.signals", signal, list(system.signals))
+            _known(where("signals"), signal, list(system.signals))
         for field, count in (("signals", kind.signals), ("devices", kind.devices)):
             if len(getattr(controller, field)) != count:
                 raise InputError(
-                    f"{where}.{field}: {len(getattr(controller, field))} given; allowed: {count} for {controller.name}"
+                    f"{where(field)}: {len(getattr(controller, field))} given; allowed: {count} for {controller.name}"
                 )
         for name, value in controller.parameters.items():
-            _known(f"{where}.parameters", name, list(kind.parameters))
+            _known(where(f"parameters.{name}"), name, list(kind.parameters))
             p = kind.parameters[name]
             if not p.low <= value <= p.high:
                 raise InputError(
-                    f"{where}.parameters.{name}: {value:g} given; allowed: {p.low:g} to {p.high:g} {p.unit}"
+                    f"{where(f'parameters.{name}')}: {value:g} given; allowed: {p.low:g} to {p.high:g} {p.unit}"
                 )

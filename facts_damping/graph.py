@@ -28,6 +28,7 @@ POLL_S = 0.02
 STOP_ORDER = {"plant_sim": 2, "recorder": 1}  # the source first; the rest wait until the recorder has it all
 STOP_S = 5.0  # patience with a node that was told to stop
 PR_SET_PDEATHSIG = 1
+MOST_DOMAIN = 232
 
 # UDP is as fast as shared memory here, and a killed node leaves no segment behind.
 ENVIRONMENT = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
@@ -130,6 +131,7 @@ def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], 
 
     Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.
     """
+    check_domain(os.environ.get("ROS_DOMAIN_ID", "0"))
     if (out / "recording").exists():
         raise InputError(f"--out {out}: holds a recording already; allowed: a new folder")
     new_folder(out)
@@ -159,6 +161,12 @@ def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], 
             raise RunError(recorder.reason())
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
     return Outcome(out / "recording", wall, misses, int(lost.group(1)) if lost else 0)
+
+
+def check_domain(domain: str) -> None:
+    """Refuse a ROS_DOMAIN_ID that DDS has no ports for."""
+    if not (domain.isdecimal() and int(domain) <= MOST_DOMAIN):
+        raise InputError(f"ROS_DOMAIN_ID: '{domain}' given; allowed: 0 to {MOST_DOMAIN}")
 
 
 def _check_others(running: dict[str, Process]) -> None:

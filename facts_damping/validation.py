@@ -50,13 +50,19 @@ def _allowed_keys(model: type[Model], location: tuple[int | str, ...]) -> str:
                 break
             here = (tagged or inside)[-1]
     if isinstance(here, type) and issubclass(here, Model):
-        return ", ".join(field.alias or name for name, field in here.model_fields.items())
+        return ", ".join(field.alias or name for name, field in here.model_fields.items() if name != "asked")
     return "none"
 
 
 def _has_tag(model: type[Model], location: tuple[int | str, ...]) -> bool:
     kind = model.model_fields.get("kind")
     return kind is not None and any(part in getattr(kind.annotation, "__args__", ()) for part in location)
+
+
+def origin(field: str, source: str, sets: dict[str, str] | None) -> str:
+    """Where a field's value comes from, and its path: the `--set` that gave it, or the source."""
+    changed = next((f"--set {k}={v}" for k, v in (sets or {}).items() if f"{field}.".startswith(f"{k}.")), source)
+    return f"{changed}: {field}" if field else changed
 
 
 def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None = None, under: str = "") -> M:
@@ -70,8 +76,7 @@ def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None
     if under == "scenario" and keys[:1] == ["events"]:
         keys = keys[1:]  # a run's scenario is the list of events itself
     field = ".".join([under, *keys] if under else keys)
-    changed = next((f"--set {k}={v}" for k, v in (sets or {}).items() if field == k or field.startswith(f"{k}.")), None)
-    where = f"{changed or source}: {field}" if field else changed or source
+    where = origin(field, source, sets)
     message = re.sub(r"^Value error, ", "", first["msg"])
     if first["type"] == "extra_forbidden":
         raise InputError(f"{where}: unknown key; allowed: {_allowed_keys(model, location)}")

@@ -46,13 +46,11 @@ def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Opt
         ]
         shared = [s.topic_name for s in node.subscriptions if node.count_publishers(s.topic_name) > 1]
         if shared:
-            raise RunError(
-                f"{node.get_name()}: another graph publishes {shared[0]} too; set another ROS_DOMAIN_ID (0 to 101)"
-            )
+            raise RunError(f"another graph publishes {shared[0]} too; set another ROS_DOMAIN_ID (0 to 101)")
         if not missing:
             return
         if time.monotonic() > deadline:
-            raise RunError(f"{node.get_name()}: missing after {options.start_timeout:g} s: {', '.join(missing)}")
+            raise RunError(f"missing after {options.start_timeout:g} s: {', '.join(missing)}")
         time.sleep(0.01)  # messages that come meanwhile wait in their queues
         if not rclpy.ok():
             raise ExternalShutdownException
