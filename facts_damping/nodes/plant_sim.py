@@ -110,10 +110,12 @@ class PlantSim:
             sound = self.measure(k, start)
             if k % rate == 0:
                 publish(self.to_diagnostics, diagnostics("plant_sim", self.options.mode, self.misses, start))
+            if not self.options.realtime or k == 0:
+                self.wait_lockstep(k)
+            if k == 0:
+                wall_start = time.monotonic()  # the clock starts when all have answered once
             if self.options.realtime:
                 self.wait_realtime(k, wall_start + end * 1e-9)
-            else:
-                self.wait_lockstep(k)
             if time.monotonic() - told > PROGRESS_S or k + 1 == ticks or not sound:
                 told = time.monotonic()
                 sys.stdout.write(f"tick {k + 1} {ticks} {self.misses}\n")
