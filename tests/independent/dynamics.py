@@ -23,15 +23,15 @@ from .network import (
     power_flow,
 )
 
-# Machines, p.u. on 900 MVA (plant.md, Kundur example 12.6)
+# Machines, p.u. on 900 MVA (docs/plant.md, Kundur example 12.6)
 XD, XD1, XD2, XQ, XQ1, XQ2, XL, RA = 1.8, 0.3, 0.25, 1.7, 0.55, 0.25, 0.2, 0.0025
 TD01, TD02, TQ01, TQ02 = 8.0, 0.03, 0.4, 0.05
 H = np.array([6.5, 6.5, 6.175, 6.175])
-# Static exciter (table A.2 by converters.md) and DC exciter (2.24-2.30, plant.md)
+# Static exciter (table A.2) and DC exciter (2.24-2.30), see docs/plant.md
 KA, TR, EFD_MIN, EFD_MAX = 200.0, 0.02, 0.0, 7.0
 DC_KA, DC_TA, DC_TE, DC_KE, DC_KF, DC_TF, DC_TR = 20.0, 0.055, 0.36, 1.0, 0.125, 1.8, 0.05
 DC_AEX, DC_BEX = 0.0056, 1.075
-# SSSC by converters.md
+# SSSC by docs/plant.md
 KP, KI, KD, KDI, IN, TAU, U_MAX, SP_MAX, S_MAX = 0.00375, 0.1875, 0.4, 8.0, 10.0, 0.006, 0.1, 0.1, 0.11
 I_BLOCK = 0.02
 # LLC (appendix B)
@@ -68,7 +68,7 @@ def subtransient(machine: str, rotor: Array) -> tuple[Array, Array]:
 def rotor_rates(machine: str, rotor: Array, Efd: Array, Id: Array, Iq: Array) -> Array:
     """Time derivatives of the rotor states [p.u./s].
 
-    ``cascade``: (E'd, E'q, E''d, E''q) by (2.3-2.6) as errata.md corrects them; ``genrou``: flux linkages of
+    ``cascade``: (E'd, E'q, E''d, E''q) by (2.3-2.6) as docs/plant.md corrects them; ``genrou``: flux linkages of
     field, d damper and two q dampers, d(psi)/dt = w0 (e - R i).
     """
     if machine == "cascade":

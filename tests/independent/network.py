@@ -17,15 +17,15 @@ Complex = NDArray[np.complex128]
 S_BASE = 100.0  # MVA
 S_MACHINE = 900.0  # MVA
 W0 = 2.0 * np.pi * 60.0  # rad/s
-LINE_R, LINE_X, LINE_B = 1e-4, 1e-3, 1.75e-3  # p.u. per km (plant.md, Kundur example 12.6)
-RS, XS = 0.000053, 0.0016  # SSSC's coupling (converters.md)
+LINE_R, LINE_X, LINE_B = 1e-4, 1e-3, 1.75e-3  # p.u. per km (docs/plant.md, Kundur example 12.6)
+RS, XS = 0.000053, 0.0016  # SSSC's coupling (docs/plant.md)
 X_TRANSFORMER = 0.15 * S_BASE / S_MACHINE
 Y_MAGNETISING = (1.0 / 500.0 + 1.0 / 500.0j) * S_MACHINE / S_BASE  # Rm = Xm = 500 p.u. on 900 MVA
 
 # Bus "w" and "e" are the halves of the split middle bus 8.
 BUSES = ("1", "2", "3", "4", "5", "6", "7", "w", "e", "9", "10", "11")
 TRANSFORMERS = (("1", "5"), ("2", "6"), ("3", "11"), ("4", "10"))
-LINES = {  # name: (from, to, km); 1 to 4 as plant.md numbers them
+LINES = {  # name: (from, to, km); 1 to 4 as docs/plant.md numbers them
     "5-6": ("5", "6", 25.0),
     "6-7": ("6", "7", 10.0),
     "1": ("7", "w", 110.0),
@@ -39,7 +39,7 @@ LINES = {  # name: (from, to, km); 1 to 4 as plant.md numbers them
 
 @dataclass(frozen=True)
 class Case:
-    """Data of one system (plant.md, section 1)."""
+    """Data of one system (docs/plant.md, section 1)."""
 
     name: str
     P_MW: tuple[float, float, float, float]

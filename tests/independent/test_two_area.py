@@ -1,4 +1,4 @@
-"""The independent reference model against published figures: plant.md, converters.md, wide_area.md, ANDES."""
+"""The independent reference model against published figures and ANDES."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ def test_the_resistance_of_the_sssc_moves_the_power_flow_in_the_fourth_digit(the
 
 
 def test_power_flow_of_kundur_12_6(kundur: System) -> None:
-    """Voltages and reactive powers of plant.md, a unit in the last place allowed."""
+    """Published voltages and reactive powers (docs/validation.md), a unit in the last place allowed."""
     V = np.abs(kundur.flow.V)[[4, 5, 6, 7, 9, 10, 11]]
     np.testing.assert_allclose(V, [1.0065, 0.9781, 0.9610, 0.9486, 0.9714, 0.9835, 1.0083], atol=6e-5)
     np.testing.assert_allclose(kundur.flow.S.imag * 100.0, [185, 235, 176, 202], atol=0.6)
@@ -224,7 +224,7 @@ def test_kundur_bus_8_fault_is_that_of_andes(kundur: System) -> None:
 
 
 def test_modes_of_the_thesis_system(thesis: System) -> None:
-    """Interarea and local modes and the residue's angle of converters.md."""
+    """Interarea and local modes and the residue angle (docs/validation.md)."""
     interarea, local1, local2 = modes(thesis)[:3]
     assert interarea.hertz == pytest.approx(0.630, abs=5e-4)
     assert interarea.damping == pytest.approx(-0.0139, abs=1.5e-4)
@@ -274,7 +274,7 @@ def delayed_mode(system: System, weights: np.ndarray, delay: float, guess: compl
 def test_damping_with_lead_lag_and_delay(
     thesis: System, weights: tuple[float, ...], delay: float, damping: float
 ) -> None:
-    """Reference points of wide_area.md, given there to three decimals."""
+    """Damping and delay margin of the linear loop as computed by an earlier, separate program, to three decimals."""
     s = delayed_mode(thesis, np.array(weights, dtype=float), delay, -0.08 + 4.13j)
     assert s.imag == pytest.approx(4.1, abs=0.1)
     assert -s.real / abs(s) == pytest.approx(damping, abs=1e-3)
@@ -287,7 +287,7 @@ def test_lead_lag_states_give_the_same_mode(thesis: System) -> None:
 
 
 def test_newton_agrees_with_the_closed_form(thesis: System) -> None:
-    """|I| = sqrt(|I0|^2 - Im(a)^2) - Re(a), arg(I0) - arg(|I| + a): converters.md."""
+    """|I| = sqrt(|I0|^2 - Im(a)^2) - Re(a), arg(I0) - arg(|I| + a): docs/plant.md."""
     rng, compared = np.random.default_rng(1), 0
     for _ in range(50):
         v0, u = complex(*rng.normal(size=2)) * 0.4, rng.uniform(-0.1, 0.1)

@@ -1,6 +1,6 @@
 """Independent reference model of the two-area, four-machine systems: scenarios, modes and integration.
 
-Written from the design documents alone (plant.md, converters.md, errata.md) and by other means than the
+Written from the equations alone (docs/plant.md) and by other means than the
 package: full complex bus admittance matrix without reduction (:mod:`.network`), stator and network as one
 dense real linear system at every evaluation, the SSSC's current by Newton iteration on its port equation,
 rotors of the standard machine as magnetic circuits (:mod:`.dynamics`), power flow by
@@ -44,7 +44,7 @@ __all__ = [
     "small",
 ]
 
-RAMP = 5.0  # p.u./s, the SSSC's rate limit (converters.md)
+RAMP = 5.0  # p.u./s, the SSSC's rate limit (docs/plant.md)
 
 Event = tuple[float, Config]
 

@@ -64,7 +64,7 @@ def test_kundur_12_6_has_the_eigenvalues_of_andes() -> None:
 
 
 def test_swings_of_kundur_12_6_are_those_of_other_programs() -> None:
-    """plant.md: interarea 0.5426 to 0.5445 Hz at 0.027 (ANDES) to 0.038; local 1.05 to 1.12 Hz at 0.082 to 0.094."""
+    """Published by four programs: interarea 0.5426 to 0.5445 Hz at 0.027 (ANDES) to 0.038; local 1.05 to 1.12 Hz at 0.082 to 0.094."""
     interarea, *local = swings(plant("kundur_12_6"))
     assert 0.5426 <= interarea.frequency_hz <= 0.5445
     assert 0.0270 <= interarea.damping_ratio <= 0.038
@@ -133,7 +133,7 @@ def test_kundur_12_6_has_the_eigenvalues_of_the_independent_model(name: str, exc
 
 
 def test_rate_feedback_as_printed_makes_the_open_loop_less_damped() -> None:
-    """converters.md: KF 0.001, TF 0.1 give a damping of -0.035; with TF on, xf takes part in the modes."""
+    """Thesis, table A.2: KF 0.001, TF 0.1 give a damping of -0.035; with TF on, xf takes part in the modes."""
     system = shipped("two_area")
     exciters = [{**e.model_dump(), "KF": 0.001, "TF": 0.1} for e in system.exciters]
     printed = swings(plant(changed(system, exciters=exciters)))[0]

@@ -18,7 +18,7 @@ def test_mismatch_of_every_shipped_system(name: str) -> None:
 
 
 def test_kundur_12_6_is_as_published() -> None:
-    """plant.md gives four digits of the voltages and whole Mvar: half of the last one."""
+    """Published (Kundur) are four digits of the voltages and whole Mvar: half of the last one."""
     flow = solve(shipped("kundur_12_6"))
     voltage = dict(zip(flow.names, np.abs(flow.voltage), strict=True))
     published = {"B5": 1.0065, "B6": 0.9781, "B7": 0.9610, "B8": 0.9486, "B9": 0.9714, "B10": 0.9835, "B11": 1.0083}

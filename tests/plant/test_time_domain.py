@@ -90,7 +90,7 @@ def test_integrator_is_of_fourth_order() -> None:
 
 
 def test_kundur_12_6_fault_is_that_of_andes() -> None:
-    """plant.md asks for 1 degree and 5 % of the peak; the same machine model gives 0.002 degrees and 0.05 %."""
+    """One degree and 5 % of the peak were asked for; the same machine model gives 0.002 degrees and 0.05 %."""
     rows = np.loadtxt(DATA / "kundur_12_6_bus8_fault_andes.csv", delimiter=",", skiprows=1)
     times, speeds, angles = rows[:, 0], rows[:, 1:5] - 1, rows[:, 5:]
     fault = {"time": 1.0, "kind": "fault", "bus": "B8", "duration": 0.1}
