@@ -64,7 +64,7 @@ def test_kundur_12_6_has_the_eigenvalues_of_andes() -> None:
 
 
 def test_swings_of_kundur_12_6_are_those_of_other_programs() -> None:
-    """Published by four programs: interarea 0.5426 to 0.5445 Hz at 0.027 (ANDES) to 0.038; local 1.05 to 1.12 Hz at 0.082 to 0.094."""
+    """Four programs: interarea 0.5426 to 0.5445 Hz at 0.027 to 0.038; local 1.05 to 1.12 Hz at 0.082 to 0.094."""
     interarea, *local = swings(plant("kundur_12_6"))
     assert 0.5426 <= interarea.frequency_hz <= 0.5445
     assert 0.0270 <= interarea.damping_ratio <= 0.038
