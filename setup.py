@@ -85,6 +85,7 @@ setup(
             "import-linter>=2,<3",
             "mypy==2.4.1",  # exact, as ruff: a new release finds new faults
             "pytest>=8,<10",
+            "pytest-timeout>=2.3,<3",
             "ruff==0.17.5",
             "types-PyYAML>=6,<7",
         ],
