@@ -81,9 +81,6 @@ def label(run: dict[str, Any]) -> str:
 def simulate(arguments: argparse.Namespace) -> None:
     """One closed loop in process."""
     case = configuration.load_case(arguments.run, arguments.set)
-    loop.build_loop(case)  # bad input is refused before anything is made
-    if arguments.out is not None:
-        files.new_folder(Path(arguments.out))
     began = time.perf_counter()
     record = loop.run(case)
     result = summarise(record, time.perf_counter() - began, None)

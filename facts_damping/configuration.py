@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from facts_damping.control.table import CONTROLLERS
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
 from facts_damping.parameters.run import Link, Run, Scenario
 from facts_damping.parameters.system import System
@@ -139,11 +139,6 @@ def _check_events(case: Case, scenario_file: str, source: str, sets: dict[str, s
         ) from error
 
 
-def _known(where: str, name: str, allowed: list[str]) -> None:
-    if name not in allowed:
-        raise InputError(f"{where}: '{name}' given; allowed: {', '.join(allowed) or 'none'}")
-
-
 def _check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
     """What one file alone cannot tell: devices, controllers, signals and parameters that are not there."""
     run, system = case.run, case.system
@@ -153,7 +148,7 @@ def _check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
             f"{case.ticks} frames; allowed: at most {MOST_TICKS} frames"
         )
     for i, device in enumerate(run.devices):
-        _known(origin(f"devices.{i}", source, sets), device, [d.name for d in system.devices])
+        check_known(origin(f"devices.{i}", source, sets), device, [d.name for d in system.devices])
     if len(run.devices) > 1:
         raise InputError(f"{origin('devices', source, sets)}: {len(run.devices)} given; allowed: one device at most")
     commanded: set[str] = set()
@@ -163,24 +158,24 @@ def _check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
         def where(field: str, here: str = here) -> str:
             return origin(f"{here}.{field}", source, sets)
 
-        _known(where("name"), controller.name, list(CONTROLLERS))
+        check_known(where("name"), controller.name, list(CONTROLLERS))
         kind = CONTROLLERS[controller.name]
         for device in controller.devices:
-            _known(where("devices"), device, run.devices)
+            check_known(where("devices"), device, run.devices)
             if device in commanded:
                 raise InputError(
                     f"{where('devices')}: '{device}' given, which is commanded already; allowed: each device once"
                 )
             commanded.add(device)
         for signal in controller.signals:
-            _known(where("signals"), signal, list(system.signals))
+            check_known(where("signals"), signal, list(system.signals))
         for field, count in (("signals", kind.signals), ("devices", kind.devices)):
             if len(getattr(controller, field)) != count:
                 raise InputError(
                     f"{where(field)}: {len(getattr(controller, field))} given; allowed: {count} for {controller.name}"
                 )
         for name, value in controller.parameters.items():
-            _known(where(f"parameters.{name}"), name, list(kind.parameters))
+            check_known(where(f"parameters.{name}"), name, list(kind.parameters))
             p = kind.parameters[name]
             if not p.low <= value <= p.high:
                 raise InputError(

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
 
 class FactsDampingError(Exception):
     """Base class of every error that this package raises on purpose."""
@@ -17,3 +22,10 @@ class RunError(FactsDampingError):
 
 class RecordingError(FactsDampingError):
     """A recording that cannot be read or written."""
+
+
+def check_known(where: str, name: str, allowed: Iterable[str]) -> None:
+    """Raise `InputError` where a name is not among those that there are."""
+    names = list(allowed)
+    if name not in names:
+        raise InputError(f"{where}: '{name}' given; allowed: {', '.join(names) or 'none'}")

@@ -61,6 +61,11 @@ class Process:
         self.told += len(data)
         return data.decode(errors="replace")
 
+    def progress(self) -> list[tuple[int, int, int]]:
+        """Lines of progress since the last look: tick, of how many, deadline misses."""
+        lines = re.findall(r"^tick (\d+) (\d+) (\d+)$", self.read(), re.MULTILINE)
+        return [(int(k), int(n), int(misses)) for k, n, misses in lines]
+
     def reason(self) -> str:
         """Why it ended, in one line."""
         self.errors.seek(0)
@@ -75,14 +80,14 @@ def _die_with_parent() -> None:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def start(name: str, module: str, parameters: dict[str, Any], options: list[str] | None = None) -> Process:
+def start(name: str, module: str, parameters: dict[str, Any]) -> Process:
     """Start a node as a process of its own session."""
     arguments = [sys.executable, "-m", f"facts_damping.nodes.{module}", "--ros-args", "-r", f"__node:={name}"]
     for key, value in parameters.items():
         arguments += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
     output, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in `graph`)
     popen = subprocess.Popen(
-        [*arguments, *(options or [])],
+        arguments,
         stdin=subprocess.DEVNULL,
         stdout=output,
         stderr=errors,
@@ -141,9 +146,9 @@ def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], 
         plant = running["plant_sim"]
         heard = time.monotonic() + 60.0  # patience with the start, above the nodes' own
         while plant.popen.poll() is None:
-            for k, n, late in re.findall(r"^tick (\d+) (\d+) (\d+)$", plant.read(), re.MULTILINE):
-                heard, misses = time.monotonic(), int(late)
-                progress(int(k), int(n))
+            for k, n, late in plant.progress():
+                heard, misses = time.monotonic(), late
+                progress(k, n)
             _check_others(running)
             if time.monotonic() - heard > timeout + 5.0:
                 raise RunError(f"plant_sim is silent: no progress within {timeout + 5.0:g} s")
@@ -151,9 +156,9 @@ def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], 
         if plant.popen.returncode != 0:
             _check_others(running)
             raise RunError(plant.reason())
-        for k, n, late in re.findall(r"^tick (\d+) (\d+) (\d+)$", plant.read(), re.MULTILINE):
-            misses = int(late)
-            progress(int(k), int(n))
+        for k, n, late in plant.progress():
+            misses = late
+            progress(k, n)
         wall = time.monotonic() - began
         recorder = running["recorder"]
         _end(recorder, signal.SIGINT)

@@ -68,6 +68,11 @@ def tick_ns(tick: int, frame_rate: int) -> int:
     return tick * NANOSECONDS // frame_rate
 
 
+def commands(case: Case) -> int:
+    """Number of setpoints that all controllers of a case give at one arrival."""
+    return sum(len(controller.devices) for controller in case.run.controllers)
+
+
 def build_plant(case: Case) -> Built:
     """The plant of a case, at its equilibrium."""
     return build(case.system, case.run.devices, case.scenario.events)
@@ -75,8 +80,8 @@ def build_plant(case: Case) -> Built:
 
 def build_link(case: Case) -> tuple[Direction, Direction]:
     """Both directions of a case's link."""
-    commands = sum(len(c.devices) for c in case.run.controllers)
-    return directions(case.link, len(case.system.stations), len(case.run.devices), commands, case.run.frame_rate)
+    stations, devices = len(case.system.stations), len(case.run.devices)
+    return directions(case.link, stations, devices, commands(case), case.run.frame_rate)
 
 
 def build_bank(case: Case) -> tuple[Bank, BankState]:
@@ -86,9 +91,9 @@ def build_bank(case: Case) -> tuple[Bank, BankState]:
     return bank(case.run.controllers, case.system.signals, stations, limits)
 
 
-def issue_room(down: Direction, up: Direction) -> NDArray[Any]:
-    """Room for all setpoints that can be issued in one tick."""
-    return np.zeros(max(1, len(down.out)) * max(1, len(up.out)), SETPOINT)
+def issue_room(commands: int, entries: int) -> NDArray[Any]:
+    """Room for the setpoints of a tick: `commands` at each arrival, and each delivered entry may be one."""
+    return np.zeros(commands * entries, SETPOINT)
 
 
 def build_loop(case: Case) -> Loop:
@@ -97,13 +102,14 @@ def build_loop(case: Case) -> Loop:
     up, down = build_link(case)
     controllers, state = build_bank(case)
     work = workspace(built.plant, built.state)
-    return Loop(built.plant, built.state, work, up, down, controllers, state, issue_room(down, up))
+    issued = issue_room(commands(case), len(up.out))
+    return Loop(built.plant, built.state, work, up, down, controllers, state, issued)
 
 
-def room(case: Case, loop: Loop) -> Signals:
-    """Arrays for all signals of a case."""
-    n, stations = case.ticks, len(case.system.stations)
-    commands = 2 * sum(len(c.devices) for c in case.run.controllers)
+def room(case: Case, loop: Loop, ticks: int | None = None) -> Signals:
+    """Arrays for all signals of a case, or of its first `ticks`."""
+    n, stations = case.ticks if ticks is None else ticks, len(case.system.stations)
+    setpoints = 2 * commands(case)
     return Signals(
         np.zeros(n, np.int64),
         np.zeros((n, stations, len(CHANNELS))),
@@ -111,8 +117,8 @@ def room(case: Case, loop: Loop) -> Signals:
         np.zeros((n, len(loop.plant.converters)), DEVICE_TRUTH),
         np.zeros(n, np.bool_),
         np.zeros(n * stations, DELIVERY),
-        np.zeros(n * commands, SETPOINT),
-        np.zeros(n * commands, SETPOINT),
+        np.zeros(n * setpoints, SETPOINT),
+        np.zeros(n * setpoints, SETPOINT),
         np.zeros(4, np.int64),
     )
 
@@ -180,7 +186,8 @@ def rehearse(case: Case) -> None:
 
     Compiles them, or loads them from the cache, before a clock runs.
     """
-    loop, kept = build_loop(case), room(case, build_loop(case))
+    loop = build_loop(case)
+    kept = room(case, loop, 1)
     end = tick_ns(1, case.run.frame_rate)
     measure(loop.plant, loop.plant_state, 0, kept.frames[0], kept.machines[0], kept.devices[0], loop.work)
     delivered = uplink(loop.up, 0, 0, end, kept.frames[0])

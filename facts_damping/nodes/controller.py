@@ -10,7 +10,7 @@ from rcl_interfaces.msg import SetParametersResult
 from facts_damping.control.bank import act, parameters
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError
-from facts_damping.loop import build_bank, build_link, controller_names, issue_room, rehearse, tick_ns
+from facts_damping.loop import build_bank, controller_names, issue_room, rehearse, tick_ns
 from facts_damping.nodes.messages import Inner
 from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
@@ -37,8 +37,6 @@ class ControllerNode:
         self.bank, self.state = build_bank(self.case)
         self.kind = CONTROLLERS[self.case.run.controllers[self.index].name]
         self.declare(node)
-        up, down = build_link(self.case)
-        self.room = issue_room(down, up)
         self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
         self.name = controller_names(self.case)[self.index]
         self.inner = Inner(self.case, self.index)
@@ -77,8 +75,9 @@ class ControllerNode:
         state, c = self.state, self.index
         tick, delivered = self.frames.read(data)
         start = tick_ns(tick, self.case.run.frame_rate)
-        count = act(self.bank, state, c, tick, delivered, len(delivered), self.room, 0)
-        publish(self.to_link, self.setpoints.fill(tick, start, self.room[:count], self.name))
+        issued = issue_room(len(self.case.run.controllers[c].devices), len(delivered))
+        count = act(self.bank, state, c, tick, delivered, len(delivered), issued, 0)
+        publish(self.to_link, self.setpoints.fill(tick, start, issued[:count], self.name))
         inner = self.inner.fill(tick, start, len(delivered) > 0, state.inputs[c], state.unlimited[c], state.outputs[c])
         publish(self.to_recorder, inner)
 

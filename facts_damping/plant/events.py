@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import run as events
 from facts_damping.plant.network import FaultPlace, Topology, check_islands
 from facts_damping.signals import to_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from facts_damping.parameters.run import Event
     from facts_damping.parameters.system import System
@@ -60,12 +60,6 @@ def stages(system: System, listed: Sequence[Event]) -> list[Stage]:
     return found
 
 
-def _known(where: str, name: str, allowed: Iterable[str]) -> None:
-    allowed = list(allowed)
-    if name not in allowed:
-        raise InputError(f"{where}: '{name}' given; allowed: {', '.join(allowed) or 'none'}")
-
-
 def _apply(system: System, stage: Stage, change: Change) -> Stage:
     """The stage after a change."""
     event, where, before = change.event, change.where, stage.topology
@@ -73,25 +67,25 @@ def _apply(system: System, stage: Stage, change: Change) -> Stage:
     buses = [bus.name for bus in system.buses]
     if isinstance(event, (events.Fault, events.Clear)):
         if event.bus is not None:
-            _known(f"{where}.bus", event.bus, buses)
+            check_known(f"{where}.bus", event.bus, buses)
         elif event.line is not None:
-            _known(f"{where}.line", event.line, lines)
+            check_known(f"{where}.line", event.line, lines)
         return replace(stage, topology=_fault(before, event, where))
     if isinstance(event, events.LineSwitch):
         branches = lines + [t.name for t in system.transformers]
         closed = [name for name in branches if name not in before.lines_out]
         if event.kind == "line_out":
-            _known(f"{where}.line", event.line, closed)
+            check_known(f"{where}.line", event.line, closed)
             return replace(stage, topology=replace(before, lines_out=before.lines_out | {event.line}))
-        _known(f"{where}.line", event.line, [name for name in branches if name in before.lines_out])
+        check_known(f"{where}.line", event.line, [name for name in branches if name in before.lines_out])
         return replace(stage, topology=replace(before, lines_out=before.lines_out - {event.line}))
     if isinstance(event, events.LoadStep):
-        _known(f"{where}.load", event.load, [load.name for load in system.loads])
+        check_known(f"{where}.load", event.load, [load.name for load in system.loads])
         return replace(
             stage, topology=replace(before, load_scale={**before.load_scale, event.load: 1.0 + event.change})
         )
     running = [m.name for m in system.machines if m.name not in before.machines_out]
-    _known(f"{where}.machine", event.machine, running)
+    check_known(f"{where}.machine", event.machine, running)
     if isinstance(event, events.MechanicalPowerStep):
         return replace(stage, mechanical_scale={**stage.mechanical_scale, event.machine: 1.0 + event.change})
     return replace(stage, topology=replace(before, machines_out=before.machines_out | {event.machine}))
