@@ -8,6 +8,7 @@ from typing import Any
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
+from facts_damping.parameters.placement import place
 from facts_damping.parameters.run import Link, Run, Scenario
 from facts_damping.parameters.system import System
 from facts_damping.plant.events import stages
@@ -58,7 +59,7 @@ def load_system(name: str, sets: list[str] | None = None) -> System:
     pairs = dict(parse_set(text) for text in sets or [])
     for key, value in pairs.items():
         set_field(content, key, read_value(value, f"--set {key}={value}"), f"--set {key}={value}")
-    return check(System, content, str(path), pairs)
+    return place(check(System, content, str(path), pairs))
 
 
 def load_case(name: str | None, sets: list[str] | None = None) -> Case:
@@ -94,6 +95,10 @@ def _open_name(content: dict[str, Any], key: str) -> None:
         scenario = read_table(find("scenarios", named, f"{within}/"))
         content.setdefault("duration", scenario.get("duration", Scenario.model_fields["duration"].default))
         content[top] = scenario.get("events", [])
+        if scenario.get("dispatch"):
+            _open_name(content, "system.machines")
+            for row in content["system"].get("machines", []):
+                row.update({"P": scenario["dispatch"].get(row.get("name"), row.get("P"))})
     else:
         content[top] = read_table(find(f"{top}s", named))
 
@@ -116,10 +121,23 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
         link = check(Link, read_table(link_path), str(link_path))
     else:
         link = check(Link, run.link, source, sets, "link")
-    case = Case(run, system, scenario, link)
+    scenario_file = str(path) if isinstance(run.scenario, str) else ""
+    case = Case(run, place(_dispatched(system, scenario, scenario_file)), scenario, link)
     _check_case(case, source, sets)
-    _check_events(case, str(path) if isinstance(run.scenario, str) else "", source, sets)
+    _check_events(case, scenario_file, source, sets)
     return case
+
+
+def _dispatched(system: System, scenario: Scenario, where: str) -> System:
+    """The system with the active powers that a scenario starts from."""
+    scheduled = [m.name for m in system.machines if not m.slack]
+    for name in scenario.dispatch:
+        check_known(f"{where}: dispatch", name, scheduled)
+    machines = [
+        m.model_copy(update={"P": scenario.dispatch[m.name]}) if m.name in scenario.dispatch else m
+        for m in system.machines
+    ]
+    return system.model_copy(update={"machines": machines})
 
 
 def _check_events(case: Case, scenario_file: str, source: str, sets: dict[str, str] | None) -> None:
@@ -149,8 +167,8 @@ def _check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
         )
     for i, device in enumerate(run.devices):
         check_known(origin(f"devices.{i}", source, sets), device, [d.name for d in system.devices])
-    if len(run.devices) > 1:
-        raise InputError(f"{origin('devices', source, sets)}: {len(run.devices)} given; allowed: one device at most")
+        if device in run.devices[:i]:
+            raise InputError(f"{origin(f'devices.{i}', source, sets)}: '{device}' given twice; allowed: each once")
     commanded: set[str] = set()
     for c, controller in enumerate(run.controllers):
         here = f"controllers.{c}"

@@ -114,7 +114,7 @@ def room(case: Case, loop: Loop, ticks: int | None = None) -> Signals:
         np.zeros(n, np.int64),
         np.zeros((n, stations, len(CHANNELS))),
         np.zeros((n, len(loop.plant.machines)), MACHINE_TRUTH),
-        np.zeros((n, len(loop.plant.converters)), DEVICE_TRUTH),
+        np.zeros((n, len(loop.plant.devices)), DEVICE_TRUTH),
         np.zeros(n, np.bool_),
         np.zeros(n * stations, DELIVERY),
         np.zeros(n * setpoints, SETPOINT),

@@ -61,21 +61,25 @@ MACHINE_TRUTH = np.dtype(
         ("rotor_angle", "f8"),  # rad, against the synchronously rotating frame
         ("speed_deviation", "f8"),  # p.u. of synchronous speed
         ("electrical_power", "f8"),  # p.u. of the system base, air-gap power
+        ("mechanical_power", "f8"),  # p.u. of the system base, from the turbine
         ("field_voltage", "f8"),  # p.u., 1 = open-circuit rated voltage on the air-gap line
         ("terminal_voltage", "f8"),  # p.u.
     ]
 )
 
-# The truth about a FACTS device.
+# The truth about a FACTS device. A setpoint is a series voltage (SSSC) or an offset of the voltage reference
+# (STATCOM).
 DEVICE_TRUTH = np.dtype(
     [
         ("setpoint", "f8"),  # p.u., the setpoint in force, after limits
         ("reference", "f8"),  # p.u., the setpoint after the rate limit
-        ("injected_voltage", "f8"),  # p.u., quadrature voltage, capacitive positive
-        ("active_voltage", "f8"),  # p.u., in phase with the current, drop positive
+        ("injected_voltage", "f8"),  # p.u., quadrature voltage, capacitive positive; NaN: no series device
+        ("active_voltage", "f8"),  # p.u., in phase with the current, drop positive; NaN: no series device
         ("current", "f8"),  # p.u. of the system base
         ("dc_voltage", "f8"),  # p.u. of the rated DC voltage
-        ("blocked", "f8"),  # 1 = blocked (no solution of the current, or too little of it)
+        ("active_power", "f8"),  # p.u. of the system base, given to the network
+        ("reactive_power", "f8"),  # p.u. of the system base, given to the network
+        ("blocked", "f8"),  # 1 = blocked (too little current or voltage, or no solution)
     ]
 )
 

@@ -42,7 +42,7 @@ class PlantSim:
         self.entries = np.zeros(stations, DELIVERY)
         self.entries["station"] = np.arange(stations)
         self.machines = np.zeros(len(self.plant.machines), MACHINE_TRUTH)
-        self.devices = np.zeros(len(self.plant.converters), DEVICE_TRUTH)
+        self.devices = np.zeros(len(self.plant.devices), DEVICE_TRUTH)
         self.frames, self.setpoints, self.truth = Frames(self.case), Setpoints(self.case), Truth(self.case)
         self.to_link = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)
         self.to_all = node.create_publisher(PlantState, "plant/state", RELIABLE)

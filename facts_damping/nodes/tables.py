@@ -203,7 +203,7 @@ class Setpoints(Table):
         """Take the names of devices and controllers."""
         super().__init__()
         self._devices = list(case.run.devices)
-        self._places = {d.name: f"{d.from_bus}-{d.to_bus}" for d in case.system.devices}
+        self._places = {d.name: d.place for d in case.system.devices}
         self._controllers = controller_names(case)
 
     def make(self, key: tuple[str, tuple[tuple[int, int], ...]]) -> VoltageSetpoints:

@@ -95,6 +95,7 @@ class Scenario(Model):
     name: Name
     description: str = ""
     duration: float = quantity(20.0, "s", "default duration of a run", gt=0, le=1e5)
+    dispatch: dict[Name, float] = Field({}, description="machine: active power at the start in MW, where it differs")
     events: list[Event] = []
 
 

@@ -6,23 +6,12 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
-from facts_damping.errors import InputError
-from facts_damping.plant import excitation, machine, sssc
+from facts_damping.plant import excitation, governor, load, machine, sssc, stabiliser, statcom
 from facts_damping.plant.events import Stage, stages
-from facts_damping.plant.model import MACHINE, Plant, PlantState
-from facts_damping.plant.network import (
-    Branch,
-    Topology,
-    admittance,
-    branches,
-    bus_names,
-    grounded,
-    shunts,
-    two_port,
-)
+from facts_damping.plant.model import DEVICE, LOAD, PORT, SALIENT, SSSC, STATCOM, Plant, PlantState
 from facts_damping.plant.power_flow import PowerFlow, solve
+from facts_damping.plant.reduction import Place, reduce_network
 from facts_damping.signals import to_ns
 
 if TYPE_CHECKING:
@@ -30,11 +19,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.parameters.devices import Device
     from facts_damping.parameters.run import Event
-    from facts_damping.parameters.system import Sssc, Station, System
-
-
-STRAY = 1e-9j  # p.u., stray susceptance of a floating bus; no current flows there, so a device is blocked
+    from facts_damping.parameters.system import System
 
 
 class Built(NamedTuple):
@@ -47,76 +34,157 @@ class Built(NamedTuple):
 
 
 def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> Built:
-    """Power flow, steady state of machines and devices, and the reduced network of every stage.
+    """Power flow, steady state of machines, controls and devices, and the reduced network of every stage.
 
     Raises `InputError` for a power flow that does not converge, limits that do not admit the start, or an
     event that cannot happen.
     """
     steps = stages(system, listed)
     flow = solve(system, installed)
-    devices = [d for d in system.devices if d.name in installed]
-    rotating = _machines(system, flow)
-    offset = len(rotating.x)
-    converters = np.zeros(len(devices), sssc.SSSC)
-    starts = [sssc.start(device, flow.currents[device.name]) for device in devices]
-    for p, device in enumerate(devices):
-        converters[p] = sssc.row(device, offset + sssc.STATES * p)
-    voltage = {name: abs(v) for name, v in zip(flow.names, flow.voltage, strict=True)}
+    by_name = {d.name: d for d in system.devices}
+    states = _States()
+    rotating = _machines(system, flow, states)
+    ports = _Ports()
+    for g, m in enumerate(system.machines):
+        if rotating.rows[g]["saliency"].any():
+            rotating.rows[g]["port"] = ports.add(SALIENT, g, Place(m.bus, machine=m.name))
+    magnitude = {name: float(abs(v)) for name, v in zip(flow.names, flow.voltage, strict=True)}
+    loads = [x for x in system.loads if not load.is_impedance(x)]
+    for i, x in enumerate(loads):
+        ports.add(LOAD, i, Place(x.bus))
+    load_rows = [load.row(x, system.base_power, 1.0 if x.at == "nominal" else magnitude[x.bus]) for x in loads]
+    converters = _devices(system, [by_name[name] for name in installed], flow, magnitude, states, ports)
+    norton = rotating.rows["admittance"]
     stations = [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.stations]
     plant = Plant(
         omega_0=2 * math.pi * system.frequency,
         step_ns=to_ns(system.step),
         machines=rotating.rows,
         exciters=rotating.exciters,
-        converters=converters,
+        stabilisers=rotating.stabilisers,
+        governors=rotating.governors,
+        loads=np.array(load_rows, load.LOAD),
+        sssc=converters.sssc,
+        statcom=converters.statcom,
+        ports=np.array(ports.rows, PORT),
+        devices=converters.devices,
+        infinite=np.array([flow.voltage[flow.names.index(i.bus)] for i in system.infinite_buses], np.complex128),
         stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
         mechanical_power=np.array([_mechanical_power(system, rotating.power, s) for s in steps]),
         online=np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps]),
-        network=np.array([reduce_network(system, devices, s.topology, voltage) for s in steps]),
+        load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
+        network=np.array([reduce_network(system, ports.places, norton, s.topology, magnitude) for s in steps]),
         station_machine=np.array(stations),
     )
-    state = PlantState(np.concatenate([rotating.x, *starts]), np.zeros(len(devices)), np.zeros(len(devices)))
-    names = rotating.names + [f"{d.name}.{state}" for d in devices for state in sssc.STATE_NAMES]
-    return Built(plant, state, flow, names)
+    devices = len(installed)
+    state = PlantState(
+        np.array(states.values), np.zeros(devices), np.zeros(devices), np.zeros(len(ports.rows), np.complex128)
+    )
+    return Built(plant, state, flow, states.names)
+
+
+class _States:
+    """All states as they are laid out: values and names."""
+
+    def __init__(self) -> None:
+        self.values: list[float] = []
+        self.names: list[str] = []
+
+    def add(self, owner: str, names: Sequence[str], values: Sequence[float] | NDArray[np.float64]) -> None:
+        self.names += [f"{owner}.{name}" for name in names]
+        self.values += [float(value) for value in values]
+
+    @property
+    def offset(self) -> int:
+        return len(self.values)
+
+
+class _Ports:
+    """All ports: rows of PORT, and where they are."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[int, int, int]] = []
+        self.places: list[Place] = []
+
+    def add(self, kind: int, row: int, place: Place, device: int = -1) -> int:
+        self.rows.append((kind, row, device))
+        self.places.append(place)
+        return len(self.rows) - 1
 
 
 class _Rotating(NamedTuple):
-    """All machines with their exciters: tables, air-gap powers (p.u. of the ratings), states, names of states."""
+    """All machines with their controls: tables, and air-gap powers (p.u. of the ratings)."""
 
     rows: NDArray[Any]
     exciters: NDArray[Any]
+    stabilisers: NDArray[Any]
+    governors: NDArray[Any]
     power: NDArray[np.float64]
-    x: NDArray[np.float64]
-    names: list[str]
 
 
-def _machines(system: System, flow: PowerFlow) -> _Rotating:
-    """Machines and exciters in the steady state of a power flow."""
-    rows = np.zeros(len(system.machines), MACHINE)
-    exciters = np.zeros(len(system.machines), excitation.EXCITER)
-    power = np.zeros(len(system.machines))
-    x, names, exciter_x, exciter_names = [], [], [], []
-    offset = machine.ROTOR_STATES * len(system.machines)
-    by_machine = {e.machine: e for e in system.exciters}
+def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
+    """Machines and their controls in the steady state of a power flow."""
+    n = len(system.machines)
+    made = _Rotating(
+        np.zeros(n, machine.MACHINE),
+        np.zeros(n, excitation.EXCITER),
+        np.zeros(n, stabiliser.STABILISER),
+        np.zeros(n, governor.GOVERNOR),
+        np.zeros(n),
+    )
+    exciters = {e.machine: e for e in system.exciters}
+    stabilisers = {s.machine: s for s in system.stabilisers if s.enabled}
+    governors = {t.machine: t for t in system.governors if t.enabled}
     for g, m in enumerate(system.machines):
-        circuits = machine.MODELS[m.model](m)
-        ratio = m.rating / system.base_power
         v = complex(flow.voltage[flow.names.index(m.bus)])
-        start = machine.steady_state(m, circuits, v, (flow.generation[m.name] / v).conjugate() / ratio)
-        exciter, started = excitation.row(by_machine.get(m.name), offset, abs(v), start.field_voltage)
-        if not _within(exciter, start.field_voltage):
-            raise InputError(
-                f"exciters: {m.name} needs a field voltage of {start.field_voltage:.3f} p.u. at the start; "
-                f"allowed by its limits: {exciter['minimum']:g} to {exciter['maximum']:g}"
-            )
-        rows[g] = (ratio, m.H, m.D, ratio / complex(m.Ra, m.Xd2), *circuits)
-        exciters[g], power[g] = exciter, start.power
-        offset += len(started)
-        x.append(start.states)
-        exciter_x.append(started)
-        names += [f"{m.name}.{state}" for state in machine.STATE_NAMES[m.model]]
-        exciter_names += [f"{m.name}.{state}" for state in excitation.STATE_NAMES[int(exciter["code"])]]
-    return _Rotating(rows, exciters, power, np.concatenate([*x, *exciter_x]), names + exciter_names)
+        current = (flow.generation[m.name] / v).conjugate() * (system.base_power / m.rating)
+        start = machine.steady_state(m, system.base_power, states.offset, v, current)
+        made.rows[g], made.power[g] = start.row, start.power
+        states.add(m.name, [*machine.SWING, *machine.rotor_circuits(m).names], start.states)
+        excited = excitation.steady_state(exciters.get(m.name), states.offset, abs(v), start.field_voltage)
+        made.exciters[g] = excited.row
+        states.add(m.name, excited.names, excited.states)
+        made.stabilisers[g] = stabiliser.row(stabilisers.get(m.name), states.offset)
+        if m.name in stabilisers:
+            states.add(m.name, stabiliser.STATE_NAMES, [0.0] * len(stabiliser.STATE_NAMES))
+        made.governors[g] = governor.row(governors.get(m.name), states.offset)
+        if m.name in governors:
+            states.add(m.name, governor.STATE_NAMES, governor.start(governors[m.name], start.power))
+    return made
+
+
+class _Converters(NamedTuple):
+    """All installed devices as tables."""
+
+    sssc: NDArray[Any]
+    statcom: NDArray[Any]
+    devices: NDArray[Any]
+
+
+def _devices(
+    system: System,
+    installed: Sequence[Device],
+    flow: PowerFlow,
+    magnitude: dict[str, float],
+    states: _States,
+    ports: _Ports,
+) -> _Converters:
+    """Devices at rest, in the order in which they are installed."""
+    series: list[Any] = []
+    shunt: list[Any] = []
+    devices: list[Any] = []
+    for d, device in enumerate(installed):
+        if device.kind == "sssc":
+            port = ports.add(SSSC, len(series), Place(device=device), d)
+            series.append(sssc.row(device, states.offset))
+            states.add(device.name, sssc.STATE_NAMES, sssc.start(device, flow.currents[device.name]))
+        else:
+            port = ports.add(STATCOM, len(shunt), Place(device.bus), d)
+            omega_0 = 2 * math.pi * system.frequency
+            shunt.append(statcom.row(device, states.offset, omega_0, magnitude[device.bus]))
+            states.add(device.name, statcom.STATE_NAMES, statcom.START)
+        devices.append((port, device.v_max, device.rate_max))
+    return _Converters(np.array(series, sssc.SSSC), np.array(shunt, statcom.STATCOM), np.array(devices, DEVICE))
 
 
 def _mechanical_power(system: System, power: NDArray[np.float64], stage: Stage) -> list[float]:
@@ -125,105 +193,3 @@ def _mechanical_power(system: System, power: NDArray[np.float64], stage: Stage) 
         0.0 if m.name in stage.topology.machines_out else power[g] * stage.mechanical_scale.get(m.name, 1.0)
         for g, m in enumerate(system.machines)
     ]
-
-
-def _within(row: NDArray[np.void], field_voltage: float) -> bool:
-    """Whether an exciter's limits admit a field voltage at the start."""
-    if row["code"] == excitation.CONSTANT:
-        return True
-    limited = field_voltage
-    if row["code"] == excitation.DC:
-        limited *= float(row["KE"] + row["AEX"] * math.exp(row["BEX"] * field_voltage))
-    return bool(row["minimum"] <= limited <= row["maximum"])
-
-
-def reduce_network(
-    system: System, devices: Sequence[Sssc], topology: Topology, voltage: dict[str, float]
-) -> NDArray[np.complex128]:
-    """The network as the dynamics need it: Kron reduction to machines, device ports and stations.
-
-    `V = Z I` with Z the inverse of the bus admittance matrix that includes loads and the machines' 1 / (Ra + j X'').
-    Columns: unit Norton current of each machine, unit current of each port (out of its first bus, into its
-    second). Rows: machine voltages, open-circuit voltages of ports (with -Z_th in a port's own column), station
-    voltages, station currents. Shape (machines + ports + 2 stations, machines + ports), p.u.
-    """
-    names = bus_names(system, topology)
-    index = {name: i for i, name in enumerate(names)}
-    ported = {d.name for d in devices}
-    present = branches(system, topology)
-    present += [
-        Branch(d.name, d.from_bus, d.to_bus, two_port(d.rs, 0, 0)) for d in system.devices if d.name not in ported
-    ]
-    matrix = admittance(names, present)
-    for bus, shunt in shunts(system, topology, voltage).items():
-        matrix[index[bus], index[bus]] += shunt
-    norton = np.zeros(len(system.machines), np.complex128)
-    for g, m in enumerate(system.machines):
-        if m.name not in topology.machines_out:
-            norton[g] = m.rating / system.base_power / complex(m.Ra, m.Xd2)
-            matrix[index[m.bus], index[m.bus]] += norton[g]
-    ends = [(index[d.from_bus], index[d.to_bus]) for d in devices]
-    sources = np.zeros((len(names), len(norton) + len(ends)), np.complex128)
-    for g, m in enumerate(system.machines):
-        sources[index[m.bus], g] = 1.0
-    for p, (first, second) in enumerate(ends):
-        sources[first, len(norton) + p], sources[second, len(norton) + p] = -1.0, 1.0
-    matrix[np.diag_indices(len(names))] += floating(matrix) * STRAY
-    live = [i for i, name in enumerate(names) if name not in grounded(topology)]
-    bus_voltage = np.zeros_like(sources)
-    try:
-        bus_voltage[live] = np.linalg.solve(matrix[np.ix_(live, live)], sources[live])
-    except np.linalg.LinAlgError as error:
-        raise InputError(
-            f"system {system.name}: network equations are singular: {error}; allowed: a regular network"
-        ) from error
-    machine_rows = bus_voltage[[index[m.bus] for m in system.machines]]
-    port_rows = [bus_voltage[first] - bus_voltage[second] for first, second in ends]
-    places = [index[_station_bus(system, s)] for s in system.stations]
-    currents = [_station_current(system, s, present, devices, bus_voltage, index, norton) for s in system.stations]
-    return np.array([*machine_rows, *port_rows, *bus_voltage[places], *currents])
-
-
-def floating(matrix: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """Which buses hang on nothing but a device's port: no path to any shunt, so that their voltage is not given."""
-    _, label = connected_components(matrix != 0, directed=False)
-    shunt = np.abs(matrix.sum(axis=1)) > 1e-9 * np.abs(matrix).max(axis=1)  # rows of lossless parts sum to zero
-    fed = set(label[shunt])
-    return np.array([part not in fed for part in label])
-
-
-def _station_bus(system: System, station: Station) -> str:
-    """The bus a station stands at."""
-    if station.bus is not None:
-        return station.bus
-    return next(m.bus for m in system.machines if m.name == station.machine)
-
-
-def _station_current(
-    system: System,
-    station: Station,
-    present: Sequence[Branch],
-    devices: Sequence[Sssc],
-    bus_voltage: NDArray[np.complex128],
-    index: dict[str, int],
-    norton: NDArray[np.complex128],
-) -> NDArray[np.complex128]:
-    """Row that gives a station's current from the sources: out of its machine, or out of its bus into its branches."""
-    machines, columns = len(norton), bus_voltage.shape[1]
-    row = np.zeros(columns, np.complex128)
-    if station.machine is not None:
-        g = [m.name for m in system.machines].index(station.machine)
-        if norton[g] != 0:
-            row[g] = 1.0
-        row -= norton[g] * bus_voltage[index[_station_bus(system, station)]]
-        return row
-    for p, device in enumerate(devices):
-        if device.name in station.branches:
-            row[machines + p] += 1.0 if device.from_bus == station.bus else -1.0
-    for branch in present:
-        if branch.name not in station.branches or station.bus not in (branch.from_bus, branch.to_bus):
-            continue  # the far section of a line with a fault on it
-        own = 0 if branch.from_bus == station.bus else 1
-        ends = bus_voltage[[index[branch.from_bus], index[branch.to_bus]]]
-        row += branch.admittance[own] @ ends
-    return row

@@ -6,11 +6,12 @@ The same functions serve the integration, the measurement and the linearisation.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
-from facts_damping.plant import excitation, sssc
-from facts_damping.plant.machine import ROTOR_STATES
+from facts_damping.plant import excitation, governor, sssc, stabiliser, statcom
+from facts_damping.plant.model import SSSC
+from facts_damping.plant.ports import solve_ports
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,54 +21,67 @@ if TYPE_CHECKING:
 
 
 @compiled
-def row_times(plant: Plant, stage: int, row: int, injection: NDArray[np.complex128]) -> complex:
-    """One row of the network times the injected currents, p.u."""
+def row_times(plant: Plant, stage: int, row: int, inputs: NDArray[np.complex128]) -> complex:
+    """One row of the network times its inputs, p.u."""
     total = 0j
-    for column in range(injection.size):
-        total += plant.network[stage, row, column] * injection[column]
+    for column in range(inputs.size):
+        total += plant.network[stage, row, column] * inputs[column]
     return total
 
 
 @compiled
-def solve_network(plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, work: Work) -> Any:
-    """Injected currents of all machines and devices into `work.injection`, p.u.; returns the converter.
+def solve_network(
+    plant: Plant,
+    x: NDArray[np.float64],
+    reference: NDArray[np.float64],
+    source: NDArray[np.complex128],
+    stage: int,
+    work: Work,
+) -> None:
+    """Inputs of the network into `work.inputs`: of all machines, infinite buses and ports, p.u.
 
-    Machines: y E'' with E'' = (E''d + j E''q) exp(j (delta - pi/2)). Without a device the converter
-    returned is that of an open port.
+    Machines: y E with E = (Ed + j Eq) exp(j (delta - pi/2)).
     """
     machines = plant.machines.size
     for g in range(machines):
         m = plant.machines[g]
-        o = ROTOR_STATES * g
-        emf_q, emf_d = 0.0, 0.0
-        for i in range(4):
+        o = m.offset
+        emf_q, emf_d = m.E0.imag, m.E0.real
+        for i in range(m.circuits):
             emf_q += m.C[0, i] * x[o + 2 + i]
             emf_d += m.C[1, i] * x[o + 2 + i]
         delta = x[o]
         work.emf[g] = complex(emf_d, emf_q)
         work.rotation[g] = complex(math.sin(delta), -math.cos(delta))
-        work.injection[g] = m.admittance * work.emf[g] * work.rotation[g] * plant.online[stage, g]
-    found = sssc.Converter(0j, 0.0, 0.0, 0.0, 0.0, 0.0, True, True, True)
-    for p in range(plant.converters.size):
-        port = machines + p
-        work.injection[port] = 0.0
-        open_circuit = row_times(plant, stage, port, work.injection)
-        impedance = -plant.network[stage, port, port]
-        # A setpoint is capacitive positive, the converter's voltage a drop.
-        found = sssc.converter(plant.converters[p], x, -reference[p], open_circuit, impedance)
-        work.injection[port] = found.current
-    return found
+        work.inputs[g] = m.admittance * work.emf[g] * work.rotation[g] * plant.online[stage, g]
+    for i in range(plant.infinite.size):
+        work.inputs[machines + i] = plant.infinite[i]
+    first = machines + plant.infinite.size
+    if plant.ports.size == 0:
+        return
+    work.inputs[first:] = 0.0
+    for p in range(plant.ports.size):
+        work.given[p] = row_times(plant, stage, machines + p, work.inputs)
+    solve_ports(plant, x, reference, source, stage, work)
+    work.inputs[first:] = source
 
 
 @compiled
 def stator(plant: Plant, stage: int, g: int, work: Work) -> tuple[complex, complex, float]:
-    """Terminal voltage (p.u.), stator current Id + j Iq and air-gap power (p.u. of the rating) of machine g."""
+    """Terminal voltage (p.u.), stator current Id + j Iq and air-gap power (p.u. of the rating) of machine g.
+
+    Pe = Ed Id + Eq Iq + (Xq - Xd) Id Iq.
+    """
     m = plant.machines[g]
     emf = work.emf[g]
-    voltage = row_times(plant, stage, g, work.injection)
-    seen = voltage * work.rotation[g].conjugate()  # from the rotor
-    current = m.admittance * (emf - seen) * (plant.online[stage, g] / m.ratio)
-    return voltage, current, emf.real * current.real + emf.imag * current.imag
+    voltage = row_times(plant, stage, g, work.inputs)
+    back = work.rotation[g].conjugate()  # into the rotor's frame
+    current = m.admittance * (emf - voltage * back)
+    if m.port >= 0:
+        current += work.inputs[plant.machines.size + plant.infinite.size + m.port] * back
+    current *= plant.online[stage, g] / m.ratio
+    saliency = (m.Xq - m.Xd) * current.real * current.imag
+    return voltage, current, emf.real * current.real + emf.imag * current.imag + saliency
 
 
 @compiled
@@ -75,28 +89,53 @@ def derivatives(
     plant: Plant,
     x: NDArray[np.float64],
     reference: NDArray[np.float64],
+    source: NDArray[np.complex128],
     stage: int,
     dx: NDArray[np.float64],
     work: Work,
 ) -> None:
-    """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, exciters, devices.
+    """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, devices; solves into `source`.
 
-    ddelta = omega_0 omega; 2 H domega = Pm - Pe - D omega; dz = A z + B [Id, Iq, Efd].
+    ddelta = omega_0 omega; 2 H domega = Pm - Pe - D omega; dz = A z + B [Id, Iq, Efd] - S W [Eq, Ed].
     """
-    found = solve_network(plant, x, reference, stage, work)
+    solve_network(plant, x, reference, source, stage, work)
     for g in range(plant.machines.size):
         m = plant.machines[g]
-        e = plant.exciters[g]
-        o = ROTOR_STATES * g
+        o = m.offset
+        omega = x[o + 1]
         voltage, current, power = stator(plant, stage, g, work)
-        efd = excitation.field_voltage(e, x)
-        dx[o] = plant.omega_0 * x[o + 1]
-        dx[o + 1] = (plant.mechanical_power[stage, g] - power - m.D * x[o + 1]) / (2.0 * m.H)
-        for i in range(4):
+        added = stabiliser.output(plant.stabilisers[g], x, omega)
+        efd = excitation.field_voltage(plant.exciters[g], x, abs(voltage), added)
+        asked = plant.mechanical_power[stage, g]
+        driven = governor.power(plant.governors[g], x, asked, omega) * plant.online[stage, g]
+        dx[o] = plant.omega_0 * omega
+        dx[o + 1] = (driven - power - m.D * omega) / (2.0 * m.H)
+        saturation = 0.0
+        if m.saturation_B > 0.0:
+            flux = abs(work.emf[g])
+            saturation = m.saturation_B * max(0.0, flux - m.saturation_A) ** 2 / flux
+        for i in range(m.circuits):
             slope = m.B[i, 0] * current.real + m.B[i, 1] * current.imag + m.B[i, 2] * efd
-            for j in range(4):
+            for j in range(m.circuits):
                 slope += m.A[i, j] * x[o + 2 + j]
+            if saturation > 0.0:
+                slope -= saturation * (m.W[i, 0] * work.emf[g].imag + m.W[i, 1] * work.emf[g].real)
             dx[o + 2 + i] = slope
-        excitation.derivatives(e, x, abs(voltage), efd, dx)
-    for p in range(plant.converters.size):
-        sssc.derivatives(plant.converters[p], x, found, dx)
+        excitation.derivatives(plant.exciters[g], x, abs(voltage), added, efd, dx)
+        stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
+        governor.derivatives(plant.governors[g], x, asked, omega, dx)
+    for d in range(plant.devices.size):
+        p = plant.devices[d].port
+        port, size = plant.ports[p], abs(work.response[p])
+        if port.kind == SSSC:
+            converter = plant.sssc[port.row]
+            if work.blocked[p]:
+                dx[converter.offset : converter.offset + sssc.STATES] = 0.0
+            else:
+                sssc.derivatives(converter, x, size, -reference[d], dx)
+        else:
+            shunt = plant.statcom[port.row]
+            if work.blocked[p]:
+                dx[shunt.offset : shunt.offset + statcom.STATES] = 0.0
+            else:
+                statcom.derivatives(shunt, x, size, reference[d], dx)

@@ -3,100 +3,128 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import Exciter
+    from facts_damping.parameters.machines import Exciter
 
 CONSTANT, STATIC, DC = 0, 1, 2
-STATES = {CONSTANT: 0, STATIC: 2, DC: 4}
-STATE_NAMES = {CONSTANT: [], STATIC: ["Vm", "xf"], DC: ["Vm", "VR", "Vc", "Efd"]}
 CODES = {"static": STATIC, "dc": DC}
+ABSENT = -1
+FIELDS = ("KA", "TR", "KF", "TF", "TA", "KE", "TE", "AEX", "BEX", "minimum", "maximum")
 
 EXCITER = np.dtype(
     [
         ("code", "i8"),
-        ("offset", "i8"),  # index of its first state
-        ("KA", "f8"),
-        ("TR", "f8"),
-        ("KF", "f8"),
-        ("TF", "f8"),
-        ("TA", "f8"),
-        ("KE", "f8"),
-        ("TE", "f8"),
-        ("AEX", "f8"),
-        ("BEX", "f8"),
-        ("minimum", "f8"),
-        ("maximum", "f8"),
+        ("Vm", "i8"),  # indices of its states; ABSENT: no transducer, no rate feedback, no such model
+        ("xf", "i8"),
+        ("VR", "i8"),
+        ("Efd", "i8"),
+        *((name, "f8") for name in FIELDS),
         ("Vref", "f8"),  # p.u., reference that keeps the start; field voltage itself where constant
     ]
 )
 
 
-def row(exciter: Exciter | None, offset: int, voltage: float, field_voltage: float) -> tuple[Any, NDArray[np.float64]]:
-    """A row of EXCITER with the reference that holds the start, and the states at the start.
+class ExciterStart(NamedTuple):
+    """An exciter at the start: row of EXCITER, names of its states, states."""
 
-    static: xf = Efd, Vm = |V|, Vref = |V| + Efd / KA. dc: VR = (KE + SE) Efd, Vc = -KF / TF Efd,
-    Vref = |V| + VR / KA.
+    row: NDArray[Any]
+    names: list[str]
+    states: list[float]
+
+
+def steady_state(exciter: Exciter | None, offset: int, voltage: float, field_voltage: float) -> ExciterStart:
+    """The row with the reference that holds the start at |V| and Efd (p.u.), and the states there.
+
+    static: xf = Efd, Vm = |V|, Vref = |V| + Efd / KA. dc: VR = (KE + SE) Efd, xf = KF / TF Efd,
+    Vref = |V| + VR / KA. Raises `InputError` where the limits do not admit that.
     """
     made = np.zeros((), EXCITER)
-    made["offset"] = offset
+    for name in ("Vm", "xf", "VR", "Efd"):
+        made[name] = ABSENT
     if exciter is None:
         made["code"], made["Vref"] = CONSTANT, field_voltage
-        return made, np.empty(0)
-    for name in ("KA", "TR", "KF", "TF", "TA", "KE", "TE", "AEX", "BEX"):
-        made[name] = getattr(exciter, name)
+        return ExciterStart(made, [], [])
+    for name in FIELDS:
+        made[name] = getattr(exciter, name) or 0.0
     made["code"] = CODES[exciter.model]
     made["minimum"] = -math.inf if exciter.minimum is None else exciter.minimum
     made["maximum"] = math.inf if exciter.maximum is None else exciter.maximum
+    present = {"Vm": voltage} if exciter.TR > 0 else {}
     if made["code"] == STATIC:
-        made["Vref"] = voltage + field_voltage / exciter.KA
-        return made, np.array([voltage, field_voltage])
-    regulator = (exciter.KE + exciter.AEX * math.exp(exciter.BEX * field_voltage)) * field_voltage
+        limited = regulator = field_voltage
+        if exciter.KF > 0:
+            present["xf"] = field_voltage
+    else:
+        saturation = exciter.AEX * math.exp(exciter.BEX * field_voltage)
+        limited = regulator = (exciter.KE + saturation) * field_voltage
+        present |= {"VR": regulator, "Efd": field_voltage}
+        if exciter.KF > 0:
+            present["xf"] = exciter.KF / exciter.TF * field_voltage
+    if not made["minimum"] <= limited <= made["maximum"]:
+        raise InputError(
+            f"exciters: {exciter.machine} needs a field voltage of {field_voltage:.3f} p.u. at the start; "
+            f"allowed by its limits: {made['minimum']:g} to {made['maximum']:g}"
+        )
     made["Vref"] = voltage + regulator / exciter.KA
-    return made, np.array([voltage, regulator, -exciter.KF / exciter.TF * field_voltage, field_voltage])
+    for i, name in enumerate(present):
+        made[name] = offset + i
+    return ExciterStart(made, list(present), list(present.values()))
 
 
 @compiled
-def field_voltage(e: Any, x: NDArray[np.float64]) -> float:
-    """Field voltage of an exciter in state `x`, p.u.
+def field_voltage(e: Any, x: NDArray[np.float64], voltage: float, stabiliser: float) -> float:
+    """Field voltage of an exciter in state `x` at terminal voltage |V| and a stabiliser's output, p.u.
 
-    static, TA = TE = 0 (thesis 2.25-2.30): Efd = clip(KA (Vref - Vm + KF / TF xf) / (1 + KA KF / TF)).
+    static, TA = TE = 0 (thesis 2.25-2.30): Efd = clip(KA (Vref + Vs - Vm + KF / TF xf) / (1 + KA KF / TF)).
     """
     if e.code == CONSTANT:
         return e.Vref  # type: ignore[no-any-return]
     if e.code == DC:
-        return x[e.offset + 3]  # type: ignore[no-any-return]
-    feedback = e.KF / e.TF
-    wanted = e.KA * (e.Vref - x[e.offset] + feedback * x[e.offset + 1]) / (1.0 + e.KA * feedback)
+        return x[e.Efd]  # type: ignore[no-any-return]
+    error = e.Vref + stabiliser - (x[e.Vm] if e.Vm >= 0 else voltage)
+    wanted = e.KA * error
+    if e.xf >= 0:
+        feedback = e.KF / e.TF
+        wanted = e.KA * (error + feedback * x[e.xf]) / (1.0 + e.KA * feedback)
     return min(max(wanted, e.minimum), e.maximum)  # type: ignore[no-any-return]
 
 
 @compiled
-def derivatives(e: Any, x: NDArray[np.float64], voltage: float, efd: float, dx: NDArray[np.float64]) -> None:
-    """Write the derivatives of an exciter's states, 1/s, at terminal voltage |V| and field voltage, p.u.
+def derivatives(
+    e: Any, x: NDArray[np.float64], voltage: float, stabiliser: float, efd: float, dx: NDArray[np.float64]
+) -> None:
+    """Write the derivatives of an exciter's states, 1/s, at |V|, a stabiliser's output and field voltage, p.u.
 
-    TR dVm = |V| - Vm; static: TF dxf = Efd - xf; dc: TA dVR = KA (Vref - Vm - KF / TF Efd - Vc) - VR,
-    TF dVc = -KF / TF Efd - Vc, TE dEfd = VR - (KE + AEX exp(BEX Efd)) Efd (thesis 2.24-2.30). VR does
+    TR dVm = |V| - Vm; static: TF dxf = Efd - xf; dc: TA dVR = KA (Vref + Vs - Vm - (KF / TF Efd - xf)) - VR,
+    TF dxf = KF / TF Efd - xf, TE dEfd = VR - (KE + AEX exp(BEX Efd)) Efd (thesis 2.24-2.30). VR does
     not move beyond its limits.
     """
     if e.code == CONSTANT:
         return
-    o = e.offset
-    dx[o] = (voltage - x[o]) / e.TR
+    seen = voltage
+    if e.Vm >= 0:
+        seen = x[e.Vm]
+        dx[e.Vm] = (voltage - seen) / e.TR
     if e.code == STATIC:
-        dx[o + 1] = (efd - x[o + 1]) / e.TF
+        if e.xf >= 0:
+            dx[e.xf] = (efd - x[e.xf]) / e.TF
         return
-    regulator = x[o + 1]
-    slope = (e.KA * (e.Vref - x[o] - e.KF / e.TF * efd - x[o + 2]) - regulator) / e.TA
+    feedback = 0.0
+    if e.xf >= 0:
+        feedback = e.KF / e.TF * efd - x[e.xf]
+        dx[e.xf] = feedback / e.TF
+    regulator = x[e.VR]
+    slope = (e.KA * (e.Vref + stabiliser - seen - feedback) - regulator) / e.TA
     if (regulator >= e.maximum and slope > 0.0) or (regulator <= e.minimum and slope < 0.0):
         slope = 0.0
-    dx[o + 1] = slope
-    dx[o + 2] = (-e.KF / e.TF * efd - x[o + 2]) / e.TF
-    dx[o + 3] = (regulator - (e.KE + e.AEX * math.exp(e.BEX * efd)) * efd) / e.TE
+    dx[e.VR] = slope
+    dx[e.Efd] = (regulator - (e.KE + e.AEX * math.exp(e.BEX * efd)) * efd) / e.TE

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled
 from facts_damping.plant.dynamics import derivatives
-from facts_damping.plant.model import stage_at
+from facts_damping.plant.model import begin_stage
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,14 +24,14 @@ def _runge_kutta(plant: Plant, state: PlantState, ramp: NDArray[np.float64], sta
     """One classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s."""
     x, k, reference = state.x, work.slopes, work.reference
     trial = k[4]
-    derivatives(plant, x, state.reference, stage, k[0], work)
+    derivatives(plant, x, state.reference, state.source, stage, k[0], work)
     for part in range(1, 4):
         share = h if part == 3 else 0.5 * h
         for i in range(x.size):
             trial[i] = x[i] + share * k[part - 1, i]
         for d in range(reference.size):
             reference[d] = state.reference[d] + share * ramp[d]
-        derivatives(plant, trial, reference, stage, k[part], work)
+        derivatives(plant, trial, reference, state.source, stage, k[part], work)
     for i in range(x.size):
         x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
 
@@ -42,7 +42,7 @@ def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], fi
     while first < count and setpoints[first].effective_ns <= now:
         value, device = setpoints[first].value, setpoints[first].device
         if math.isfinite(value):
-            limit = plant.converters[device].v_max
+            limit = plant.devices[device].v_max
             state.target[device] = min(max(value, -limit), limit)
         first += 1
     return first
@@ -53,7 +53,7 @@ def _ramp(plant: Plant, state: PlantState, ramp: NDArray[np.float64], end: int, 
     """Slopes (p.u./s) that take the references to their targets at their rate limits; where the first arrives."""
     for d in range(ramp.size):
         gap = state.target[d] - state.reference[d]
-        rate = plant.converters[d].rate_max
+        rate = plant.devices[d].rate_max
         ramp[d] = 0.0
         if gap != 0.0:
             ramp[d] = math.copysign(rate, gap)
@@ -92,7 +92,7 @@ def advance(
     ramp = work.slopes[5, : state.reference.size]
     while now < end_ns:
         following = _take_setpoints(plant, state, setpoints, following, count, now)
-        stage = stage_at(plant, now)
+        stage = begin_stage(plant, state, now)
         end = end_ns
         if following < count:
             end = min(end, setpoints[following].effective_ns)

@@ -38,7 +38,7 @@ def linearise(built: Built) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     def slope(x: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
         dx = np.zeros_like(x)
-        derivatives(plant, x, reference, 0, dx, work)
+        derivatives(plant, x, reference, state.source.copy(), 0, dx, work)
         return dx
 
     def column(

@@ -1,55 +1,111 @@
-"""Synchronous machines: fourth-order rotor circuits as data, the swing equation as code.
+"""Synchronous machines: rotor circuits as data, the swing equation as code.
 
-Both models are linear in the rotor circuits' states, the stator currents and the field voltage, so a
-model is a row of matrices and the compiled step knows one equation:
+All models are linear in the rotor circuits' states, the stator currents and the field voltage but for
+saturation, so a model is a row of matrices and the compiled step knows one equation:
 
-    dz/dt = A z + B [Id, Iq, Efd],    [E''q, E''d] = C z.
+    dz/dt = A z + B [Id, Iq, Efd] - S(|E''|) W [E''q, E''d],    [E''q, E''d] = C z + E0.
 
-Phasors turn with F = (Fd + j Fq) exp(j (delta - pi/2)); the stator is V = E'' - (Ra + j X'') I with
-X'' = X''d = X''q. Powers and currents of the matrices are on the machine's own rating.
+E'' is the EMF behind the stator's reactances Xd'' and Xq'' (those of the circuits that the model has).
+Phasors turn with F = (Fd + j Fq) exp(j (delta - pi/2)). Powers and currents of the matrices are on the
+machine's own rating.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
+
+from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import Machine
+    from facts_damping.parameters.machines import Machine
 
-ROTOR_STATES = 6  # delta, omega, then the four rotor circuits
+MOST_CIRCUITS = 4
+SWING = ["delta", "omega"]
+
+MACHINE = np.dtype(
+    [
+        ("offset", "i8"),  # index of delta; omega and the circuits follow
+        ("circuits", "i8"),
+        ("port", "i8"),  # index of the port that makes up for saliency; -1: none
+        ("ratio", "f8"),  # rating over system base
+        ("H", "f8"),  # s
+        ("D", "f8"),  # p.u. of the rating
+        ("Ra", "f8"),  # p.u. of the rating, as the reactances of the stator
+        ("Xd", "f8"),
+        ("Xq", "f8"),
+        ("admittance", "c16"),  # 1 / (Ra + j Xd), p.u. of the system base
+        ("saliency", "f8", (2, 2)),  # current beyond that admittance from [Ed - Vd, Eq - Vq], p.u. of the system base
+        ("E0", "c16"),  # constant part of Ed + j Eq, p.u.
+        ("A", "f8", (4, 4)),
+        ("B", "f8", (4, 3)),
+        ("C", "f8", (2, 4)),
+        ("W", "f8", (4, 2)),
+        ("saturation_A", "f8"),  # S(psi) = B (psi - A)^2 / psi above A
+        ("saturation_B", "f8"),  # 0: no saturation
+    ]
+)
 
 
 class RotorCircuits(NamedTuple):
-    """Matrices of a machine model: A (4, 4), B (4, 3), C (2, 4); 1/s, and p.u. of the machine's rating."""
+    """A machine model: names (n), A (n, n), B (n, 3), C (2, n) and W (n, 2) in 1/s and p.u. of the rating."""
 
+    names: list[str]
     A: NDArray[np.float64]
     B: NDArray[np.float64]
     C: NDArray[np.float64]
+    W: NDArray[np.float64]
 
 
-def cascade(m: Machine) -> RotorCircuits:
+# The functions below take a Machine that has what its model needs, so that none of it is None.
+
+
+def _circuits(m: Any, names: list[str]) -> RotorCircuits:
+    """Matrices with the terms that all models share: field, transient circuit of the q axis, saturation.
+
+    T'd0 dE'q = Efd - E'q - (Xd - X'd) Id - S E''q      T'q0 dE'd = -E'd + (Xq - X'q) Iq - kq S E''d
+    with kq = (Xq - Xl) / (Xd - Xl).
+    """
+    n = len(names)
+    A, B, W = np.zeros((n, n)), np.zeros((n, 3)), np.zeros((n, 2))
+    leakage = m.Xl or 0.0
+    A[0, 0], B[0, 0], B[0, 2] = -1 / m.Td01, -(m.Xd - m.Xd1) / m.Td01, 1 / m.Td01
+    A[1, 1], B[1, 1] = -1 / m.Tq01, (m.Xq - m.Xq1) / m.Tq01
+    W[0, 0], W[1, 1] = 1 / m.Td01, (m.Xq - leakage) / (m.Xd - leakage) / m.Tq01
+    return RotorCircuits(names, A, B, np.eye(2, n), W)
+
+
+def classical(m: Any) -> RotorCircuits:  # noqa: ARG001 (no data beside X'd)
+    """No circuits: a constant EMF E' behind X'd."""
+    return RotorCircuits([], np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((2, 0)), np.zeros((0, 2)))
+
+
+def two_axis(m: Any) -> RotorCircuits:
+    """States E'q, E'd: the transient circuits alone (Sauer and Pai 1998, 5.4)."""
+    return _circuits(m, ["Eq1", "Ed1"])
+
+
+def cascade(m: Any) -> RotorCircuits:
     """States E'q, E'd, E''q, E''d: the subtransient EMF follows the transient one (thesis 2.3-2.6, corrected).
 
     T'd0 dE'q = Efd - E'q - (Xd - X'd) Id        T''d0 dE''q = E'q - E''q - (X'd - X''d) Id
     T'q0 dE'd = -E'd + (Xq - X'q) Iq             T''q0 dE''d = E'd - E''d + (X'q - X''q) Iq
     """
-    A = np.zeros((4, 4))
-    B = np.zeros((4, 3))
-    A[0, 0], B[0, 0], B[0, 2] = -1 / m.Td01, -(m.Xd - m.Xd1) / m.Td01, 1 / m.Td01
-    A[1, 1], B[1, 1] = -1 / m.Tq01, (m.Xq - m.Xq1) / m.Tq01
+    names, A, B, C, W = _circuits(m, ["Eq1", "Ed1", "Eq2", "Ed2"])
     A[2, 0], A[2, 2], B[2, 0] = 1 / m.Td02, -1 / m.Td02, -(m.Xd1 - m.Xd2) / m.Td02
     A[3, 1], A[3, 3], B[3, 1] = 1 / m.Tq02, -1 / m.Tq02, (m.Xq1 - m.Xq2) / m.Tq02
-    C = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-    return RotorCircuits(A, B, C)
+    C[:] = [[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    return RotorCircuits(names, A, B, C, W)
 
 
-def genrou(m: Machine) -> RotorCircuits:
+def genrou(m: Any) -> RotorCircuits:
     """States E'q, E'd, psi1d, psi2q: the standard subtransient model with leakage (Sauer and Pai 1998, 3.5).
 
     T'd0 dE'q = Efd - E'q - (Xd - X'd) [Id - kd (psi1d + (X'd - Xl) Id - E'q)],  kd = (X'd - X''d) / (X'd - Xl)^2
@@ -58,50 +114,128 @@ def genrou(m: Machine) -> RotorCircuits:
     E''q = [(X''d - Xl) E'q + (X'd - X''d) psi1d] / (X'd - Xl)
     E''d = [(X''q - Xl) E'd - (X'q - X''q) psi2q] / (X'q - Xl)
     """
+    names, A, B, C, W = _circuits(m, ["Eq1", "Ed1", "psi1d", "psi2q"])
     dl, ql = m.Xd1 - m.Xl, m.Xq1 - m.Xl
     kd, kq = (m.Xd1 - m.Xd2) / dl**2, (m.Xq1 - m.Xq2) / ql**2
-    A = np.zeros((4, 4))
-    B = np.zeros((4, 3))
     A[0, 0], A[0, 2] = -(1 + (m.Xd - m.Xd1) * kd) / m.Td01, (m.Xd - m.Xd1) * kd / m.Td01
-    B[0, 0], B[0, 2] = -(m.Xd - m.Xd1) * (1 - kd * dl) / m.Td01, 1 / m.Td01
+    B[0, 0] = -(m.Xd - m.Xd1) * (1 - kd * dl) / m.Td01
     A[1, 1], A[1, 3] = -(1 + (m.Xq - m.Xq1) * kq) / m.Tq01, -(m.Xq - m.Xq1) * kq / m.Tq01
     B[1, 1] = (m.Xq - m.Xq1) * (1 - kq * ql) / m.Tq01
     A[2, 0], A[2, 2], B[2, 0] = 1 / m.Td02, -1 / m.Td02, -dl / m.Td02
     A[3, 1], A[3, 3], B[3, 1] = -1 / m.Tq02, -1 / m.Tq02, -ql / m.Tq02
-    C = np.array(
-        [
-            [(m.Xd2 - m.Xl) / dl, 0.0, (m.Xd1 - m.Xd2) / dl, 0.0],
-            [0.0, (m.Xq2 - m.Xl) / ql, 0.0, -(m.Xq1 - m.Xq2) / ql],
-        ]
-    )
-    return RotorCircuits(A, B, C)
+    C[:] = [
+        [(m.Xd2 - m.Xl) / dl, 0.0, (m.Xd1 - m.Xd2) / dl, 0.0],
+        [0.0, (m.Xq2 - m.Xl) / ql, 0.0, -(m.Xq1 - m.Xq2) / ql],
+    ]
+    return RotorCircuits(names, A, B, C, W)
 
 
-MODELS: dict[str, Callable[[Machine], RotorCircuits]] = {"cascade": cascade, "genrou": genrou}
-STATE_NAMES = {
-    "cascade": ["delta", "omega", "Eq1", "Ed1", "Eq2", "Ed2"],
-    "genrou": ["delta", "omega", "Eq1", "Ed1", "psi1d", "psi2q"],
+MODELS: dict[str, Callable[[Any], RotorCircuits]] = {
+    "classical": classical,
+    "two_axis": two_axis,
+    "cascade": cascade,
+    "genrou": genrou,
 }
 
 
-class MachineStart(NamedTuple):
-    """A machine in the steady state: its six states, field voltage (p.u.), air-gap power (p.u. of its rating)."""
+def rotor_circuits(m: Machine) -> RotorCircuits:
+    """The circuits of a machine; a salient pole has none for E'd (as if X'q = Xq, where E'd stays at zero)."""
+    if m.Xq1 is not None or m.model == "classical":
+        return MODELS[m.model](m)
+    names, A, B, C, W = MODELS[m.model](m.model_copy(update={"Xq1": m.Xq, "Tq01": 1.0}))
+    kept = [i for i, name in enumerate(names) if name != "Ed1"]
+    return RotorCircuits([names[i] for i in kept], A[np.ix_(kept, kept)], B[kept], C[:, kept], W[kept])
 
+
+def stator_reactances(m: Machine) -> tuple[float, float]:
+    """Reactances between the EMF of the circuits and the terminals, d and q axis, p.u. of the rating."""
+    if m.model == "classical":
+        pair = m.Xd1, m.Xd1
+    elif m.model == "two_axis":
+        pair = m.Xd1, m.Xq if m.Xq1 is None else m.Xq1
+    else:
+        pair = m.Xd2, m.Xq2
+    return float(pair[0] or 0.0), float(pair[1] or 0.0)
+
+
+def saturation(m: Machine) -> tuple[float, float]:
+    """A and B of S(psi) = B (psi - A)^2 / psi from S10 and S12, the standard quadratic form; B = 0: none."""
+    if m.S12 == 0:
+        return 0.0, 0.0
+    a = math.sqrt(m.S10 / (1.2 * m.S12))
+    A = (1.0 - 1.2 * a) / (1.0 - a)
+    return A, 1.2 * m.S12 / (1.2 - A) ** 2
+
+
+class MachineStart(NamedTuple):
+    """A machine in the steady state: row of MACHINE, states, field voltage (p.u.), air-gap power (p.u. of rating)."""
+
+    row: NDArray[Any]
     states: NDArray[np.float64]
     field_voltage: float
     power: float
 
 
-def steady_state(m: Machine, circuits: RotorCircuits, voltage: complex, current: complex) -> MachineStart:
-    """States that make all derivatives zero, from the terminal's phasors (current on the machine's rating).
+def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, current: complex) -> MachineStart:
+    """A machine's row, and the states that make all derivatives zero; `current` on the machine's rating.
 
-    The q axis lies along V + (Ra + j Xq) I; then Efd = Vq + Ra Iq + Xd Id (Kundur 1994, 3.6.5).
+    Without saturation the q axis lies along V + (Ra + j Xq) I (Kundur 1994, 3.6.5); with it, where the q-axis
+    circuits rest. Raises `InputError` where no such angle is found.
     """
-    delta = float(np.angle(voltage + (m.Ra + 1j * m.Xq) * current))
+    c = rotor_circuits(m)
+    row = _row(m, c, base_power, offset)
+    xq = m.Xd1 if m.model == "classical" else m.Xq
+    delta = float(np.angle(voltage + (m.Ra + 1j * float(xq or 0.0)) * current))
+    if row["saturation_B"] > 0:
+        low, high = delta - 0.5, delta + 0.5  # rad, far more than saturation turns the axis
+        ends = [_at(row, c, angle, voltage, current).mismatch for angle in (low, high)]
+        if ends[0] * ends[1] > 0:
+            raise InputError(f"machines: {m.name}: S10, S12: {m.S10:g}, {m.S12:g} given; allowed: a steady state")
+        delta = float(brentq(lambda angle: _at(row, c, angle, voltage, current).mismatch, low, high, xtol=1e-15))
+    s = _at(row, c, delta, voltage, current)
+    if m.model == "classical":
+        row["E0"] = s.emf
+        field_voltage, z = abs(s.emf), s.z
+    else:
+        unit = -np.linalg.solve(c.A, c.B[:, 2])  # states that one p.u. of field voltage holds
+        field_voltage = float((s.emf.imag - c.C[0] @ s.z) / (c.C[0] @ unit))
+        z = s.z + field_voltage * unit
+    power = (s.emf * s.current.conjugate()).real + (row["Xq"] - row["Xd"]) * s.current.real * s.current.imag
+    return MachineStart(row, np.array([delta, 0.0, *z]), field_voltage, float(power))
+
+
+class _Trial(NamedTuple):
+    """A machine at a trial angle: EMF, current in the rotor's frame, circuits at rest without field, mismatch of Ed."""
+
+    emf: complex
+    current: complex
+    z: NDArray[np.float64]
+    mismatch: float
+
+
+def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, current: complex) -> _Trial:
+    """A machine at an angle: what its stator asks for, and what its circuits give."""
     turn = np.exp(-1j * (delta - np.pi / 2))
     v, i = voltage * turn, current * turn
-    field_voltage = v.imag + m.Ra * i.imag + m.Xd * i.real
-    z = -np.linalg.solve(circuits.A, circuits.B @ [i.real, i.imag, field_voltage])
-    emf_q, emf_d = circuits.C @ z
-    power = emf_d * i.real + emf_q * i.imag
-    return MachineStart(np.array([delta, 0.0, *z]), float(field_voltage), float(power))
+    emf = complex(v + row["Ra"] * i + complex(-row["Xq"] * i.imag, row["Xd"] * i.real))
+    psi, at = abs(emf), float(row["saturation_A"])
+    s = float(row["saturation_B"]) * max(0.0, psi - at) ** 2 / psi
+    drive = c.B[:, :2] @ [i.real, i.imag] - s * (c.W @ [emf.imag, emf.real])
+    z = -np.linalg.solve(c.A, drive)
+    return _Trial(emf, complex(i), z, float(c.C[1] @ z - emf.real))
+
+
+def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArray[Any]:
+    """A row of MACHINE; the port is the caller's to fill in."""
+    made = np.zeros((), MACHINE)
+    n, ratio = len(c.names), m.rating / base_power
+    d, q = stator_reactances(m)
+    made["offset"], made["circuits"], made["port"] = offset, n, -1
+    made["ratio"], made["H"], made["D"], made["Ra"], made["Xd"], made["Xq"] = ratio, m.H, m.D, m.Ra, d, q
+    made["admittance"] = ratio / complex(m.Ra, d)
+    stator = np.linalg.inv([[m.Ra, -q], [d, m.Ra]])
+    alike = np.linalg.inv([[m.Ra, -d], [d, m.Ra]])
+    made["saliency"] = ratio * (stator - alike)
+    made["A"][:n, :n], made["B"][:n], made["C"][:, :n], made["W"][:n] = c.A, c.B, c.C, c.W
+    made["saturation_A"], made["saturation_B"] = saturation(m)
+    return made

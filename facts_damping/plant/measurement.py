@@ -2,20 +2,81 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled
-from facts_damping.plant import excitation
+from facts_damping.plant import excitation, governor, sssc, stabiliser
 from facts_damping.plant.dynamics import row_times, solve_network, stator
-from facts_damping.plant.machine import ROTOR_STATES
-from facts_damping.plant.model import stage_at
+from facts_damping.plant.model import SSSC, begin_stage
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from facts_damping.plant.model import Plant, PlantState, Work
+
+
+@compiled
+def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work: Work) -> None:
+    """The truth about machine g."""
+    x, m = state.x, plant.machines[g]
+    omega = x[m.offset + 1]
+    voltage, _, power = stator(plant, stage, g, work)
+    added = stabiliser.output(plant.stabilisers[g], x, omega)
+    asked = plant.mechanical_power[stage, g]
+    out.rotor_angle = x[m.offset]
+    out.speed_deviation = omega
+    out.electrical_power = power * m.ratio
+    out.mechanical_power = governor.power(plant.governors[g], x, asked, omega) * plant.online[stage, g] * m.ratio
+    out.field_voltage = excitation.field_voltage(plant.exciters[g], x, abs(voltage), added)
+    out.terminal_voltage = abs(voltage)
+
+
+@compiled
+def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> None:
+    """The truth about device d."""
+    p = plant.devices[d].port
+    port = plant.ports[p]
+    response, size = work.response[p], abs(work.response[p])
+    blocked = work.blocked[p]
+    out.setpoint = state.target[d]
+    out.reference = state.reference[d]
+    out.blocked = 1.0 if blocked else 0.0
+    if port.kind == SSSC:
+        s = plant.sssc[port.row]
+        c = sssc.converter(s, state.x, -state.reference[d], size)
+        v_p, v_q = (0.0, 0.0) if blocked else (c.v_p, c.v_q)
+        out.injected_voltage = -(v_q + s.xs * size)
+        out.active_voltage = v_p
+        out.current = size
+        out.dc_voltage = state.x[s.offset + 2]
+        out.active_power = -(v_p + s.rs * size) * size
+        out.reactive_power = -(v_q + s.xs * size) * size
+    else:
+        injected = state.source[p]
+        flow = response * injected.conjugate()
+        out.injected_voltage = math.nan
+        out.active_voltage = math.nan
+        out.current = abs(injected)
+        out.dc_voltage = state.x[plant.statcom[port.row].offset + 2]
+        out.active_power = flow.real
+        out.reactive_power = flow.imag
+
+
+@compiled
+def _in_synchronism(plant: Plant, x: NDArray[np.float64], stage: int) -> bool:
+    """Whether all rotors in service and all infinite buses lie within 180 degrees of each other."""
+    low, high = math.inf, -math.inf
+    for g in range(plant.machines.size):
+        if plant.online[stage, g] > 0.0:
+            delta = x[plant.machines[g].offset]
+            low, high = min(low, delta), max(high, delta)
+    for i in range(plant.infinite.size):
+        angle = cmath.phase(plant.infinite[i])
+        low, high = min(low, angle), max(high, angle)
+    return not high - low > math.pi
 
 
 @compiled
@@ -30,44 +91,30 @@ def measure(
 ) -> bool:
     """What the PMUs see at an instant, and the truth: fills `frame` (stations, channels), MACHINE_TRUTH, DEVICE_TRUTH.
 
-    Returns whether the plant is sound: all states finite and the rotor angles of the machines in service
-    within 180 degrees of each other.
+    Returns whether the plant is sound: all states finite, the network solved, and all rotors in synchronism.
     """
-    stage = stage_at(plant, time_ns)
+    stage = begin_stage(plant, state, time_ns)
     x = state.x
-    found = solve_network(plant, x, state.reference, stage, work)
-    count = plant.machines.size
-    low, high, sound = math.inf, -math.inf, True
+    solve_network(plant, x, state.reference, state.source, stage, work)
+    sound = _in_synchronism(plant, x, stage)
     for i in range(x.size):
         sound = sound and math.isfinite(x[i])
-    for g in range(count):
-        voltage, _, power = stator(plant, stage, g, work)
-        delta = x[ROTOR_STATES * g]
-        machines[g].rotor_angle = delta
-        machines[g].speed_deviation = x[ROTOR_STATES * g + 1]
-        machines[g].electrical_power = power * plant.machines[g].ratio
-        machines[g].field_voltage = excitation.field_voltage(plant.exciters[g], x)
-        machines[g].terminal_voltage = abs(voltage)
-        if plant.online[stage, g] > 0.0:
-            low, high = min(low, delta), max(high, delta)
-    for p in range(plant.converters.size):
-        devices[p].setpoint = state.target[p]
-        devices[p].reference = state.reference[p]
-        devices[p].injected_voltage = -(found.v_q + plant.converters[p].xs * found.magnitude)
-        devices[p].active_voltage = found.v_p
-        devices[p].current = found.magnitude
-        devices[p].dc_voltage = x[plant.converters[p].offset + 2]
-        devices[p].blocked = 1.0 if found.blocked else 0.0
-    first = count + plant.converters.size
+    for p in range(plant.ports.size):
+        sound = sound and math.isfinite(state.source[p].real)
+    for g in range(plant.machines.size):
+        _machine(plant, state, stage, g, machines[g], work)
+    for d in range(plant.devices.size):
+        _device(plant, state, d, devices[d], work)
+    first = plant.machines.size + plant.ports.size
     stations = plant.station_machine.size
     for s in range(stations):
-        voltage = row_times(plant, stage, first + s, work.injection)
-        current = row_times(plant, stage, first + stations + s, work.injection)
+        voltage = row_times(plant, stage, first + s, work.inputs)
+        current = row_times(plant, stage, first + stations + s, work.inputs)
         g = plant.station_machine[s]
         flow = voltage * current.conjugate()
         frame[s, 0] = abs(voltage)
         frame[s, 1] = math.atan2(voltage.imag, voltage.real)
-        frame[s, 2] = math.nan if g < 0 else x[ROTOR_STATES * g + 1]
+        frame[s, 2] = math.nan if g < 0 else x[plant.machines[g].offset + 1]
         frame[s, 3] = flow.real
         frame[s, 4] = flow.imag
-    return sound and not high - low > math.pi
+    return sound

@@ -11,67 +11,97 @@ from facts_damping.compiling import compiled
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-MACHINE = np.dtype(
-    [
-        ("ratio", "f8"),  # rating over system base
-        ("H", "f8"),  # s
-        ("D", "f8"),  # p.u. of the rating
-        ("admittance", "c16"),  # 1 / (Ra + j X''), p.u. of the system base
-        ("A", "f8", (4, 4)),
-        ("B", "f8", (4, 3)),
-        ("C", "f8", (2, 4)),
-    ]
-)
+# Kinds of ports: places where something beside the linear network acts.
+SALIENT, LOAD, SSSC, STATCOM = 0, 1, 2, 3
+
+# A port: its kind, and the row of its table (machines, loads, converters of one kind); of a device its index.
+PORT = np.dtype([("kind", "i8"), ("row", "i8"), ("device", "i8")])
+
+# An installed device: its port, and the limits of its setpoint and of the rate of its reference.
+DEVICE = np.dtype([("port", "i8"), ("v_max", "f8"), ("rate_max", "f8")])
 
 
 class Plant(NamedTuple):
     """Frozen parameters of a plant with its events: what `advance` and `measure` need.
 
-    The network of stage s, from `stage_start_ns[s]` on, is `network[s]`, complex, shape
-    (machines + ports + 2 stations, machines + ports): it maps machine Norton currents and port currents
-    to machine voltages, port open-circuit voltages, station voltages and station currents, p.u.
+    The network of stage s, from `stage_start_ns[s]` on, is `network[s]`, complex. It maps its inputs (machine
+    Norton currents, voltages of infinite buses, sources at the ports) to its outputs (machine voltages,
+    responses of the ports, station voltages, station currents), p.u. A port in parallel (machine, load,
+    STATCOM) injects a current and sees its bus voltage; one in series (SSSC) holds a voltage drop and sees
+    its current. Shape (machines + ports + 2 stations, machines + infinite buses + ports).
     """
 
     omega_0: float  # rad/s
     step_ns: int
-    machines: NDArray[Any]  # MACHINE, (machines,)
-    exciters: NDArray[Any]  # EXCITER, (machines,)
-    converters: NDArray[Any]  # SSSC, (ports,): one at most
+    machines: NDArray[Any]  # MACHINE, (machines,), as the controls
+    exciters: NDArray[Any]  # EXCITER
+    stabilisers: NDArray[Any]  # STABILISER
+    governors: NDArray[Any]  # GOVERNOR
+    loads: NDArray[Any]  # LOAD, those that are not impedances
+    sssc: NDArray[Any]  # SSSC
+    statcom: NDArray[Any]  # STATCOM
+    ports: NDArray[Any]  # PORT
+    devices: NDArray[Any]  # DEVICE, in the order of the run
+    infinite: NDArray[np.complex128]  # (infinite buses,), p.u.
     stage_start_ns: NDArray[np.int64]  # (stages,), ascending, the first at the start of time
     mechanical_power: NDArray[np.float64]  # (stages, machines), p.u. of the rating
     online: NDArray[np.float64]  # (stages, machines), 1 or 0
+    load_scale: NDArray[np.float64]  # (stages, loads)
     network: NDArray[np.complex128]
     station_machine: NDArray[np.int64]  # (stations,), machine index or -1
 
 
 class PlantState(NamedTuple):
-    """State of a plant: `x` as the kernels lay it out, and of each device the reference and its target, p.u."""
+    """State of a plant: `x` as the kernels lay it out, and of each device the reference and its target, p.u.
+
+    `source` holds what the ports give (p.u.) as last solved: the next solution starts from there.
+    """
 
     x: NDArray[np.float64]
     reference: NDArray[np.float64]
     target: NDArray[np.float64]
+    source: NDArray[np.complex128]
 
 
 class Work(NamedTuple):
     """Arrays that the kernels reuse."""
 
     slopes: NDArray[np.float64]  # (6, states)
-    injection: NDArray[np.complex128]  # (machines + ports,)
-    emf: NDArray[np.complex128]  # (machines,), subtransient EMF E''d + j E''q in the rotor's frame, p.u.
-    rotation: NDArray[np.complex128]  # (machines,), exp(j (delta - pi/2)), from the rotor's frame to the network's
     reference: NDArray[np.float64]  # (devices,)
+    inputs: NDArray[np.complex128]  # of the network
+    emf: NDArray[np.complex128]  # (machines,), Ed + j Eq behind the stator's reactances, in the rotor's frame, p.u.
+    rotation: NDArray[np.complex128]  # (machines,), exp(j (delta - pi/2)), from the rotor's frame to the network's
+    given: NDArray[np.complex128]  # (ports,), response to all inputs but the ports' own
+    response: NDArray[np.complex128]  # (ports,)
+    blocked: NDArray[np.bool_]  # (ports,)
+    slope: NDArray[np.float64]  # (ports, 2, 2), of the source by the response
+    matrix: NDArray[np.float64]  # (2 ports, 2 ports)
+    change: NDArray[np.float64]  # (2 ports,)
+    step: NDArray[np.float64]  # (2 ports,)
 
 
 def workspace(plant: Plant, state: PlantState) -> Work:
     """Arrays of the right size for `plant`."""
-    machines, columns = len(plant.machines), plant.network.shape[2]
+    machines, ports = len(plant.machines), len(plant.ports)
     return Work(
         np.zeros((6, len(state.x))),
-        np.zeros(columns, np.complex128),
-        np.zeros(machines, np.complex128),
-        np.zeros(machines, np.complex128),
         np.zeros(len(state.reference)),
+        np.zeros(plant.network.shape[2], np.complex128),
+        np.zeros(machines, np.complex128),
+        np.zeros(machines, np.complex128),
+        np.zeros(ports, np.complex128),
+        np.zeros(ports, np.complex128),
+        np.zeros(ports, np.bool_),
+        np.zeros((ports, 2, 2)),
+        np.zeros((2 * ports, 2 * ports)),
+        np.zeros(2 * ports),
+        np.zeros(2 * ports),
     )
+
+
+def copy(state: PlantState) -> PlantState:
+    """A state of its own with the same content."""
+    return PlantState(*(array.copy() for array in state))
 
 
 @compiled
@@ -80,4 +110,13 @@ def stage_at(plant: Plant, time_ns: int) -> int:
     stage = 0
     while stage + 1 < len(plant.stage_start_ns) and plant.stage_start_ns[stage + 1] <= time_ns:
         stage += 1
+    return stage
+
+
+@compiled
+def begin_stage(plant: Plant, state: PlantState, time_ns: int) -> int:
+    """Index of the stage at a time; where it begins, the solution before tells nothing of the network to come."""
+    stage = stage_at(plant, time_ns)
+    if plant.stage_start_ns[stage] == time_ns:
+        state.source[:] = 0.0
     return stage

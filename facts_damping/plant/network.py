@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import Line, System, Transformer
+    from facts_damping.parameters.devices import Sssc
+    from facts_damping.parameters.grid import Line, Transformer
+    from facts_damping.parameters.system import System
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,9 @@ def two_port(series: complex, shunt_from: complex, shunt_to: complex) -> NDArray
 def transformer_section(transformer: Transformer, base_power: float) -> NDArray[np.complex128]:
     """Admittance two-port of a transformer, shape (2, 2), p.u. on the system base.
 
-    The magnetising branch lies at the first bus: all leakage is on the other side (thesis A.2: L1 = 0).
+    An ideal transformer of ratio t = tap exp(j shift) at the first bus, the series impedance behind it:
+    [[y / |t|^2, -y / conj(t)], [-y / t, y]]. The magnetising branch lies at the first bus: all leakage is
+    on the other side (thesis A.2: L1 = 0).
     """
     ratio = transformer.rating / base_power
     magnetising = 0j
@@ -91,7 +95,15 @@ def transformer_section(transformer: Transformer, base_power: float) -> NDArray[
         magnetising += ratio / transformer.magnetising_r
     if transformer.magnetising_x is not None:
         magnetising += ratio / (1j * transformer.magnetising_x)
-    return two_port(complex(transformer.r, transformer.x) / ratio, magnetising, 0j)
+    y = ratio / complex(transformer.r, transformer.x)
+    t = transformer.tap * np.exp(1j * np.deg2rad(transformer.phase_shift))
+    return np.array([[y / abs(t) ** 2 + magnetising, -y / np.conj(t)], [-y / t, y]])
+
+
+def device_section(device: Sssc, series: complex) -> Branch:
+    """A device in series as the branch of an impedance, p.u."""
+    from_bus, to_bus = device.ends
+    return Branch(device.name, from_bus, to_bus, two_port(series, 0, 0))
 
 
 def branches(system: System, topology: Topology) -> list[Branch]:
@@ -138,14 +150,17 @@ def admittance(names: list[str], present: list[Branch]) -> NDArray[np.complex128
 
 
 def shunts(system: System, topology: Topology, voltage: Mapping[str, float]) -> dict[str, complex]:
-    """Shunt admittance at each bus from loads, capacitors and faults, p.u., `voltage` the solved one."""
+    """Shunt admittance at each bus from loads, capacitors and faults, p.u., `voltage` the solved one.
+
+    A load counts as the impedance that it is at its reference voltage, whatever its shares.
+    """
     total: dict[str, complex] = {}
     for load in system.loads:
         power = complex(load.P, load.Q) / system.base_power * topology.load_scale.get(load.name, 1.0)
         reference = 1.0 if load.at == "nominal" else voltage[load.bus]
         total[load.bus] = total.get(load.bus, 0j) + power.conjugate() / reference**2
     for shunt in system.shunts:
-        total[shunt.bus] = total.get(shunt.bus, 0j) + 1j * shunt.Q / system.base_power
+        total[shunt.bus] = total.get(shunt.bus, 0j) + complex(shunt.P, shunt.Q) / system.base_power
     for place, impedance in topology.faults.items():
         if impedance != 0 and (place.line is None or place.line not in topology.lines_out):
             bus = place.bus or fault_bus(place.line or "")
@@ -162,17 +177,21 @@ def grounded(topology: Topology) -> set[str]:
     return found
 
 
+def series_devices(system: System) -> list[Sssc]:
+    """The devices in series with the network."""
+    return [device for device in system.devices if device.kind == "sssc"]
+
+
 def check_islands(system: System, topology: Topology, when: str) -> None:
-    """Raise `InputError` where buses hang together with no machine in service among them."""
+    """Raise `InputError` where buses hang together with no source among them."""
     names = bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
     links = np.eye(len(names))
-    for a, b in [(b.from_bus, b.to_bus) for b in branches(system, topology)] + [
-        (d.from_bus, d.to_bus) for d in system.devices
-    ]:
+    for a, b in [(b.from_bus, b.to_bus) for b in branches(system, topology)] + [d.ends for d in series_devices(system)]:
         links[index[a], index[b]] = 1
     count, label = connected_components(links, directed=False)
-    fed = {label[index[m.bus]] for m in system.machines if m.name not in topology.machines_out}
+    sources = [m.bus for m in system.machines if m.name not in topology.machines_out]
+    fed = {label[index[bus]] for bus in (*sources, *(i.bus for i in system.infinite_buses))}
     for island in range(count):
         if island not in fed:
             members = [name for name in names if label[index[name]] == island]

@@ -8,13 +8,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.errors import InputError
-from facts_damping.plant.network import Branch, Topology, admittance, branches, bus_names, two_port
+from facts_damping.plant import load as loads
+from facts_damping.plant.network import (
+    Topology,
+    admittance,
+    branches,
+    bus_names,
+    device_section,
+    series_devices,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.parameters.grid import InfiniteBus
+    from facts_damping.parameters.machines import Machine
     from facts_damping.parameters.system import System
 
 TOLERANCE = 1e-9  # p.u., largest power mismatch
@@ -26,8 +36,8 @@ MAX_ITERATIONS = 30
 class PowerFlow:
     """Solved power flow, p.u.
 
-    Bus voltages, and generation less loads at them (buses,); generation by machine, magnitude of the
-    current by device; the largest mismatch of power that remains.
+    Bus voltages, and generation less loads at them (buses,); generation by machine or infinite bus, magnitude
+    of the current by device in series; the largest mismatch of power that remains.
     """
 
     names: list[str]
@@ -55,12 +65,15 @@ def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     """Solve for all bus voltages before the first event.
 
     An installed SSSC whose DC link has losses draws them from the network, as a resistance g / |I|^2
-    in series would; as |I| is not known before, the power flow is repeated until it is.
+    in series would; as |I| is not known before, the power flow is repeated until it is. A STATCOM carries
+    no current at the start.
     """
-    losses = {device.name: 0.0 for device in system.devices}
+    devices = series_devices(system)
+    losses = {device.name: 0.0 for device in devices}
+    change = 0.0
     for _ in range(MAX_ITERATIONS):
         flow = _solve(system, losses)
-        drawn = {d.name: d.g / max(flow.currents[d.name], d.I_min) ** 2 for d in system.devices if d.name in installed}
+        drawn = {d.name: d.g / max(flow.currents[d.name], d.I_min) ** 2 for d in devices if d.name in installed}
         change = max([abs(drawn[name] - losses[name]) for name in drawn], default=0.0)
         if change <= LOSS_TOLERANCE:
             return flow
@@ -71,72 +84,92 @@ def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     )
 
 
+def demand(system: System, names: list[str], magnitude: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Power that the loads draw at voltage magnitudes, and its derivative by them; shape (2, buses), p.u."""
+    index = {name: i for i, name in enumerate(names)}
+    drawn = np.zeros((2, len(names)), np.complex128)
+    for load in system.loads:
+        i, power = index[load.bus], complex(load.P, load.Q) / system.base_power
+        if load.at == "solved":
+            drawn[0, i] += power
+            continue
+        r = float(magnitude[i])
+        for share, part in ((load.P_shares, power.real), (load.Q_shares, 1j * power.imag)):
+            beyond, slope = loads.excess(r, share.current, share.power, load.V_min)
+            drawn[:, i] += part * np.array([r * r + beyond, 2 * r + slope])
+    return drawn
+
+
 def _solve(system: System, losses: dict[str, float]) -> PowerFlow:
     """Newton's method on the power balance of all buses, `losses` in series with the devices (p.u.).
 
-    Unknowns are the angles of all buses but the slack's and the magnitudes at the buses without a
-    machine; equations P_i + j Q_i = V_i conj(sum_j Y_ij V_j) (Kundur 1994, 6.4). A FACTS device in
+    Unknowns are the angles of all buses but the slack's and the infinite ones, and the magnitudes at the buses
+    without a machine; equations P_i + j Q_i = V_i conj(sum_j Y_ij V_j) (Kundur 1994, 6.4). A FACTS device in
     series is its transformer's resistance. Raises `InputError` where Newton's method does not converge.
     """
     names = bus_names(system, Topology())
     index = {name: i for i, name in enumerate(names)}
+    series = {d.name: d.rs + losses[d.name] for d in series_devices(system)}
     present = branches(system, Topology())
-    series = {d.name: d.rs + losses[d.name] for d in system.devices}
-    present += [Branch(d.name, d.from_bus, d.to_bus, two_port(series[d.name], 0, 0)) for d in system.devices]
-    matrix = admittance(names, present)
+    matrix = admittance(names, present + [device_section(d, series[d.name]) for d in series_devices(system)])
     for shunt in system.shunts:
-        matrix[index[shunt.bus], index[shunt.bus]] += 1j * shunt.Q / system.base_power
-    demand = np.zeros(len(names), np.complex128)
-    for load in system.loads:
-        power = complex(load.P, load.Q) / system.base_power
-        if load.at == "nominal":
-            matrix[index[load.bus], index[load.bus]] += power.conjugate()
-        else:
-            demand[index[load.bus]] += power
-    scheduled = -demand
+        matrix[index[shunt.bus], index[shunt.bus]] += complex(shunt.P, shunt.Q) / system.base_power
+    scheduled = np.zeros(len(names), np.complex128)
     magnitude, angle = np.ones(len(names)), np.zeros(len(names))
     for machine in system.machines:
-        scheduled[index[machine.bus]] += (machine.P or 0.0) / system.base_power
-        magnitude[index[machine.bus]] = machine.V
-    slack = next(m for m in system.machines if m.slack)
-    angle[:] = np.deg2rad(slack.angle)
-    free_angle = np.array([i for i in range(len(names)) if i != index[slack.bus]], int)
-    free_magnitude = np.array([i for i in range(len(names)) if i not in {index[m.bus] for m in system.machines}], int)
+        scheduled[index[machine.bus]] = (machine.P or 0.0) / system.base_power
+    fixed: list[Machine | InfiniteBus] = [*system.infinite_buses, *(m for m in system.machines if m.slack)]
+    held: list[Machine | InfiniteBus] = [*system.infinite_buses, *system.machines]
+    angle[:] = np.deg2rad(fixed[0].angle)
+    for source in fixed:
+        angle[index[source.bus]] = np.deg2rad(source.angle)
+    for source in held:
+        magnitude[index[source.bus]] = source.V
+    turned = {index[source.bus] for source in fixed}
+    kept = {index[source.bus] for source in held}
     with np.errstate(all="ignore"):  # where it diverges, the mismatch says so
-        voltage, residual = _newton(matrix, scheduled, magnitude, angle, free_angle, free_magnitude)
+        voltage, residual = _newton(
+            matrix,
+            scheduled,
+            lambda m: demand(system, names, m),
+            (magnitude, angle),
+            np.array([i for i in range(len(names)) if i not in turned], int),
+            np.array([i for i in range(len(names)) if i not in kept], int),
+        )
     if not residual < TOLERANCE:
         raise InputError(
             f"system {system.name}: power flow does not converge: mismatch {residual:.3g} p.u. after "
             f"{MAX_ITERATIONS} iterations; allowed: {TOLERANCE:g}"
         )
-    # The matrix holds the loads of constant impedance: what it does not draw comes from the machines.
-    net = voltage * np.conj(matrix @ voltage)
-    generation = {m.name: complex(net[index[m.bus]] + demand[index[m.bus]]) for m in system.machines}
-    injection = np.zeros(len(names), np.complex128)
-    for machine in system.machines:
-        injection[index[machine.bus]] += generation[machine.name]
-    for load in system.loads:
-        scale = abs(voltage[index[load.bus]]) ** 2 if load.at == "nominal" else 1.0
-        injection[index[load.bus]] -= complex(load.P, load.Q) / system.base_power * scale
-    drops = {d.name: abs(voltage[index[d.from_bus]] - voltage[index[d.to_bus]]) for d in system.devices}
-    currents = {name: float(drop / series[name]) for name, drop in drops.items()}
+    drawn = demand(system, names, np.abs(voltage))[0]
+    net = voltage * np.conj(matrix @ voltage) + drawn
+    generation = {source.name: complex(net[index[source.bus]]) for source in held}
+    injection = -drawn
+    for source in held:
+        injection[index[source.bus]] += generation[source.name]
+    currents = {}
+    for d in series_devices(system):
+        first, second = d.ends
+        currents[d.name] = float(abs(voltage[index[first]] - voltage[index[second]]) / series[d.name])
     return PowerFlow(names, voltage, injection, generation, currents, residual)
 
 
 def _newton(
     matrix: NDArray[np.complex128],
     scheduled: NDArray[np.complex128],
-    magnitude: NDArray[np.float64],
-    angle: NDArray[np.float64],
+    demand: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
+    start: tuple[NDArray[np.float64], NDArray[np.float64]],
     free_angle: NDArray[np.int64],
     free_magnitude: NDArray[np.int64],
 ) -> tuple[NDArray[np.complex128], float]:
-    """Newton iterations in polar form; the voltages and the largest mismatch that remains."""
+    """Newton iterations in polar form from (magnitudes, angles); the voltages and the largest mismatch that remains."""
+    magnitude, angle = start
     voltage = magnitude * np.exp(1j * angle)
     residual = float("inf")
     for _ in range(MAX_ITERATIONS):
         current = matrix @ voltage
-        mismatch = voltage * np.conj(current) - scheduled
+        drawn, drawn_by_magnitude = demand(magnitude)
+        mismatch = voltage * np.conj(current) + drawn - scheduled
         equations = np.concatenate([mismatch.real[free_angle], mismatch.imag[free_magnitude]])
         residual = float(np.max(np.abs(equations), initial=0.0))
         if residual < TOLERANCE / 1000 or not np.isfinite(residual):
@@ -144,6 +177,7 @@ def _newton(
         by_angle = 1j * np.diag(voltage) @ np.conj(np.diag(current) - matrix @ np.diag(voltage))
         unit = voltage / np.abs(voltage)
         by_magnitude = np.diag(voltage) @ np.conj(matrix @ np.diag(unit)) + np.diag(np.conj(current) * unit)
+        by_magnitude += np.diag(drawn_by_magnitude)
         jacobian = np.block(
             [
                 [

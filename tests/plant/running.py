@@ -14,7 +14,7 @@ from facts_damping.plant.build import Built, build
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
-from facts_damping.plant.model import PlantState, workspace
+from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, to_ns
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def split(name: str) -> System:
         line["from"] = "B8E" if line["from"] == "B8" else line["from"]
     at = [bus["name"] for bus in fields["buses"]].index("B8") + 1
     fields["buses"].insert(at, {"name": "B8E", "nominal_voltage": 230.0})
-    fields["devices"] = [{"name": "bypass", "from": "B8", "to": "B8E", "rs": BYPASS}]
+    fields["devices"] = [{"name": "bypass", "kind": "sssc", "from": "B8", "to": "B8E", "rs": BYPASS}]
     fields["stations"][-1] = {"name": "TIE", "bus": "B8", "branches": ["bypass"]}
     return System.model_validate(fields)
 
@@ -97,14 +97,14 @@ def table(targets: Targets) -> NDArray[Any]:
 def follow(built: Built, times: Iterable[float], targets: Targets = (), x: NDArray[np.float64] | None = None) -> Trace:
     """Advance a copy of a plant's start (or from `x`) from instant to instant, as a loop does tick by tick."""
     start = built.state.x if x is None else x
-    state = PlantState(start.copy(), built.state.reference.copy(), built.state.target.copy())
+    state = copy(built.state)._replace(x=start.copy())
     work, setpoints = workspace(built.plant, state), table(targets)
     instants = np.array([to_ns(t) for t in times])
     n, stations = len(instants), len(built.plant.station_machine)
     xs, references = np.zeros((n, len(state.x))), np.zeros((n, len(state.reference)))
     frames, sound = np.zeros((n, stations, len(CHANNELS))), np.zeros(n, np.bool_)
     machines = np.zeros((n, len(built.plant.machines)), MACHINE_TRUTH)
-    devices = np.zeros((n, len(built.plant.converters)), DEVICE_TRUTH)
+    devices = np.zeros((n, len(built.plant.devices)), DEVICE_TRUTH)
     for k, now in enumerate(instants):
         if k:
             before = instants[k - 1]
@@ -119,7 +119,8 @@ def slopes(built: Built, x: NDArray[np.float64] | None = None, stage: int = 0) -
     """The derivatives dx/dt at the start, or at `x`."""
     x = built.state.x if x is None else x
     dx = np.zeros_like(x)
-    derivatives(built.plant, x, built.state.reference, stage, dx, workspace(built.plant, built.state))
+    state = copy(built.state)
+    derivatives(built.plant, x, state.reference, state.source, stage, dx, workspace(built.plant, state))
     return dx
 
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -8,24 +8,68 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.system import Sssc
+from facts_damping.parameters.devices import Sssc
 from facts_damping.plant import sssc
+from facts_damping.plant.dynamics import solve_network
+from facts_damping.plant.model import PORT, SSSC, PlantState, workspace
 from tests.independent.dynamics import sssc_voltage
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
 FAULT = {"time": 0.1, "kind": "fault", "bus": "B8", "duration": 0.1}
 
 
 def device(**fields: Any) -> Any:
     """A row of the table that the kernels read."""
-    made = np.zeros(1, sssc.SSSC)
-    made[0] = sssc.row(Sssc.model_validate({"name": "sssc", "from": "A", "to": "B", **fields}), 0)
-    return made[0]
+    return sssc.row(Sssc.model_validate({"name": "sssc", "kind": "sssc", "from": "A", "to": "B", **fields}), 0)
 
 
 def with_device(**fields: Any) -> Any:
     system = shipped("two_area")
     return changed(system, devices=[{**d.model_dump(by_alias=True), **fields} for d in system.devices])
+
+
+class Port(NamedTuple):
+    """A converter at a port: current, what it gives there (p.u.), whether it is blocked, its row and its states."""
+
+    current: complex
+    voltage: complex
+    blocked: bool
+    row: Any
+    x: NDArray[np.float64]
+
+    @property
+    def magnitude(self) -> float:
+        return abs(self.current)
+
+    def converter(self, u: float) -> sssc.Converter:
+        return sssc.converter(self.row, self.x, u, self.magnitude)
+
+    def slopes(self, u: float) -> NDArray[np.float64]:
+        dx = np.zeros(3)
+        sssc.derivatives(self.row, self.x, self.magnitude, u, dx)
+        return dx
+
+
+def at_a_port(made: Any, x: Sequence[float], u: float, voltage: complex, impedance: complex) -> Port:
+    """A converter alone at a source `voltage` behind `impedance`, p.u."""
+    empty = plant("smib", installed=["sssc"])
+    admittance = 1 / (impedance + complex(made[1], made[2]))
+    model = empty.plant._replace(
+        machines=empty.plant.machines[:0],
+        sssc=np.array([made], sssc.SSSC),
+        infinite=np.array([voltage]),
+        network=np.array([[[admittance, -admittance]]]),
+        ports=np.array([(SSSC, 0, 0)], PORT),
+    )
+    state = PlantState(np.array(x), np.array([-u]), np.zeros(1), np.zeros(1, complex))
+    work = workspace(model, state)
+    solve_network(model, state.x, state.reference, state.source, 0, work)
+    return Port(complex(work.response[0]), complex(state.source[0]), bool(work.blocked[0]), model.sssc[0], state.x)
 
 
 @settings(deadline=None, max_examples=200)
@@ -39,32 +83,53 @@ def test_converter_solves_its_port(
     voltage: complex, impedance: complex, u: float, x: tuple[float, float, float]
 ) -> None:
     """Kirchhoff's law at the port, within the limits; or blocked, a short circuit behind its transformer."""
-    row = device()
-    found = sssc.converter(row, np.array(x), u, voltage, impedance)
-    along = found.current / abs(found.current) if found.magnitude else 0j
-    drop = (impedance + complex(row["rs"], row["xs"])) * found.current + complex(found.v_p, found.v_q) * along
+    found = at_a_port(device(), x, u, voltage, impedance)
+    drop = (impedance + complex(found.row["rs"], found.row["xs"])) * found.current + found.voltage
     assert abs(voltage - drop) < 1e-12
-    assert found.magnitude == pytest.approx(abs(found.current), abs=1e-12)
-    assert np.hypot(found.v_p, found.v_q) <= 0.11 * x[2] * (1 + 1e-12)
-    assert abs(found.v_p) <= 0.1 * x[2] * (1 + 1e-12)
-    assert found.blocked == (found.v_p == found.v_q == 0 and found.ac_limited and found.dc_limited)
+    assert abs(found.voltage) <= 0.11 * x[2] * (1 + 1e-10)
     if abs(voltage) > 0.4:
         assert not found.blocked
-    if not found.blocked:  # the independent model, at this current
-        dx = np.zeros(3)
-        sssc.derivatives(row, np.array(x), found, dx)
+    if found.blocked:
+        assert found.voltage == 0
+    else:  # the independent model, at this current
+        c = found.converter(u)
+        assert abs(found.voltage - complex(c.v_p, c.v_q) * found.current / found.magnitude) < 1e-11
+        assert abs(c.v_p) <= 0.1 * x[2] * (1 + 1e-12)
         v_p, v_q, _, rates = sssc_voltage(found.magnitude, u, np.array(x))
-        assert (found.v_p, found.v_q) == pytest.approx((v_p, v_q), rel=1e-9, abs=1e-12)
-        np.testing.assert_allclose(dx, rates, rtol=1e-9, atol=1e-12)
+        assert (c.v_p, c.v_q) == pytest.approx((v_p, v_q), rel=1e-9, abs=1e-12)
+        np.testing.assert_allclose(found.slopes(u), rates, rtol=1e-9, atol=1e-12)
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    u=st.floats(-0.1, 0.1),
+    x=st.tuples(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15), st.floats(0.7, 1.3)),
+    magnitude=st.floats(1, 20),
+)
+def test_slopes_of_the_converter_are_those_of_its_voltages(
+    u: float, x: tuple[float, float, float], magnitude: float
+) -> None:
+    """Against central differences, where no limit lies between."""
+    made = at_a_port(device(), x, u, 0.5, 0.1j).row
+    low, at, high = (sssc.converter(made, np.array(x), u, magnitude + step) for step in (-1e-5, 0.0, 1e-5))
+    if low[4:] == high[4:] and (magnitude + 1e-5 < 10.0 or magnitude - 1e-5 > 10.0):
+        assert at.v_p_slope == pytest.approx((high.v_p - low.v_p) / 2e-5, rel=1e-5, abs=1e-9)
+        assert at.v_q_slope == pytest.approx((high.v_q - low.v_q) / 2e-5, rel=1e-5, abs=1e-9)
 
 
 def test_a_blocked_converter_stands_still() -> None:
-    """Too little current: no voltage, and no state moves."""
-    row, x, dx = device(), np.array([0.01, 0.02, 0.9]), np.full(3, 7.0)
-    found = sssc.converter(row, x, 0.05, 0.001 + 0j, 0.1j)
+    """Too little current: no voltage; in the plant no state of it moves."""
+    found = at_a_port(device(), (0.01, 0.02, 0.9), 0.05, 0.001 + 0j, 0.1j)
     assert found.blocked
-    sssc.derivatives(row, x, found, dx)
-    assert (dx == 0).all()
+    assert found.voltage == 0
+    out = {"time": 0.0, "kind": "line_out"}
+    built = plant("two_area", {**out, "line": "line_3"}, {**out, "line": "line_4"})
+    x = built.state.x.copy()
+    own = [built.state_names.index(f"sssc.{state}") for state in sssc.STATE_NAMES]
+    x[own] = 0.01, 0.02, 0.9
+    dx = slopes(built, x)
+    assert (dx[own] == 0).all()
+    assert np.abs(dx).max() > 0
 
 
 @pytest.mark.parametrize(
@@ -78,19 +143,17 @@ def test_a_blocked_converter_stands_still() -> None:
 def test_an_integrator_is_frozen_while_its_output_is_limited(
     x: tuple[float, float, float], u: float, limited: tuple[bool, bool]
 ) -> None:
-    row, dx = device(), np.zeros(3)
-    found = sssc.converter(row, np.array([*x[:2], 0.95]), u, 0.4 + 0j, 0.1j)
-    assert (found.ac_limited, found.dc_limited) == limited
-    sssc.derivatives(row, np.array([*x[:2], 0.95]), found, dx)
-    assert (dx[:2] == 0).tolist() == list(limited)
+    found = at_a_port(device(), [*x[:2], 0.95], u, 0.4 + 0j, 0.1j)
+    c = found.converter(u)
+    assert (c.ac_limited, c.dc_limited) == limited
+    assert (found.slopes(u)[:2] == 0).tolist() == list(limited)
 
 
 def test_above_the_rated_current_the_dc_regulator_keeps_its_power() -> None:
     """s_p = min(1, In / |I|) (Kd (1 - vdc) + x_dc): twice the rating, half the voltage."""
-    x = np.array([0.0, 0.0, 0.9])
-    found = sssc.converter(device(I_rated=2.0, Kdi=0.0), x, 0.0, 0.4 + 0j, 0.1j)
+    found = at_a_port(device(I_rated=2.0, Kdi=0.0), [0.0, 0.0, 0.9], 0.0, 0.4 + 0j, 0.1j)
     assert found.magnitude > 2.5
-    assert found.v_p * found.magnitude == pytest.approx(2.0 * 0.4 * 0.1 * 0.9, rel=1e-12)
+    assert found.converter(0.0).v_p * found.magnitude == pytest.approx(2.0 * 0.4 * 0.1 * 0.9, rel=1e-12)
 
 
 def test_dc_regulator_stays_within_its_limits_and_leaves_them() -> None:

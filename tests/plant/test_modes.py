@@ -111,15 +111,12 @@ MODELS = [("cascade", "static"), ("genrou", "static"), ("cascade", "constant"), 
 @pytest.mark.parametrize("device", [True, False])
 @pytest.mark.parametrize(("machine", "exciter"), MODELS)
 def test_two_area_has_the_eigenvalues_of_the_independent_model(machine: str, exciter: str, *, device: bool) -> None:
-    """The state xf of each static exciter, which KF = 0 uncouples, is ours alone: -1 / TF."""
     system = with_machines(shipped("two_area"), machine)
     system = system if exciter == "static" else changed(system, exciters=[])
     built = plant(system, installed=["sssc"] if device else [])
     other = reference.System(reference.TWO_AREA, machine, exciter, device=device)
     ours, theirs = moving(linearise(built)[0]), moving(reference.linearise(other)[0])
-    own = len(ours) - len(theirs)
-    assert own == int((built.plant.exciters["code"] == STATIC).sum())
-    assert own == (np.abs(ours + 10) < 1e-9).sum()
+    assert len(ours) == len(theirs)
     assert furthest(theirs, ours) < 5e-6
 
 

@@ -1,0 +1,90 @@
+"""FACTS devices as data: SSSC and STATCOM, impedances, voltages and currents on the system base."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from facts_damping.parameters.base import Model, Name, quantity
+
+
+class Sssc(Model):
+    """A static synchronous series compensator between two buses, or in a line, next to its `from` or `to` bus.
+
+    Regulators and DC link: docs/plant.md, after (2.87)-(2.89), (2.100)-(2.104) and appendix A.3.
+    """
+
+    name: Name
+    kind: Literal["sssc"]
+    from_bus: Name | None = Field(None, alias="from")
+    to_bus: Name | None = Field(None, alias="to")
+    line: Name | None = Field(None, description="the line it stands in, instead of `from` and `to`")
+    end: Literal["from", "to"] = Field("from", description="which end of that line")
+    rs: float = quantity(0.000053, "p.u.", "resistance of the coupling transformer", gt=0, le=1)
+    xs: float = quantity(0.0016, "p.u.", "reactance of the coupling transformer", gt=0, le=1)
+    v_max: float = quantity(0.1, "p.u.", "limit of the quadrature voltage setpoint", gt=0, le=1)
+    rate_max: float = quantity(5.0, "p.u./s", "rate limit of the quadrature voltage reference", gt=0, le=1000)
+    vp_max: float = quantity(0.1, "p.u.", "limit of the active converter voltage", gt=0, le=1)
+    vc_max: float = quantity(0.11, "p.u.", "limit of the converter voltage as a whole", gt=0, le=1)
+    Kp: float = quantity(0.00375, "-", "injected-voltage regulator, proportional gain", ge=0, le=10)
+    Ki: float = quantity(0.1875, "1/s", "injected-voltage regulator, integral gain", ge=0, le=1000)
+    Kd: float = quantity(0.4, "p.u.", "DC voltage regulator, proportional gain", ge=0, le=100)
+    Kdi: float = quantity(8.0, "p.u./s", "DC voltage regulator, integral gain", ge=0, le=1e4)
+    tau: float = quantity(0.006, "s", "DC link, C V^2 / S of the system base", ge=0.001, le=10)
+    g: float = quantity(0.0, "p.u.", "loss conductance of the DC link", ge=0, le=10)
+    I_rated: float = quantity(10.0, "p.u.", "rated current; above it the DC regulator keeps its power", gt=0, le=1000)
+    I_min: float = quantity(0.02, "p.u.", "current below which the converter is blocked", gt=0, le=1)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Sssc:
+        if self.vp_max >= self.vc_max:
+            raise ValueError(f"vp_max must be below vc_max, given {self.vp_max} and {self.vc_max}")
+        buses = [bus for bus in (self.from_bus, self.to_bus) if bus is not None]
+        if len(buses) != (0 if self.line is not None else 2):
+            raise ValueError("an sssc needs either `line`, or `from` and `to`")
+        return self
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """The two buses it stands between; empty while it is placed by its line."""
+        return self.from_bus or "", self.to_bus or ""
+
+    @property
+    def place(self) -> str:
+        """Where it stands, for people."""
+        return self.line or "-".join(self.ends)
+
+
+class Statcom(Model):
+    """A static synchronous compensator at a bus; its setpoint is an offset of its voltage reference.
+
+    Regulators and DC link: docs/plant.md, after (2.90)-(2.92), (2.105)-(2.109) and appendix A.4.
+    """
+
+    name: Name
+    kind: Literal["statcom"]
+    bus: Name
+    R: float = quantity(0.0073, "p.u.", "resistance of the coupling transformer", ge=0, le=10)
+    L: float = quantity(0.22, "p.u.", "reactance of the coupling transformer", gt=0, le=10)
+    v_max: float = quantity(..., "p.u.", "limit of the setpoint, an offset of the voltage reference", gt=0, le=1)
+    rate_max: float = quantity(..., "p.u./s", "rate limit of that offset", gt=0, le=1000)
+    I_max: float = quantity(..., "p.u.", "limit of active and of reactive current", gt=0, le=1000)
+    Kp: float = quantity(5.0, "p.u.", "AC voltage regulator, proportional gain: current per voltage", ge=0, le=1000)
+    Ki: float = quantity(1000.0, "p.u./s", "AC voltage regulator, integral gain", ge=0, le=1e5)
+    droop: float = quantity(0.0, "p.u.", "voltage per reactive current", ge=0, le=1)
+    Kd: float = quantity(4.0, "p.u.", "DC voltage regulator, proportional gain: current per voltage", ge=0, le=1000)
+    Kdi: float = quantity(80.0, "p.u./s", "DC voltage regulator, integral gain", ge=0, le=1e5)
+    Kc: float = quantity(0.3, "p.u.", "current regulator, proportional gain", ge=0, le=100)
+    Kci: float = quantity(10.0, "p.u./s", "current regulator, integral gain", ge=0, le=1e4)
+    Kf: float = quantity(0.22, "p.u.", "current regulator, feed-forward of the transformer's voltage", ge=0, le=10)
+    tau: float = quantity(0.006, "s", "DC link, C V^2 / S of the system base", ge=0.001, le=10)
+    V_min: float = quantity(0.05, "p.u.", "voltage of its bus below which the converter is blocked", gt=0, le=0.9)
+
+    @property
+    def place(self) -> str:
+        """Where it stands, for people."""
+        return self.bus
+
+
+Device = Annotated[Sssc | Statcom, Field(discriminator="kind")]

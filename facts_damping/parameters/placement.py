@@ -1,0 +1,46 @@
+"""Where devices stand that are placed by a line: at a bus of their own, next to an end of that line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from facts_damping.parameters.devices import Sssc
+from facts_damping.parameters.grid import Bus
+
+if TYPE_CHECKING:
+    from facts_damping.parameters.system import System
+
+
+def place(system: System) -> System:
+    """The system with every SSSC between two buses.
+
+    One that is placed by a line stands between that end of the line and a new bus, `LINE.DEVICE`, at which the
+    line ends from then on. Stations that measured the line's flow at this end measure the device's.
+    """
+    for device in system.devices:
+        if isinstance(device, Sssc) and device.line is not None:
+            system = _insert(system, device)
+    return system
+
+
+def _insert(system: System, device: Sssc) -> System:
+    """The system with one SSSC taken into its line."""
+    at = next(i for i, line in enumerate(system.lines) if line.name == device.line)
+    line, made = system.lines[at], f"{device.line}.{device.name}"
+    bus, side = (line.from_bus, "from_bus") if device.end == "from" else (line.to_bus, "to_bus")
+    ends = (bus, made) if device.end == "from" else (made, bus)
+    voltage = next(b.nominal_voltage for b in system.buses if b.name == bus)
+    placed = device.model_copy(update={"line": None, "from_bus": ends[0], "to_bus": ends[1]})
+    return system.model_copy(
+        update={
+            "buses": [*system.buses, Bus(name=made, nominal_voltage=voltage)],
+            "lines": [*system.lines[:at], line.model_copy(update={side: made}), *system.lines[at + 1 :]],
+            "devices": [placed if d.name == device.name else d for d in system.devices],
+            "stations": [
+                s.model_copy(update={"branches": [device.name if b == line.name else b for b in s.branches]})
+                if s.bus == bus
+                else s
+                for s in system.stations
+            ],
+        }
+    )

@@ -1,0 +1,172 @@
+"""The network as the dynamics need it: reduced to machines, infinite buses, ports and stations (Kron)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from facts_damping.errors import InputError
+from facts_damping.plant.network import (
+    Branch,
+    Topology,
+    admittance,
+    branches,
+    bus_names,
+    device_section,
+    grounded,
+    series_devices,
+    shunts,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.devices import Sssc
+    from facts_damping.parameters.system import Station, System
+
+
+STRAY = 1e-9j  # p.u., stray susceptance of buses that hang on nothing with a path to ground
+
+
+class Place(NamedTuple):
+    """Where a port is: in parallel at a bus (a machine's own, or a load's or STATCOM's), or a device in series."""
+
+    bus: str = ""
+    machine: str | None = None
+    device: Sssc | None = None
+
+
+class Network(NamedTuple):
+    """A stage's network without its sources: index of each bus, all branches, voltages by unit inputs."""
+
+    at: dict[str, int]
+    present: list[Branch]
+    norton: NDArray[np.complex128]  # (machines,), admittances, 0 of those out of service
+    voltage: NDArray[np.complex128]  # (buses, inputs), p.u.
+
+
+def reduce_network(
+    system: System,
+    places: Sequence[Place],
+    norton: NDArray[np.complex128],
+    topology: Topology,
+    voltage: dict[str, float],
+) -> NDArray[np.complex128]:
+    """Outputs of the network by unit inputs, shape (machines + ports + 2 stations, machines + infinite + ports), p.u.
+
+    `norton` are the machines' admittances, `voltage` the solved magnitudes. Inputs and outputs: `model.Plant`.
+    Raises `InputError` where the network's equations are singular.
+    """
+    net = _solve(system, places, norton, topology, voltage)
+    machine_rows = net.voltage[[net.at[m.bus] for m in system.machines]]
+    port_rows = [
+        _series_current(system, net, places, place.device) if place.device else net.voltage[net.at[place.bus]]
+        for place in places
+    ]
+    at = [net.at[_station_bus(system, s)] for s in system.stations]
+    currents = [_station_current(system, s, net, places) for s in system.stations]
+    return np.array([*machine_rows, *port_rows, *net.voltage[at], *currents])
+
+
+def _solve(
+    system: System,
+    places: Sequence[Place],
+    norton: NDArray[np.complex128],
+    topology: Topology,
+    voltage: dict[str, float],
+) -> Network:
+    """Voltages of all buses by unit inputs."""
+    names = bus_names(system, topology)
+    index = {name: i for i, name in enumerate(names)}
+    installed = {place.device.name: place.device for place in places if place.device}
+    present = branches(system, topology)
+    present += [device_section(d, complex(d.rs, d.xs) if d.name in installed else d.rs) for d in series_devices(system)]
+    matrix = admittance(names, present)
+    for bus, shunt in shunts(system, topology, voltage).items():
+        matrix[index[bus], index[bus]] += shunt
+    online = np.array([m.name not in topology.machines_out for m in system.machines])
+    norton = norton * online
+    for g, m in enumerate(system.machines):
+        matrix[index[m.bus], index[m.bus]] += norton[g]
+    machines, infinite = len(norton), len(system.infinite_buses)
+    sources = np.zeros((len(names), machines + infinite + len(places)), np.complex128)
+    for g, m in enumerate(system.machines):
+        sources[index[m.bus], g] = 1.0
+    for p, place in enumerate(places):
+        column = machines + infinite + p
+        if place.device is None:
+            sources[index[place.bus], column] = 1.0
+        else:
+            first, second = place.device.ends
+            behind = 1 / complex(place.device.rs, place.device.xs)
+            sources[index[first], column], sources[index[second], column] = behind, -behind
+    dead = grounded(topology)
+    fixed = {index[name] for name in (*dead, *(i.bus for i in system.infinite_buses))}
+    matrix[np.diag_indices(len(names))] += floating(matrix, fixed) * STRAY
+    given = np.zeros_like(sources)
+    for i, source in enumerate(system.infinite_buses):
+        if source.bus not in dead:
+            given[index[source.bus], machines + i] = 1.0
+    live = [i for i in range(len(names)) if i not in fixed]
+    try:
+        given[live] = np.linalg.solve(matrix[np.ix_(live, live)], sources[live] - matrix[live] @ given)
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"system {system.name}: network equations are singular: {error}; allowed: a regular network"
+        ) from error
+    return Network(index, present, norton, given)
+
+
+def floating(matrix: NDArray[np.complex128], fixed: set[int]) -> NDArray[np.bool_]:
+    """Which buses have no path to any shunt or bus of fixed voltage, so that their voltage is not given."""
+    _, label = connected_components(matrix != 0, directed=False)
+    shunt = np.abs(matrix.sum(axis=1)) > 1e-9 * np.abs(matrix).max(axis=1)  # rows of lossless parts sum to zero
+    shunt[list(fixed)] = True
+    fed = set(label[shunt])
+    return np.array([part not in fed for part in label])
+
+
+def _series_current(system: System, net: Network, places: Sequence[Place], device: Sssc) -> NDArray[np.complex128]:
+    """Row that gives the current through a device from its first bus to its second: (V1 - V2 - v) / (rs + j xs)."""
+    first, second = device.ends
+    row: NDArray[np.complex128] = net.voltage[net.at[first]] - net.voltage[net.at[second]]
+    own = [place.device.name if place.device else None for place in places].index(device.name)
+    row[len(net.norton) + len(system.infinite_buses) + own] -= 1.0
+    row /= complex(device.rs, device.xs)
+    return row
+
+
+def _station_bus(system: System, station: Station) -> str:
+    """The bus a station stands at."""
+    if station.bus is not None:
+        return station.bus
+    return next(m.bus for m in system.machines if m.name == station.machine)
+
+
+def _station_current(system: System, station: Station, net: Network, places: Sequence[Place]) -> NDArray[np.complex128]:
+    """Row that gives a station's current from the inputs: out of its machine, or out of its bus into its branches."""
+    row = np.zeros(net.voltage.shape[1], np.complex128)
+    if station.machine is not None:
+        g = [m.name for m in system.machines].index(station.machine)
+        if net.norton[g] != 0:
+            row[g] = 1.0
+            for p, place in enumerate(places):
+                row[len(net.norton) + len(system.infinite_buses) + p] = float(place.machine == station.machine)
+        row -= net.norton[g] * net.voltage[net.at[_station_bus(system, station)]]
+        return row
+    installed = {place.device.name: place.device for place in places if place.device}
+    for branch in net.present:
+        if branch.name not in station.branches or station.bus not in (branch.from_bus, branch.to_bus):
+            continue  # the far section of a line with a fault on it
+        own = 0 if branch.from_bus == station.bus else 1
+        if branch.name in installed:
+            through = _series_current(system, net, places, installed[branch.name])
+            row += through if own == 0 else -through
+            continue
+        ends = net.voltage[[net.at[branch.from_bus], net.at[branch.to_bus]]]
+        row += branch.admittance[own] @ ends
+    return row

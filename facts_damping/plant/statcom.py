@@ -1,0 +1,60 @@
+"""The static synchronous compensator: converter, regulators, DC link; compiled.
+
+A current i_d + j i_q flows into the network, the d axis along the voltage of the bus (ideal phase-locked
+loop); a setpoint is an offset of the voltage reference (thesis 2.90-2.92, 2.105-2.109; docs/plant.md).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.compiling import compiled
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.devices import Statcom
+
+STATE_NAMES = ["id", "iq", "vdc", "x_ac", "x_dc", "x_d", "x_q"]
+STATES = len(STATE_NAMES)
+START = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]  # at rest: no current, rated DC voltage
+FIELDS = ("R", "L", "I_max", "Kp", "Ki", "droop", "Kd", "Kdi", "Kc", "Kci", "Kf", "tau", "V_min")
+
+STATCOM = np.dtype([("offset", "i8"), ("omega_0", "f8"), ("Vref", "f8"), *((name, "f8") for name in FIELDS)])
+
+
+def row(device: Statcom, offset: int, omega_0: float, voltage: float) -> Any:
+    """A row of STATCOM with the voltage reference that holds the start."""
+    return (offset, omega_0, voltage, *(getattr(device, name) for name in FIELDS))
+
+
+@compiled
+def derivatives(d: Any, x: NDArray[np.float64], voltage: float, u: float, dx: NDArray[np.float64]) -> None:
+    """Write the derivatives of the states, 1/s, at a bus voltage |V| and an offset u of its reference, p.u.
+
+    Currents: did = omega_0 / L (c_d - V - R i_d + L i_q), diq = omega_0 / L (c_q - R i_q - L i_d).
+    AC voltage: e = Vref + u - V - droop i_Q with i_Q = -i_q; i_Q* = clip(Kp e + x_ac), dx_ac = Ki e.
+    DC voltage: i_P* = clip(Kd (1 - vdc) + x_dc), dx_dc = Kdi (1 - vdc).
+    Current: e_d = -i_P* - i_d, e_q = -i_Q* - i_q, dx_d = Kci e_d, dx_q = Kci e_q,
+    c_d = vdc (V - Kf i_q + Kc e_d + x_d), c_q = vdc (Kf i_d + Kc e_q + x_q).
+    DC link: dvdc = -(c_d i_d + c_q i_q) / (tau vdc). An integrator stands still while its output is limited.
+    """
+    o = d.offset
+    i_d, i_q, vdc = x[o], x[o + 1], x[o + 2]
+    e_ac = d.Vref + u - voltage + d.droop * i_q
+    e_dc = 1.0 - vdc
+    wanted_q = d.Kp * e_ac + x[o + 3]
+    wanted_p = d.Kd * e_dc + x[o + 4]
+    e_d = -min(max(wanted_p, -d.I_max), d.I_max) - i_d
+    e_q = -min(max(wanted_q, -d.I_max), d.I_max) - i_q
+    c_d = vdc * (voltage - d.Kf * i_q + d.Kc * e_d + x[o + 5])
+    c_q = vdc * (d.Kf * i_d + d.Kc * e_q + x[o + 6])
+    dx[o] = d.omega_0 / d.L * (c_d - voltage - d.R * i_d + d.L * i_q)
+    dx[o + 1] = d.omega_0 / d.L * (c_q - d.R * i_q - d.L * i_d)
+    dx[o + 2] = -(c_d * i_d + c_q * i_q) / (d.tau * vdc)
+    dx[o + 3] = 0.0 if abs(wanted_q) > d.I_max else d.Ki * e_ac
+    dx[o + 4] = 0.0 if abs(wanted_p) > d.I_max else d.Kdi * e_dc
+    dx[o + 5] = d.Kci * e_d
+    dx[o + 6] = d.Kci * e_q
