@@ -1,4 +1,4 @@
-"""The command `facts-damping`: simulate, run, analyze, modes, list."""
+"""The command `facts-damping`: simulate, run, analyze, modes, list, import."""
 
 from __future__ import annotations
 
@@ -61,10 +61,17 @@ def parser() -> argparse.ArgumentParser:
     _common(command, sets=False)
     command = add("modes", commands.modes)
     command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")
-    _common(command, out=False)
+    command.add_argument("--devices", metavar="NAME,...", help="devices installed, or none; default: sssc, where it is")
+    command.add_argument("--scenario", metavar="NAME", help="scenario from whose dispatch it starts")
+    _common(command)
     command = add("list", commands.list_)
     command.add_argument("kind", choices=["controllers", *files.KINDS])
     _common(command, sets=False, out=False)
+    command = add("import", commands.import_)
+    command.add_argument("case", metavar="CASE.m", help="MATPOWER case, version 2")
+    command.add_argument("--dynamics", metavar="FILE.yaml", help="machine rows, exciters and so on; none: typical data")
+    command.add_argument("--out", metavar="FILE.yaml", help="the system's file; none: standard output")
+    command.set_defaults(json=None)
     return top
 
 

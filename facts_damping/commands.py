@@ -1,4 +1,4 @@
-"""What the commands do: simulate, run, analyze, modes, list. Each takes the parsed command line."""
+"""What the commands do: simulate, run, analyze, modes, list, import. Each takes the parsed command line."""
 
 from __future__ import annotations
 
@@ -127,40 +127,15 @@ def analyze(arguments: argparse.Namespace) -> None:
 
 
 def modes(arguments: argparse.Namespace) -> None:
-    """Power flow, eigenvalues and participation of a system at its start, devices installed."""
-    from facts_damping.plant import linear
-    from facts_damping.plant.build import build
+    """Power flow, eigenvalues, mode shapes and residues of a system at its start."""
+    from facts_damping import modal
 
-    system = configuration.load_system(arguments.system, arguments.set)
-    built = build(system, [d.name for d in system.devices], [])
-    matrix, _ = linear.linearise(built)
-    found = linear.modes(matrix, built.state_names)
-    buses = built.flow.buses(system.base_power)
-    _say(
-        arguments,
-        f"{system.name}: {system.description}\n\nbus          V p.u.  angle deg       P MW     Q Mvar",
-    )
-    for bus in buses:
-        _say(arguments, "{name:<10} {v_pu:8.4f} {angle_deg:10.3f} {p_mw:10.2f} {q_mvar:10.2f}".format(**bus))
-    _say(arguments, "\n     real 1/s   imag rad/s         Hz  damping ratio  participation")
-    rows = []
-    for mode in found:
-        rows.append(
-            {
-                "real": mode.eigenvalue.real,
-                "imag": mode.eigenvalue.imag,
-                "frequency_hz": mode.frequency_hz,
-                "damping_ratio": mode.damping_ratio,
-                "participation": mode.participation,
-            }
-        )
-        most = ", ".join(f"{state} {share:.2f}" for state, share in list(mode.participation.items())[:4])
-        _say(
-            arguments,
-            f"{mode.eigenvalue.real:13.5f} {mode.eigenvalue.imag:12.5f} {mode.frequency_hz:10.4f} "
-            f"{mode.damping_ratio:14.4f}  {most}",
-        )
-    write_json(arguments.json, {"power_flow": {"buses": buses}, "modes": rows})
+    system = configuration.load_system(arguments.system, arguments.set, arguments.scenario)
+    found = modal.analyse(system, configuration.installed(system, arguments.devices))
+    pictures = [] if arguments.out is None else modal.plot(found, files.new_folder(Path(arguments.out)))
+    write_json(arguments.json, modal.document(found))
+    for line in (*modal.text(found), *(f"plot: {path}" for path in pictures)):
+        _say(arguments, line)
 
 
 def list_(arguments: argparse.Namespace) -> None:
@@ -185,3 +160,18 @@ def list_(arguments: argparse.Namespace) -> None:
     for row in rows:
         _say(arguments, f"{row['name']!s:<{width}}  {row['description']}")
     write_json(arguments.json, rows)
+
+
+def import_(arguments: argparse.Namespace) -> None:
+    """A system's file from a MATPOWER case."""
+    from facts_damping import matpower
+
+    dynamics = None if arguments.dynamics is None else Path(arguments.dynamics)
+    files.check_writable(arguments.out, "--out")
+    text, notes = matpower.import_case(Path(arguments.case), dynamics)
+    for note in notes:
+        sys.stderr.write(f"facts-damping: {note}\n")
+    if arguments.out in (None, "-"):
+        sys.stdout.write(text)
+    else:
+        Path(arguments.out).write_text(text, encoding="utf-8")

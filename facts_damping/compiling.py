@@ -45,3 +45,7 @@ import numba  # noqa: E402 (the cache's folder has to be set before)
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]  # type: ignore[attr-defined]
 
 compiled = numba.njit(cache=True, error_model="numpy")
+
+# The same for a function that is called from one place within a step's innermost loops: written into its caller, since
+# a call with a plant's many arrays costs as much as what the function computes.
+inlined = numba.njit(cache=True, error_model="numpy", inline="always")

@@ -52,14 +52,29 @@ class Case:
         }
 
 
-def load_system(name: str, sets: list[str] | None = None) -> System:
-    """A system by name or path, with `--set` applied to its fields."""
+def load_system(name: str, sets: list[str] | None = None, scenario: str | None = None) -> System:
+    """A system by name or path, with `--set` applied to its fields, and a scenario's dispatch."""
     path = find("systems", name)
     content = read_table(path)
     pairs = dict(parse_set(text) for text in sets or [])
     for key, value in pairs.items():
         set_field(content, key, read_value(value, f"--set {key}={value}"), f"--set {key}={value}")
-    return place(check(System, content, str(path), pairs))
+    system = check(System, content, str(path), pairs)
+    if scenario is not None:
+        file = find("scenarios", scenario, f"{system.name}/")
+        system = _dispatched(system, check(Scenario, read_table(file), str(file)), str(file))
+    return place(system)
+
+
+def installed(system: System, names: str | None) -> list[str]:
+    """Devices by the names on a command line, `none` for none; by default those of a run, where the system has them."""
+    have = [d.name for d in system.devices]
+    if names is None:
+        return [name for name in Run.model_fields["devices"].default if name in have]
+    asked = [] if names == "none" else names.split(",")
+    for i, name in enumerate(asked):
+        check_known("--devices", name, [other for other in have if other not in asked[:i]])
+    return asked
 
 
 def load_case(name: str | None, sets: list[str] | None = None) -> Case:

@@ -92,13 +92,13 @@ def new_folder(path: Path) -> Path:
     return path
 
 
-def check_writable(target: str | None) -> None:
+def check_writable(target: str | None, option: str = "--json") -> None:
     """Refuse a file for results (`-`: standard output) that cannot be written, before any work is done."""
     if target in (None, "-"):
         return
     path = Path(str(target))
     if path.is_dir() or not os.access(path.parent, os.W_OK):
-        raise InputError(f"--json {path}: cannot be written; allowed: a file in an existing folder, or -")
+        raise InputError(f"{option} {path}: cannot be written; allowed: a file in an existing folder, or -")
 
 
 def dump(content: Any) -> str:

@@ -13,6 +13,7 @@ from facts_damping import loop
 from facts_damping.configuration import load_case, load_system, make_case
 from facts_damping.errors import InputError
 from facts_damping.files import dump, read_table, shipped
+from facts_damping.plant.network import series_devices
 from facts_damping.plant.build import build
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def test_random_damage_to_shipped_files_is_refused_in_one_line_or_read(
     path.write_bytes(bytes(raw))
     try:
         system = load_system(str(path))
-        build(system, [d.name for d in system.devices], [])
+        build(system, [d.name for d in series_devices(system)], [])
     except InputError as error:
         assert_one_line(error)
 
@@ -119,7 +120,7 @@ def test_document_of_a_run_is_a_run_by_itself(name: str, tmp_path: Path) -> None
 @pytest.mark.parametrize("name", shipped("systems"))
 def test_shipped_systems_build(name: str) -> None:
     system = load_system(name)
-    built = build(system, [d.name for d in system.devices], [])
+    built = build(system, [d.name for d in series_devices(system)], [])
     assert len(built.state_names) == len(built.state.x)
 
 

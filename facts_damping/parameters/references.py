@@ -84,8 +84,14 @@ def _check_machines(system: System) -> None:
     for field in ("exciters", "stabilisers", "governors"):
         unique(f"{field}: machine", [row.machine for row in getattr(system, field)])
         for i, row in enumerate(getattr(system, field)):
-            allowed = machines if field != "stabilisers" else {e.machine for e in system.exciters}
-            known(f"{field}.{i}.machine", row.machine, allowed)
+            known(f"{field}.{i}.machine", row.machine, machines)
+    excited = {e.machine for e in system.exciters}
+    for i, stabiliser in enumerate(system.stabilisers):
+        if stabiliser.enabled and stabiliser.machine not in excited:
+            raise ValueError(
+                f"stabilisers.{i}.machine: '{stabiliser.machine}' given, which has no exciter; "
+                f"allowed: {', '.join(sorted(excited)) or 'none'}"
+            )
     models = {m.name: m.model for m in system.machines}
     for i, exciter in enumerate(system.exciters):
         known(f"exciters.{i}.machine", exciter.machine, {name for name in machines if models[name] != "classical"})

@@ -57,13 +57,15 @@ def solve_network(
     for i in range(plant.infinite.size):
         work.inputs[machines + i] = plant.infinite[i]
     first = machines + plant.infinite.size
-    if plant.ports.size == 0:
+    if source.size == 0:
         return
-    work.inputs[first:] = 0.0
-    for p in range(plant.ports.size):
+    for p in range(source.size):
+        work.inputs[first + p] = 0.0
+    for p in range(source.size):
         work.given[p] = row_times(plant, stage, machines + p, work.inputs)
     solve_ports(plant, x, reference, source, stage, work)
-    work.inputs[first:] = source
+    for p in range(source.size):
+        work.inputs[first + p] = source[p]
 
 
 @compiled
@@ -129,13 +131,13 @@ def derivatives(
         port, size = plant.ports[p], abs(work.response[p])
         if port.kind == SSSC:
             converter = plant.sssc[port.row]
+            sssc.derivatives(converter, x, size, -reference[d], dx)
             if work.blocked[p]:
-                dx[converter.offset : converter.offset + sssc.STATES] = 0.0
-            else:
-                sssc.derivatives(converter, x, size, -reference[d], dx)
+                for i in range(sssc.STATES):
+                    dx[converter.offset + i] = 0.0
         else:
             shunt = plant.statcom[port.row]
+            statcom.derivatives(shunt, x, size, reference[d], dx)
             if work.blocked[p]:
-                dx[shunt.offset : shunt.offset + statcom.STATES] = 0.0
-            else:
-                statcom.derivatives(shunt, x, size, reference[d], dx)
+                for i in range(statcom.STATES):
+                    dx[shunt.offset + i] = 0.0

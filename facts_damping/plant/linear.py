@@ -1,31 +1,86 @@
-"""Small-signal analysis: linearisation of the same compiled functions, modes, participation factors."""
+"""Small-signal analysis: linearisation of the same compiled functions, modes, mode shapes, residues."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import eig
 
 from facts_damping.plant.dynamics import derivatives
-from facts_damping.plant.model import workspace
+from facts_damping.plant.measurement import measure
+from facts_damping.plant.model import copy, workspace
+from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
     from numpy.typing import NDArray
 
+    from facts_damping.parameters.system import Signal, System
     from facts_damping.plant.build import Built
 
 STEP = 1e-6  # of the central differences, p.u., rad
 NEGLIGIBLE = 0.02  # share of a state in a mode below which it is not listed
+SWING_SHARE = 0.5  # share of rotor angles and speeds from which a mode is electromechanical
+STANDING = 1e-3  # rad/s, below which a mode does not oscillate
+
+
+class LinearModel(NamedTuple):
+    """dx = A x + B u, y = C x + D u, deviations from the start: u the devices' references, y the signals, p.u."""
+
+    A: NDArray[np.float64]  # (states, states), 1/s
+    B: NDArray[np.float64]  # (states, devices)
+    C: NDArray[np.float64]  # (signals, states)
+    D: NDArray[np.float64]  # (signals, devices)
+
+    def response(self, s: complex) -> NDArray[np.complex128]:
+        """Transfer function C (s I - A)^-1 B + D at a complex frequency (1/s), shape (signals, devices)."""
+        states = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B)
+        return np.asarray(self.C @ states + self.D)
+
+
+class Residue(NamedTuple):
+    """How a mode goes from a device's input to a signal: residue (1/s), and what a controller u = K y has to add.
+
+    A gain K of the given sign and with a phase lead (deg) at the mode's frequency shifts the eigenvalue by R K to
+    the left.
+    """
+
+    device: str
+    signal: str
+    magnitude: float
+    angle_deg: float
+    sign: int
+    lead_deg: float
 
 
 class Mode(NamedTuple):
-    """A mode: eigenvalue (1/s), frequency (Hz), damping ratio, share of each state that takes part."""
+    """A mode: eigenvalue (1/s), frequency (Hz), damping ratio, share of each state, who swings against whom.
+
+    `label` is interarea, local, electromechanical (no areas are given), common (all together) or control;
+    `shape` the speed of each machine relative to the fastest, complex.
+    """
 
     eigenvalue: complex
     frequency_hz: float
     damping_ratio: float
     participation: dict[str, float]
+    label: str
+    shape: dict[str, complex]
+    residues: list[Residue]
+
+
+def _central(f: Callable[[NDArray[np.float64]], NDArray[np.float64]], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Jacobian of f by central differences, a column an argument."""
+    columns = []
+    for i in range(len(at)):
+        step = STEP * max(1.0, abs(at[i]))
+        up, down = at.copy(), at.copy()
+        up[i] += step
+        down[i] -= step
+        columns.append((f(up) - f(down)) / (up[i] - down[i]))
+    return np.array(columns).T if columns else np.zeros((len(f(at)), 0))
 
 
 def linearise(built: Built) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -38,39 +93,154 @@ def linearise(built: Built) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     def slope(x: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
         dx = np.zeros_like(x)
-        derivatives(plant, x, reference, state.source.copy(), 0, dx, work)
+        derivatives(plant, x, reference, copy(state).source, 0, dx, work)
         return dx
 
-    def column(
-        moved: NDArray[np.float64], other: NDArray[np.float64], i: int, *, by_state: bool
-    ) -> NDArray[np.float64]:
-        step = STEP * max(1.0, abs(moved[i]))
-        up, down = moved.copy(), moved.copy()
-        up[i] += step
-        down[i] -= step
-        high, low = (slope(v, other) if by_state else slope(other, v) for v in (up, down))
-        return np.asarray((high - low) / (up[i] - down[i]))
-
-    A = [column(state.x, state.reference, i, by_state=True) for i in range(len(state.x))]
-    B = [column(state.reference, state.x, i, by_state=False) for i in range(len(state.reference))]
-    return np.array(A).T, np.array(B).reshape(len(B), len(state.x)).T
+    return _central(lambda x: slope(x, state.reference), state.x), _central(
+        lambda reference: slope(state.x, reference), state.reference
+    )
 
 
-def modes(matrix: NDArray[np.float64], names: list[str]) -> list[Mode]:
+def linear_model(built: Built, signals: Mapping[str, Signal], stations: Sequence[str]) -> LinearModel:
+    """The plant at its start from the devices' references to signals of the stations; of the same functions."""
+    plant, state = built.plant, built.state
+    work = workspace(plant, state)
+    machines, devices = np.zeros(len(plant.machines), MACHINE_TRUTH), np.zeros(len(plant.devices), DEVICE_TRUTH)
+    weights = np.array([_weights(signal, stations) for signal in signals.values()])
+    weights = weights.reshape(len(signals), len(stations) * len(CHANNELS))
+
+    def seen(x: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+        frame = np.zeros((len(stations), len(CHANNELS)))
+        measure(plant, copy(state)._replace(x=x, reference=reference), 0, frame, machines, devices, work)
+        return np.asarray(weights @ np.nan_to_num(frame.ravel()))
+
+    A, B = linearise(built)
+    C = _central(lambda x: seen(x, state.reference), state.x)
+    D = _central(lambda reference: seen(state.x, reference), state.reference)
+    return LinearModel(A, B, C, D)
+
+
+def _weights(signal: Signal, stations: Sequence[str]) -> NDArray[np.float64]:
+    """Weights of a signal over all stations' channels, (stations * channels,)."""
+    made = np.zeros((len(stations), len(CHANNELS)))
+    for station, weight in signal.weights.items():
+        made[stations.index(station), list(CHANNELS).index(signal.channel)] = weight
+    return made.ravel()
+
+
+def modes(
+    matrix: NDArray[np.float64],
+    names: Sequence[str],
+    system: System | None = None,
+    model: LinearModel | None = None,
+    devices: Sequence[str] = (),
+) -> list[Mode]:
     """Modes of a state matrix, a conjugate pair once, ordered by falling real part.
 
     Frequency |Im| / (2 pi), damping ratio -Re / |lambda|; participation |w_k v_k| of state k, left times
-    right eigenvector, scaled to sum one (Kundur 1994, 12.2).
+    right eigenvector, scaled to sum one (Kundur 1994, 12.2). With a linear model of the system's signals the
+    residues (C v)(w B) of the electromechanical modes too, w scaled to w v = 1 (12.3.4).
     """
     values, left, right = eig(matrix, left=True, right=True)
     found = []
     for i in np.argsort(-values.real):
         if values[i].imag < 0:
             continue
-        share = np.abs(left[:, i].conj() * right[:, i])
+        v, w = right[:, i], left[:, i].conj()
+        share = np.abs(w * v)
         share /= share.sum()
         listed = {names[k]: float(share[k]) for k in np.argsort(-share) if share[k] >= NEGLIGIBLE}
         size = abs(values[i])
         ratio = float(-values[i].real / size) if size > 0 else 0.0
-        found.append(Mode(complex(values[i]), float(values[i].imag / (2 * np.pi)), ratio, listed))
+        shape = _shape(names, v)
+        label = _label(complex(values[i]), _swing_share(names, share), shape, system)
+        residues = []
+        if model is not None and system is not None and label not in ("common", "control"):
+            matrix_of_residues = np.outer(model.C @ v, w @ model.B) / (w @ v)
+            residues = _residues(matrix_of_residues, list(system.signals), devices)
+        frequency = float(values[i].imag / (2 * np.pi))
+        found.append(Mode(complex(values[i]), frequency, ratio, listed, label, shape, residues))
+    return found
+
+
+def _shape(names: Sequence[str], vector: NDArray[Any]) -> dict[str, complex]:
+    """Speeds of all machines in an eigenvector, the largest scaled to one."""
+    speeds = {
+        name.removesuffix(".omega"): complex(vector[k]) for k, name in enumerate(names) if name.endswith(".omega")
+    }
+    most = max(speeds.values(), key=abs, default=0j)
+    return {name: value / most if most else value for name, value in speeds.items()}
+
+
+def _swing_share(names: Sequence[str], share: NDArray[np.float64]) -> float:
+    """Share of rotor angles and speeds in a mode."""
+    return float(sum(s for name, s in zip(names, share, strict=True) if name.endswith((".delta", ".omega"))))
+
+
+def _label(value: complex, swing: float, shape: dict[str, complex], system: System | None) -> str:
+    """What kind of mode it is, by the kinetic energy in the motion of all together, of areas, and of the rest.
+
+    sum_A (sum H S) |mean_A|^2 against sum H S |v|^2, means weighted by H S: interarea where the areas' means
+    hold more than half.
+    """
+    if system is None or swing < SWING_SHARE:
+        return "control"
+    inertia = {m.name: m.H * m.rating for m in system.machines}
+    areas: dict[str, list[str]] = {}
+    for m in system.machines:
+        areas.setdefault(m.area or "", []).append(m.name)
+
+    def moving(group: Sequence[str]) -> float:
+        weight = sum(inertia[name] for name in group)
+        return float(abs(sum(inertia[name] * shape[name] for name in group)) ** 2 / weight)
+
+    total = sum(inertia[name] * abs(shape[name]) ** 2 for name in inertia)
+    together = moving(list(inertia))
+    if abs(value.imag) < STANDING or (together > 0.5 * total and not system.infinite_buses):
+        return "common"
+    if "" in areas:
+        return "electromechanical"
+    by_area = sum(moving(group) for group in areas.values())
+    return "interarea" if by_area > 0.5 * total and len(areas) > 1 else "local"
+
+
+def _residues(matrix: NDArray[Any], signals: Sequence[str], devices: Sequence[str]) -> list[Residue]:
+    """Residues from each device to each signal, with the sign and the lead that turn R K to -180 degrees."""
+    found = []
+    for d, device in enumerate(devices):
+        for s, signal in enumerate(signals):
+            angle = float(np.rad2deg(np.angle(matrix[s, d])))
+            lead = (180.0 - angle + 180.0) % 360.0 - 180.0
+            sign = 1 if abs(lead) <= 90.0 else -1
+            lead = lead if sign == 1 else (lead + 360.0) % 360.0 - 180.0
+            found.append(Residue(device, signal, float(abs(matrix[s, d])), angle, sign, lead))
+    return found
+
+
+class TransferFunction(NamedTuple):
+    """From a device's input to a signal: gain prod(s - z) / prod(s - p), zeros in 1/s; feed-through at s = inf."""
+
+    device: str
+    signal: str
+    gain: float
+    zeros: list[complex]
+    feedthrough: float
+
+
+def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequence[str]) -> list[TransferFunction]:
+    """Zeros and gains from each device to each signal: zeros where [A - s I, B; C, D] is singular; poles are A's."""
+    poles = np.linalg.eigvals(model.A)
+    n = len(model.A)
+    right = np.diag([1.0] * n + [0.0])
+    probe = 1j * 2 * np.pi + 1.0  # 1/s, where the gain is read off
+    found = []
+    for d, device in enumerate(devices):
+        for s, signal in enumerate(signals):
+            D = model.D[s, d] if abs(model.D[s, d]) > 1e-7 else 0.0  # below: round-off of the differences
+            pencil = np.block([[model.A, model.B[:, [d]]], [model.C[[s]], np.array([[D]])]])
+            values = eig(pencil, right, right=False)
+            zeros = values[np.isfinite(values) & (np.abs(values) < 1e6)]
+            value = model.response(probe)[s, d]
+            gain = value * np.prod(probe - poles) / np.prod(probe - zeros)
+            found.append(TransferFunction(device, signal, float(gain.real), [complex(z) for z in zeros], float(D)))
     return found

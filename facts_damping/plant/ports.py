@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inlined
 from facts_damping.plant import load, sssc
 from facts_damping.plant.model import LOAD, SALIENT, SSSC, STATCOM
 
@@ -26,12 +26,12 @@ SMALLEST_SHARE = 1e-3  # of a step
 SMALL = 1e-12  # p.u., magnitude of a response below which its direction is of no account
 
 
-@compiled
+@inlined
 def _salient(plant: Plant, stage: int, g: int, voltage: complex, slope: NDArray[np.float64], work: Work) -> complex:
     """Current of a machine beyond that of its Norton admittance, by X''q != X''d; linear in the voltage."""
     m = plant.machines[g]
     if plant.online[stage, g] == 0.0:
-        slope[:] = 0.0
+        slope[0, 0] = slope[0, 1] = slope[1, 0] = slope[1, 1] = 0.0
         return 0j
     turn = work.rotation[g]
     across = work.emf[g] - voltage * turn.conjugate()
@@ -46,7 +46,7 @@ def _salient(plant: Plant, stage: int, g: int, voltage: complex, slope: NDArray[
     return current * turn  # type: ignore[no-any-return]
 
 
-@compiled
+@inlined
 def _law(
     plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, p: int, work: Work
 ) -> complex:
@@ -59,7 +59,7 @@ def _law(
     if port.kind == SALIENT:
         return _salient(plant, stage, port.row, q, slope, work)
     if work.blocked[p]:
-        slope[:] = 0.0
+        slope[0, 0] = slope[0, 1] = slope[1, 0] = slope[1, 1] = 0.0
         return 0j
     magnitude = max(abs(q), SMALL)
     direction = q / magnitude if abs(q) > SMALL else 1.0 + 0j
@@ -114,7 +114,7 @@ def _eliminate(matrix: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
     return True
 
 
-@compiled
+@inlined
 def _mismatch(
     plant: Plant,
     x: NDArray[np.float64],
@@ -139,7 +139,7 @@ def _mismatch(
     return solved, total
 
 
-@compiled
+@inlined
 def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
     """I - F H into `work.matrix`, F the ports' slopes, H their responses to each other; complex numbers as pairs."""
     first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
@@ -155,7 +155,7 @@ def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
             work.matrix[i + 1, j + 1] = own + f[1, 0] * h.imag - f[1, 1] * h.real
 
 
-@compiled
+@inlined
 def _newton(
     plant: Plant,
     x: NDArray[np.float64],
@@ -179,7 +179,8 @@ def _newton(
             if not _eliminate(work.matrix, work.change):
                 return False
             before, share = total, 1.0
-            work.step[:] = work.change
+            for i in range(work.step.size):
+                work.step[i] = work.change[i]
             for p in range(source.size):
                 source[p] += complex(work.step[2 * p], work.step[2 * p + 1])
         else:
@@ -189,7 +190,7 @@ def _newton(
     return False
 
 
-@compiled
+@inlined
 def _block(plant: Plant, work: Work) -> bool:
     """Block the converters that have too little current or voltage; whether there is one more."""
     more = False
@@ -205,7 +206,7 @@ def _block(plant: Plant, work: Work) -> bool:
     return more
 
 
-@compiled
+@inlined
 def solve_ports(
     plant: Plant,
     x: NDArray[np.float64],
@@ -220,7 +221,8 @@ def solve_ports(
     carry there is no solution: all of them are blocked then. Without one still, the network has none
     (voltage collapse), which makes every state NaN: the run ends there.
     """
-    work.blocked[:] = False
+    for p in range(source.size):
+        work.blocked[p] = False
     attempt = 0
     while attempt < 3 and math.isfinite(x[0]):
         if _newton(plant, x, reference, source, stage, work):
@@ -228,7 +230,8 @@ def solve_ports(
                 return
         else:
             attempt += 1
-        source[:] = 0.0
         for p in range(source.size):
+            source[p] = 0.0
             work.blocked[p] = work.blocked[p] or (attempt == 2 and plant.ports[p].kind == SSSC)
-    source[:] = complex(math.nan, math.nan)
+    for p in range(source.size):
+        source[p] = complex(math.nan, math.nan)

@@ -113,8 +113,8 @@ def test_setpoints_as_bytes_are_the_message(
 def test_truth_and_inner_state_are_the_messages(case: Case) -> None:
     rng = np.random.default_rng(1)
     machines, devices = np.zeros(4, MACHINE_TRUTH), np.zeros(1, DEVICE_TRUTH)
-    machines.view(np.float64)[:] = rng.normal(size=20)
-    devices.view(np.float64)[:] = rng.normal(size=7)
+    machines.view(np.float64)[:] = rng.normal(size=24)
+    devices.view(np.float64)[:] = rng.normal(size=9)
     devices["blocked"] = 1.0
     state = deserialize_message(Truth(case).fill(7, 1_500_000_001, True, machines, devices), msg.PlantState)
     assert (state.tick, state.in_synchronism, state.header.stamp.nanosec) == (7, True, 500_000_001)

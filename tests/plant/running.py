@@ -15,6 +15,7 @@ from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
+from facts_damping.plant.network import series_devices
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, to_ns
 
 if TYPE_CHECKING:
@@ -76,9 +77,9 @@ def events(*rows: dict[str, Any]) -> list[Event]:
 
 
 def plant(system: System | str, *rows: dict[str, Any], installed: Sequence[str] | None = None) -> Built:
-    """A plant with all devices of its system installed, or those named."""
+    """A plant with all series devices of its system installed, or those named."""
     system = shipped(system) if isinstance(system, str) else system
-    return build(system, [d.name for d in system.devices] if installed is None else installed, events(*rows))
+    return build(system, [d.name for d in series_devices(system)] if installed is None else installed, events(*rows))
 
 
 def frame_times(end: float, rate: int = FRAMES) -> list[float]:

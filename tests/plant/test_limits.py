@@ -12,6 +12,7 @@ from facts_damping.parameters.devices import Sssc
 from facts_damping.plant import sssc
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.model import PORT, SSSC, PlantState, workspace
+from facts_damping.plant.network import series_devices
 from tests.independent.dynamics import sssc_voltage
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
@@ -30,7 +31,7 @@ def device(**fields: Any) -> Any:
 
 def with_device(**fields: Any) -> Any:
     system = shipped("two_area")
-    return changed(system, devices=[{**d.model_dump(by_alias=True), **fields} for d in system.devices])
+    return changed(system, devices=[{**d.model_dump(by_alias=True), **fields} for d in series_devices(system)])
 
 
 class Port(NamedTuple):

@@ -9,7 +9,6 @@ import pytest
 
 from facts_damping.files import shipped as names
 from facts_damping.plant import linear
-from facts_damping.plant.excitation import STATIC
 from facts_damping.plant.linear import Mode, linearise, modes
 from tests.independent import two_area as reference
 from tests.plant.running import BYPASS, changed, plant, shipped, split

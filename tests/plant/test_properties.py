@@ -59,8 +59,8 @@ def test_power_balances_at_every_bus_and_in_all() -> None:
     for m in system.machines:
         left[m.bus] += power[m.name]
     for branch in branches(system):
-        left[branch.from_bus] -= power[f"{branch.name}.from"]
-        left[branch.to_bus] -= power[f"{branch.name}.to"]
+        left[branch.from_bus or ""] -= power[f"{branch.name}.from"]
+        left[branch.to_bus or ""] -= power[f"{branch.name}.to"]
     drawn = np.zeros(len(trace.t))
     for load in system.loads:
         factor = np.where((trace.t >= 0.1) & (load.name == "load_2"), 0.9, 1.0)
@@ -91,7 +91,7 @@ def test_power_balances_at_every_bus_and_in_all() -> None:
 def test_what_the_converter_draws_charges_its_capacitor_or_is_lost(vdc: float, g: float) -> None:
     """The network's power less rs |I|^2, integrated, is the change of tau vdc^2 / 2 and what g takes."""
     system = everywhere(shipped("two_area"))
-    system = changed(system, devices=[{**d.model_dump(by_alias=True), "g": g} for d in system.devices])
+    system = changed(system, devices=[{**d.model_dump(by_alias=True), "g": g} for d in series_devices(system)])
     built = plant(system)
     x = built.state.x.copy()
     x[built.state_names.index("sssc.vdc")] = vdc
