@@ -70,6 +70,7 @@ setup(
             "ros-kilted-std-msgs==5.5.1",
         ],
         "bench": ["andes>=1.9,<3"],
+        "matpower": ["matpowercaseframes==2.1.1", "pandas<4"],  # for `facts-damping import`
         "test": [
             # For the colcon build of tests/test_packaging.py, with the generators of the messages.
             "cmake>=3.24,<5",
@@ -83,6 +84,8 @@ setup(
             "ros-kilted-rosidl-default-generators==1.7.1",
             "hypothesis>=6.100,<7",
             "import-linter>=2,<3",
+            "matpowercaseframes==2.1.1",
+            "pandas<4",
             "mypy==2.4.1",  # exact, as ruff: a new release finds new faults
             "pytest>=8,<10",
             "pytest-timeout>=2.3,<3",
