@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.run import Event
 
-    Targets = Sequence[tuple[float, float]]  # (effective time in s, value in p.u.)
+    # Effective time in s, value in p.u., and the device's index where it is not the first.
+    Targets = Sequence[tuple[float, float] | tuple[float, float, int]]
 
 FRAMES = 60  # frames/s
 
@@ -88,10 +89,10 @@ def frame_times(end: float, rate: int = FRAMES) -> list[float]:
 
 
 def table(targets: Targets) -> NDArray[Any]:
-    """Setpoints of the first device."""
+    """Setpoints as a link delivers them."""
     made = np.zeros(len(targets), SETPOINT)
-    for i, (time, value) in enumerate(targets):
-        made[i]["effective_ns"], made[i]["value"] = to_ns(time), value
+    for i, (time, value, *device) in enumerate(targets):
+        made[i]["effective_ns"], made[i]["value"], made[i]["device"] = to_ns(time), value, sum(device)
     return made
 
 
