@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping import configuration, files, loop
+from facts_damping.errors import RunError, check_known
 from facts_damping.terminal import Progress, write_json
 
 if TYPE_CHECKING:
@@ -136,6 +137,28 @@ def modes(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, modal.document(found))
     for line in (*modal.text(found), *(f"plot: {path}" for path in pictures)):
         _say(arguments, line)
+
+
+def validate(arguments: argparse.Namespace) -> None:
+    """The plant against published figures, other programs, analytic solutions and finer steps."""
+    from facts_damping.validation import report, table
+
+    for name in arguments.tables:
+        check_known("TABLE", name, report.TABLES)
+    names, progress, made = arguments.tables or list(report.TABLES), Progress("validate"), []
+    for i, name in enumerate(names):
+        progress(i, len(names))
+        made.append(report.TABLES[name]())
+    progress.close()
+    write_json(arguments.json, table.document(made))
+    if arguments.out is not None:
+        Path(arguments.out).write_text(report.page(made), encoding="utf-8")
+    for line in (line for one in made for line in [*table.text(one), ""]):
+        _say(arguments, line)
+    failed = [row.what for one in made for row in one.rows if not row.passed]
+    if failed:
+        raise RunError(f"validate: {len(failed)} rows fail: {'; '.join(failed)}")
+    _say(arguments, f"{sum(len(one.rows) for one in made)} rows pass")
 
 
 def list_(arguments: argparse.Namespace) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from facts_damping.checking import check, origin
 from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
@@ -12,7 +13,6 @@ from facts_damping.parameters.placement import place
 from facts_damping.parameters.run import Link, Run, Scenario
 from facts_damping.parameters.system import System
 from facts_damping.plant.events import stages
-from facts_damping.validation import check, origin
 
 MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
 

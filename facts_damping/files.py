@@ -12,8 +12,8 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from facts_damping.checking import short
 from facts_damping.errors import InputError
-from facts_damping.validation import short
 
 KINDS = ("systems", "scenarios", "links", "runs")
 MAX_FILE_BYTES = 10_000_000

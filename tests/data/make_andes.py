@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 
     Controls = Sequence[tuple[str, dict[str, Any]]]
 
-HERE = Path(__file__).parent
-KUNDUR = HERE.parents[1] / "config" / "systems" / "kundur_12_6.yaml"
+ROOT = Path(__file__).parents[2]
+REFERENCES = ROOT / "config" / "references"
+KUNDUR = ROOT / "config" / "systems" / "kundur_12_6.yaml"
 LINE_OFFSET = 1e-8  # p.u., what ANDES adds to r and x of a line
 EVENT_DELAY = 5e-5  # s, by which events act late: half of ANDES's step of 0.1 ms after an event has the slope before it
 NO_LIMIT = 99.0
@@ -146,7 +147,7 @@ def eigenvalues(ss: Any, *without: str) -> np.ndarray:
 
 def write(name: str, header: list[str], rows: Iterable[Iterable[Any]]) -> None:
     """Write a CSV, numbers with twelve digits."""
-    with (HERE / f"kundur_12_6_{name}_andes.csv").open("w", newline="", encoding="utf-8") as file:
+    with (REFERENCES / f"kundur_12_6_{name}_andes.csv").open("w", newline="", encoding="utf-8") as file:
         out = csv.writer(file, lineterminator="\n")
         out.writerow(header)
         out.writerows([x if isinstance(x, str) else f"{x:.12g}" for x in row] for row in rows)

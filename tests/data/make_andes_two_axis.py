@@ -20,8 +20,9 @@ import andes
 import numpy as np
 import yaml
 
-HERE = Path(__file__).parent
-SYSTEMS = HERE.parents[1] / "config" / "systems"
+ROOT = Path(__file__).parents[2]
+REFERENCES = ROOT / "config" / "references"
+SYSTEMS = ROOT / "config" / "systems"
 BASE = 100.0  # MVA
 T2 = 0.02  # s, time constant of the circuits that stand apart
 NO_LIMIT = 99.0
@@ -86,7 +87,7 @@ def main() -> None:
     for name in ("wscc_9", "new_england_39"):
         content = yaml.safe_load((SYSTEMS / f"{name}.yaml").read_text(encoding="utf-8"))
         rows = [f"{value.real:.8f},{value.imag:.8f}" for value in eigenvalues(content)]
-        (HERE / f"{name}_eigenvalues_andes.csv").write_text("\n".join(["re,im", *rows, ""]), encoding="utf-8")
+        (REFERENCES / f"{name}_eigenvalues_andes.csv").write_text("\n".join(["re,im", *rows, ""]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.system import System
     from facts_damping.plant.build import Built
 
-DATA = Path(__file__).parents[1] / "data"
+DATA = Path(__file__).parents[2] / "config" / "references"
 
 
 def swings(built: Built) -> list[Mode]:

@@ -16,7 +16,7 @@ from facts_damping.plant.power_flow import solve
 from tests.plant.running import follow, frame_times, plant, shipped
 from tests.plant.test_modes import furthest, moving
 
-DATA = Path(__file__).parents[1] / "data"
+DATA = Path(__file__).parents[2] / "config" / "references"
 GENERATED = {  # MATPOWER, case39 solved: MW and Mvar
     "G30": (250, 161.762),
     "G31": (677.871, 221.574),

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.system import System
 
-DATA = Path(__file__).parents[1] / "data"
+DATA = Path(__file__).parents[2] / "config" / "references"
 CLOSE = 0.01  # 1/s
 MACHINES = ("G1", "G2", "G3", "G4")
 IMPEDANCE, CURRENT, POWER = ({kind: 1.0} for kind in ("impedance", "current", "power"))

@@ -19,7 +19,7 @@ from tests.plant.running import BYPASS, Trace, follow, frame_times, plant, shipp
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-DATA = Path(__file__).parents[1] / "data"
+DATA = Path(__file__).parents[2] / "config" / "references"
 FAULT = {"time": 1.0, "kind": "fault", "line": "line_4", "location": 0.99, "duration": 8 / 60}  # of scenario large
 SCENARIOS = {
     "small": reference.small(),

@@ -21,7 +21,7 @@ from tests.plant.test_modes import furthest, moving
 if TYPE_CHECKING:
     from facts_damping.parameters.system import System
 
-DATA = Path(__file__).parents[1] / "data"
+DATA = Path(__file__).parents[2] / "config" / "references"
 FAULT = [  # example 2.7: five cycles at bus 7, cleared by opening line 5-7
     {"time": 0.0, "kind": "fault", "bus": "B7"},
     {"time": 5 / 60, "kind": "clear", "bus": "B7"},

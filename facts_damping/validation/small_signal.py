@@ -1,0 +1,155 @@
+"""Eigenvalues, residues and damping against other programs, books and the time domain."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping import loop
+from facts_damping.analysis.measures import columns, speed_differences
+from facts_damping.analysis.ringdown import ringdown_modes
+from facts_damping.configuration import load_case, load_system
+from facts_damping.modal import analyse
+from facts_damping.parameters.system import System
+from facts_damping.plant.build import build
+from facts_damping.plant.linear import linearise
+from facts_damping.validation.table import Row, Table, compare, figures, furthest, within
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+CLOSE = 0.01  # 1/s
+SAME_EQUATIONS = 1e-5  # 1/s, what differences of the derivatives leave of the eigenvalues
+MACHINES = ("G1", "G2", "G3", "G4")
+CURRENT = {"P_shares": {"current": 1.0}}
+POWER = {"P_shares": {"power": 1.0}, "Q_shares": {"power": 1.0}}
+SATURATION = {"S10": 0.0392, "S12": 0.2227}
+STATIC = [{"machine": g, "model": "static", "KA": 200, "TR": 0.01} for g in MACHINES]
+STABILISERS = [{"machine": g} for g in MACHINES]  # the defaults are the book's
+TURBINE = {"r": 0.5, "Tr": 2.0, "rate_max": 10.0, "Dt": 0.5}
+# Options of kundur_12_6: case of the reference, what it is, fields of every row of a table (or new rows).
+OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
+    "saturation": ("magnetic saturation (S10 0.0392, S12 0.2227)", {"machines": SATURATION}),
+    "damping": ("damping torque (D 2)", {"machines": {"D": 2.0}}),
+    "current": ("loads: P of constant current, Q an impedance", {"loads": CURRENT}),
+    "power": ("loads of constant power", {"loads": POWER}),
+    "static": ("static exciters (KA 200, TR 0.01)", {"exciters": STATIC}),
+    "stabiliser": ("the same with stabilisers", {"exciters": STATIC, "stabilisers": STABILISERS}),
+    "governor": ("hydraulic turbines and governors", {"governors": [{"machine": g, **TURBINE} for g in MACHINES]}),
+}
+RESIDUES = {  # device, signal: angle of the residue at the interarea mode of two_area, degrees
+    ("sssc", "w13"): 177.0,
+    ("statcom", "w13"): 156.0,
+}
+# A pulse of 0.1 s, after which the plant is as it was linearised: system, devices, kind of event, element.
+RINGDOWN = (
+    ("two_area", ["sssc"], {"kind": "load_step", "load": "load_2"}),
+    ("two_area", ["sssc", "statcom"], {"kind": "load_step", "load": "load_2"}),
+    ("smib", ["sssc"], {"kind": "mechanical_power_step", "machine": "G1"}),
+)
+TABLE_8_2 = [
+    *(-0.7209 + 12.7486j, -0.1908 + 8.3672j, -5.4875 + 7.9487j, -5.3236 + 7.9220j, -5.2218 + 7.8161j),
+    *(-0.4445 + 1.2104j, -0.4394 + 0.7392j, -0.4260 + 0.4960j),
+]
+TABLE_8_2_REAL = [-5.1761, -3.3995, -3.2258]
+
+
+def eigenvalues(system: System) -> NDArray[np.complex128]:
+    """Eigenvalues at the start without devices, 1/s."""
+    return np.asarray(np.linalg.eigvals(linearise(build(system, [], []))[0]), np.complex128)
+
+
+def varied(system: System, fields: dict[str, Any]) -> System:
+    """A system with fields of all rows of a table changed, or with the rows of a table given anew."""
+    content = system.model_dump(by_alias=True)
+    for table, change in fields.items():
+        content[table] = change if isinstance(change, list) else [{**row, **change} for row in content[table]]
+    return System.model_validate(content)
+
+
+def _far(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Without those near zero.
+
+    Where no angle is a reference and nothing holds the speed, zero is a double eigenvalue of one eigenvector, so
+    that round-off e moves it by sqrt(e).
+    """
+    return values[np.abs(values) > CLOSE]
+
+
+def _read(name: str, case: str | None = None) -> NDArray[np.complex128]:
+    rows = figures(name)
+    if case is not None:
+        rows = rows[rows["case"] == case]
+    return np.asarray(rows["re"] + 1j * rows["im"])
+
+
+def kundur() -> Table:
+    """kundur_12_6 and its options against ANDES."""
+    system = load_system("kundur_12_6")
+    ours = eigenvalues(system)
+    theirs = _read("kundur_12_6_eigenvalues_andes")
+    rows = [within("as it is: all eigenvalues", "1/s", furthest(_far(ours), _far(theirs)), SAME_EQUATIONS)]
+    for mode in _swings(theirs):
+        nearest = ours[np.argmin(np.abs(ours - mode))]
+        rows.append(compare("as it is: a swing", "1/s", complex(nearest), complex(mode), SAME_EQUATIONS, ".5f"))
+    for case, (what, fields) in OPTIONS.items():
+        ours = eigenvalues(varied(system, fields))
+        theirs = _read("kundur_12_6_options_eigenvalues_andes", case)
+        rows.append(within(f"{what}: all eigenvalues", "1/s", furthest(_far(ours), _far(theirs)), SAME_EQUATIONS))
+    return Table("Eigenvalues of kundur_12_6 and its options", "ANDES", "facts-damping modes kundur_12_6", rows)
+
+
+def _swings(values: NDArray[np.complex128]) -> list[complex]:
+    """Eigenvalues of the electromechanical modes, by rising frequency."""
+    return sorted((complex(v) for v in values if 2 < v.imag < 20 and abs(v.real) < 2), key=lambda v: v.imag)
+
+
+def others() -> Table:
+    """wscc_9 and new_england_39."""
+    published = np.array([*TABLE_8_2, *np.conj(TABLE_8_2), *TABLE_8_2_REAL])
+    constant_power = _far(eigenvalues(load_system("wscc_9_constant_power")))
+    what = "wscc_9, loads of constant power: Sauer and Pai, table 8.2"
+    rows = [within(what, "1/s", furthest(constant_power, published), 4e-3)]
+    for name, tolerance in (("wscc_9", 1e-5), ("new_england_39", 1e-4)):
+        theirs = _read(f"{name}_eigenvalues_andes")
+        found = furthest(_far(eigenvalues(load_system(name))), _far(theirs))
+        rows.append(within(f"{name}: ANDES", "1/s", found, tolerance))
+    return Table("Eigenvalues of wscc_9 and new_england_39", "Sauer and Pai; ANDES", "facts-damping modes wscc_9", rows)
+
+
+def two_area() -> Table:
+    """The interarea mode of two_area and its residues, with SSSC and STATCOM."""
+    rows = []
+    for devices in (["sssc"], ["sssc", "statcom"]):
+        modal = analyse(load_system("two_area"), devices)
+        mode = next(mode for mode in modal.swings if mode.label == "interarea")
+        if devices == ["sssc"]:
+            rows.append(compare("frequency of the interarea mode", "Hz", mode.frequency_hz, 0.63, 0.03))
+            rows.append(compare("its damping ratio", "-", mode.damping_ratio, -0.015, 0.015))
+        angle = {(r.device, r.signal): r.angle_deg for r in mode.residues}
+        rows += [
+            compare(f"residue from {pair[0]} to {pair[1]}", "deg", angle[pair], expected, 10.0, ".1f")
+            for pair, expected in RESIDUES.items()
+            if pair[0] == devices[-1]
+        ]
+    source = "an earlier calculation with the same equations; signs as in (2.42)"
+    return Table("Interarea mode of two_area", source, "facts-damping modes two_area --devices sssc,statcom", rows)
+
+
+def ringdown() -> Table:
+    """The linear model against the ringdown of the time domain after a small pulse."""
+    rows: list[Row] = []
+    for system, devices, event in RINGDOWN:
+        sets = [f"system={system}", f"devices={json.dumps(devices)}", "controllers=[]", "duration=20"]
+        pulse = [{**event, "time": 1.0, "change": 0.02}, {**event, "time": 1.1, "change": 0.0}]
+        record = loop.run(load_case(None, [*sets, f"scenario={json.dumps(pulse)}"]))
+        heard = ringdown_modes(record.time_s, columns(speed_differences(record)), 1.1)[0]
+        swings = analyse(load_system(system), devices).swings
+        mode = min(swings, key=lambda mode: abs(mode.frequency_hz - heard.frequency_hz))
+        name = f"{system} with {', '.join(devices)}"
+        tolerance = 0.01 * mode.frequency_hz
+        rows.append(compare(f"{name}: frequency", "Hz", heard.frequency_hz, mode.frequency_hz, tolerance))
+        rows.append(compare(f"{name}: damping ratio", "-", heard.damping_ratio, mode.damping_ratio, 0.003))
+    return Table("Ringdown against the linear model", "the linearised plant", "", rows)

@@ -1,0 +1,108 @@
+"""Tables of comparisons: ours, the reference, the difference, the tolerance, pass or fail."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.files import share_folder
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+
+class Row(NamedTuple):
+    """One comparison. `ours` and `reference` are texts, empty where the difference of whole curves is compared."""
+
+    what: str
+    unit: str
+    ours: str
+    reference: str
+    difference: float
+    tolerance: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the difference is a number within the tolerance."""
+        return math.isfinite(self.difference) and self.difference <= self.tolerance
+
+
+class Table(NamedTuple):
+    """Comparisons with one source; `command` shows ours to a user."""
+
+    title: str
+    source: str
+    command: str
+    rows: list[Row]
+
+    @property
+    def passed(self) -> bool:
+        """Whether all rows pass."""
+        return all(row.passed for row in self.rows)
+
+
+def compare(what: str, unit: str, ours: complex, reference: complex, tolerance: float, form: str = ".4f") -> Row:
+    """Two numbers; the difference of complex ones is its absolute value."""
+    return Row(what, unit, _number(ours, form), _number(reference, form), float(abs(ours - reference)), tolerance)
+
+
+def within(what: str, unit: str, differences: Any, tolerance: float) -> Row:
+    """Whole curves or lists: the largest absolute difference."""
+    return Row(what, unit, "", "", float(np.max(np.abs(differences))), tolerance)
+
+
+def _number(value: complex, form: str) -> str:
+    """A number as text; mypy takes a float for a complex."""
+    z = complex(value)
+    return f"{z.real:{form}}" + ("" if np.isrealobj(value) else f" {'-' if z.imag < 0 else '+'} j{abs(z.imag):{form}}")
+
+
+def figures(name: str) -> NDArray[np.void]:
+    """A shipped file of reference figures, by its columns' names."""
+    path = share_folder() / "config" / "references" / f"{name}.csv"
+    return np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
+
+
+def furthest(ours: NDArray[np.complex128], theirs: NDArray[np.complex128]) -> float:
+    """Largest distance of one of `theirs` from the nearest of `ours`; not a number where their counts differ."""
+    if len(ours) != len(theirs):
+        return math.nan
+    return float(np.abs(np.asarray(ours)[:, None] - np.asarray(theirs)[None]).min(axis=0).max())
+
+
+def text(table: Table) -> list[str]:
+    """Lines of a table for the terminal."""
+    width = max(len(row.what) for row in table.rows)
+    lines = [f"{table.title} ({table.source})"]
+    for row in table.rows:
+        pair = f"{row.ours} against {row.reference}" if row.ours else "largest difference"
+        verdict = "pass" if row.passed else "FAIL"
+        lines.append(
+            f"  {verdict}  {row.what:<{width}}  {pair} {row.unit}: {row.difference:.1e} of {row.tolerance:.1e}"
+        )
+    return lines
+
+
+def document(tables: Sequence[Table]) -> list[dict[str, Any]]:
+    """The tables as JSON."""
+    return [
+        {**t._asdict(), "passed": t.passed, "rows": [{**r._asdict(), "passed": r.passed} for r in t.rows]}
+        for t in tables
+    ]
+
+
+def markdown(table: Table) -> str:
+    """A table as a section of a Markdown page."""
+    lines = [f"## {table.title}", "", f"Reference: {table.source}"]
+    if table.command:
+        lines += ["", f"    {table.command}"]
+    lines += ["", "| what | unit | ours | reference | difference | tolerance | |", "|---|---|---|---|---|---|---|"]
+    for r in table.rows:
+        verdict = "pass" if r.passed else "**fail**"
+        cells = (r.what, r.unit, r.ours, r.reference, f"{r.difference:.1e}", f"{r.tolerance:.1e}", verdict)
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
