@@ -9,8 +9,8 @@ import math
 import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from facts_damping.checking import short
 from facts_damping.errors import InputError, check_known
-from facts_damping.validation import short
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -38,6 +38,7 @@ class Case(NamedTuple):
     bus: Sequence[Row]
     gen: Sequence[Row]
     branch: Sequence[Row]
+    dc_lines: int = 0  # in service
 
 
 class Imported(NamedTuple):
@@ -54,6 +55,8 @@ def convert(case: Case, dynamics: Mapping[str, Any] | None = None) -> Imported:
     for key in given:
         check_known("--dynamics", key, ("machines", *HEAD, *TABLES))
     notes: list[str] = []
+    if case.dc_lines:
+        notes.append(f"{case.dc_lines} DC lines are left out, and the power that they carry")
     buses = {_number(row["BUS_I"]): row for row in case.bus}
     _check_buses(case, buses)
     demand, units = _units(case, buses, notes)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from ruamel.yaml import YAML
 
+from facts_damping.checking import check, short
 from facts_damping.errors import InputError
 from facts_damping.files import read_table
 from facts_damping.importing import Case, Imported, convert
 from facts_damping.parameters.system import System
-from facts_damping.validation import check, short
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,19 +41,28 @@ def read_case(path: Path) -> Case:
         for number, line in enumerate(text.splitlines(), 1):
             if re.match(r"\s*mpc\.(bus|gen|branch)\s*\(", line):
                 raise InputError(f"{path}: line {number}: computes in a table: {short(line.strip())}; {allowed}")
-        frames = CaseFrames(str(path))
+        frames = CaseFrames(str(path), update_index=False)
         tables = {table: getattr(frames, table).to_dict("records") for table in NEEDED}
         base = float(frames.baseMVA)
+        dc = [row for row in frames.dcline.to_dict("records") if row["BR_STATUS"]] if hasattr(frames, "dcline") else []
     except (AttributeError, IndexError, KeyError, TypeError, ValueError, OSError) as error:
         raise InputError(f"{path}: not a MATPOWER case; {allowed}") from error
     for table, columns in NEEDED.items():
         for number, row in enumerate(tables[table], 1):
             for column in columns:
-                value = row.get(column)
-                if not isinstance(value, (int, float)) or not math.isfinite(value):
-                    where = f"{path}: mpc.{table}, row {number}: {column}"
-                    raise InputError(f"{where}: {short(value)} given; allowed: a finite number")
-    return Case(path.stem, base, tables["bus"], tables["gen"], tables["branch"])
+                row[column] = _finite(row.get(column), f"{path}: mpc.{table}, row {number}: {column}")
+    return Case(path.stem, base, tables["bus"], tables["gen"], tables["branch"], len(dc))
+
+
+def _finite(value: Any, where: str) -> float:
+    """A cell as a number: where one cell of a table is text, the library gives all of them as text."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{where}: {short(value)} given; allowed: a finite number")
+    return number
 
 
 def document(imported: Imported, origin: str) -> str:

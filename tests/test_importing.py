@@ -127,6 +127,15 @@ def test_what_is_out_of_service_is_left_out_and_said() -> None:
     assert "generator 3 at bus 2 is out of service: left out" in notes
 
 
+def test_dc_lines_are_left_out_and_said(tmp_path: Path) -> None:
+    limits = "10 -10 10 -10 10 1 0"
+    rows = f"mpc.dcline = [\n1 4 1 10 8.9 0 0 1 1 1 {limits};\n5 9 0 1 1 0 0 1 1 1 {limits};\n];\n"
+    path = tmp_path / "dc.m"
+    path.write_text(CASE.read_text(encoding="utf-8") + rows, encoding="utf-8")
+    _, notes, _ = loaded(tmp_path, case=path)
+    assert "dc.m: 1 DC lines are left out, and the power that they carry" in notes
+
+
 def test_generators_at_one_bus_are_joined() -> None:
     content, _, notes = converted(gen_3={"PG": 10.0, "MBASE": 50.0})
     assert content["machines"][1]["P"] == 50
