@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 
 from facts_damping.cli import main
 from facts_damping.validation import report
 from facts_damping.validation.table import Row, Table, compare, furthest, markdown, within
+
+if TYPE_CHECKING:
+    import pytest
 
 PAGE = Path(__file__).parents[1] / "docs" / "validation.md"
 

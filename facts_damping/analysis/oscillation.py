@@ -33,6 +33,15 @@ def is_stable(record: Record) -> bool | None:
     return True if len(record.time_ns) and record.time_s[-1] >= duration - 1.5 / rate - 1e-9 else None
 
 
+def instability(record: Record) -> str | None:
+    """Why a run that is not stable ended: loss of synchronism, or a network without a solution; none: it did not."""
+    if record.in_synchronism.all():
+        return None
+    last = record.machines[-1]
+    known = all(np.isfinite(last[name]).all() for name in ("rotor_angle", "terminal_voltage"))
+    return "loss of synchronism" if known else "voltage collapse: the network equations have no solution"
+
+
 def settling_time(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0) -> float | None:
     """Time from `since` (s; the last event) until all signals stay in the band around their final values.
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-POWER = list(CHANNELS).index("active_power")
+POWER, VOLTAGE = (list(CHANNELS).index(name) for name in ("active_power", "voltage_magnitude"))
 WIDTH, PANEL_HEIGHT, MARGIN = 9.0, 2.3, 1.3  # inch
 DPI = 150
 # Okabe and Ito's palette without its yellow: distinct also for the colour-blind.
@@ -59,7 +59,7 @@ def plot_record(record: Record, folder: Path | str) -> list[Path]:
 def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -> list[Path]:
     """Plot several records (name, record) over each other: paths of the PNG files in `folder`.
 
-    speeds.png, differences.png, tie_power.png, injected_voltage.png. Vertical lines mark the events of the
+    speeds.png, differences.png, tie_power.png, voltage.png, injected_voltage.png. Vertical lines mark the events of the
     first record. Raises InputError without records.
     """
     if not records:
@@ -92,21 +92,23 @@ def _tie_power(record: Record) -> list[Panel]:
 
 def _voltages(record: Record) -> list[Panel]:
     limits = _limits(record.configuration)
+    injected, reference = record.devices["injected_voltage"], record.devices["reference"]
+    values = np.where(np.isfinite(injected), injected, reference)  # in parallel: the offset of the voltage reference
     return [
-        Panel(
-            name,
-            record.devices["injected_voltage"][:, i],
-            record.devices["setpoint"][:, i],
-            limits.get(name, ()),
-        )
+        Panel(name, values[:, i], record.devices["setpoint"][:, i], limits.get(name, ()))
         for i, name in enumerate(record.device_names)
     ]
+
+
+def _bus_voltages(record: Record) -> list[Panel]:
+    return [Panel(record.stations[i], record.frames[:, i, VOLTAGE]) for i in _stations(record, machines=False)]
 
 
 PICTURES = (
     Picture("speeds", "Speed deviation", "Δω [10⁻³ p.u.]", _speeds, together=True),
     Picture("differences", "Speed difference", "Δω [10⁻³ p.u.]", _differences, together=True),
     Picture("tie_power", "Active power", "P [p.u.]", _tie_power, together=True),
+    Picture("voltage", "Bus voltage", "V [p.u.]", _bus_voltages, together=True),
     Picture("injected_voltage", "Injected voltage", "v [p.u.]", _voltages, together=False),
 )
 

@@ -10,7 +10,7 @@ from facts_damping.analysis.effort import max_injected_voltage, record_smoothnes
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency
 from facts_damping.analysis.measures import columns, event_times, speed_differences
-from facts_damping.analysis.oscillation import is_damped, is_stable, settling_time
+from facts_damping.analysis.oscillation import instability, is_damped, is_stable, settling_time
 from facts_damping.analysis.ringdown import ringdown_modes
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 # Rows of the table: label, path into a summary, format.
 ROWS = (
     ("stable", ("stable",), ""),
+    ("unstable by", ("instability",), ""),
     ("damped", ("damped",), ""),
     ("duration [s]", ("duration_s",), ".2f"),
     *((name, ("indices", name), ".4g") for name in INDICES),
@@ -53,6 +54,7 @@ def summarise(record: Record, differences: Mapping[str, NDArray[np.float64]] | N
     return {
         "run": _run(record.configuration),
         "stable": stable,
+        "instability": instability(record),
         **_oscillation(record, signals, stable is True),
         "duration_s": _duration(record),
         "smoothness": smooth["per_second"],

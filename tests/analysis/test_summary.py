@@ -114,7 +114,7 @@ def test_table(swing_record: Callable[..., Record]) -> None:
 
 
 def test_pictures(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
-    names = ["speeds.png", "differences.png", "tie_power.png", "injected_voltage.png"]
+    names = ["speeds.png", "differences.png", "tie_power.png", "voltage.png", "injected_voltage.png"]
     paths = plot_record(swing_record(), tmp_path / "one")
     assert [path.name for path in paths] == names
     several = [("a", swing_record()), ("b", swing_record(600, damping=-0.1))]
@@ -127,6 +127,17 @@ def test_pictures(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
 
 def test_empty_pictures_are_left_out(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     record = swing_record(configuration={}, device_names=[], devices=np.zeros((1200, 0), DEVICE_TRUTH))
-    assert [path.name for path in plot_record(record, tmp_path)] == ["speeds.png", "tie_power.png"]
+    assert [path.name for path in plot_record(record, tmp_path)] == ["speeds.png", "tie_power.png", "voltage.png"]
     with pytest.raises(InputError, match="no record given"):
         plot_comparison([], tmp_path)
+
+
+def test_why_a_run_was_unstable(swing_record: Callable[..., Record]) -> None:
+    assert summarise(swing_record())["instability"] is None
+    ends = np.ones(1200, np.bool_)
+    ends[-1] = False
+    apart, collapsed = (swing_record(in_synchronism=ends) for _ in range(2))
+    collapsed.machines["terminal_voltage"][-1] = np.nan
+    assert summarise(apart)["instability"] == "loss of synchronism"
+    assert summarise(collapsed)["instability"] == "voltage collapse: the network equations have no solution"
+    assert "voltage collapse" in table([("x", summarise(collapsed))])

@@ -63,6 +63,32 @@ def test_lockstep_recording_equals_in_process_run_bit_for_bit(
     assert_same(recorded, computed)
 
 
+LLC = {"name": "LLC", "signals": ["speed"]}
+PLANTS = {
+    "SSSC and STATCOM, two controllers": [
+        "scenario=large",
+        "devices=[sssc, statcom]",
+        "controllers=" + json.dumps([{**LLC, "devices": ["statcom"]}, {**LLC, "devices": ["sssc"]}]),
+    ],
+    "infinite bus, dispatch of the scenario": ["system=smib", "scenario=light", "duration=10"],
+    "loads of constant power, salient machines": [
+        *("system=wscc_9_constant_power", "devices=[]", "controllers=[]", "duration=10"),
+        "scenario=" + json.dumps([{"time": 1.0, "kind": "load_step", "load": "load_A", "change": 0.1}]),
+    ],
+    "stabilisers and governors": [
+        *("devices=[statcom]", "controllers=[]", "scenario=multiple", "link=delay_100ms"),
+        *(f"system.{table}.{g}.enabled=true" for table in ("stabilisers", "governors") for g in range(4)),
+    ],
+}
+
+
+@pytest.mark.parametrize("sets", PLANTS.values(), ids=PLANTS)
+def test_other_plants_are_recorded_bit_for_bit_too(domain: int, tmp_path: Path, sets: list[str]) -> None:
+    computed = loop.run(load_case(None, sets))
+    assert computed.in_synchronism.all()
+    assert_same(run_graph(tmp_path, sets), computed)
+
+
 def test_unstable_run_ends_where_the_in_process_run_ends(domain: int, tmp_path: Path) -> None:
     sets = ["scenario=large", "controllers=[]", "frame_rate=30"]
     recorded, computed = run_graph(tmp_path, sets), loop.run(load_case(None, sets))
