@@ -14,7 +14,7 @@ from scipy.signal import tf2ss
 from facts_damping import modal
 from facts_damping.analysis.ringdown import ringdown_modes
 from facts_damping.plant.dynamics import derivatives
-from facts_damping.plant.linear import modes, transfer_functions
+from facts_damping.plant.linear import _label, modes, transfer_functions
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import CHANNELS
 from tests.plant.running import changed, follow, frame_times, plant, shipped
@@ -123,6 +123,15 @@ def test_shapes_are_areas_against_each_other_and_machines_of_one_area(devices: t
         assert max(abs(mode.shape[name]) for name in rest) < 0.3
         own[frozenset((one, other))] += 1
     assert set(own.values()) == {1}
+
+
+@pytest.mark.parametrize(("others", "label"), [(0.1, "interarea"), (-0.1, "local")])
+def test_a_mode_is_interarea_where_the_areas_hold_most_of_the_motion(others: float, label: str) -> None:
+    """G1 and G3 at 1 and -1, their neighbours at x and -x: areas hold (1 + x)^2 / (2 (1 + x^2)) at equal H."""
+    system = shipped("two_area")
+    system = changed(system, machines=[{**m.model_dump(), "H": 6.0} for m in system.machines])
+    shape = {"G1": 1 + 0j, "G2": others + 0j, "G3": -1 + 0j, "G4": -others + 0j}
+    assert _label(-0.1 + 5j, 0.9, shape, system) == label
 
 
 def test_shape_is_the_motion_in_the_time_domain() -> None:
