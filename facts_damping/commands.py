@@ -143,9 +143,10 @@ def validate(arguments: argparse.Namespace) -> None:
     """The plant against published figures, other programs, analytic solutions and finer steps."""
     from facts_damping.validation import report, table
 
+    files.check_writable(arguments.out, "--out")
     for name in arguments.tables:
         check_known("TABLE", name, report.TABLES)
-    names, progress, made = arguments.tables or list(report.TABLES), Progress("validate"), []
+    names, progress, made = arguments.tables or list(report.TABLES), Progress("validate", "tables"), []
     for i, name in enumerate(names):
         progress(i, len(names))
         made.append(report.TABLES[name]())

@@ -12,8 +12,8 @@ from typing import Any
 class Progress:
     """A line of progress on standard error, where that is a terminal."""
 
-    def __init__(self, label: str) -> None:
-        self._label, self._shown = label, sys.stderr.isatty()
+    def __init__(self, label: str, unit: str = "ticks") -> None:
+        self._label, self._unit, self._shown = label, unit, sys.stderr.isatty()
         self._began = time.monotonic()
 
     def __call__(self, done: int, of: int) -> None:
@@ -22,7 +22,7 @@ class Progress:
             took = time.monotonic() - self._began
             width = 30
             bar = "#" * (width * done // of)
-            sys.stderr.write(f"\r{self._label} [{bar:<{width}}] {done}/{of} ticks, {took:.0f} s")
+            sys.stderr.write(f"\r{self._label} [{bar:<{width}}] {done}/{of} {self._unit}, {took:.0f} s")
             sys.stderr.flush()
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inlined
 from facts_damping.plant import excitation, governor, sssc, stabiliser, statcom
 from facts_damping.plant.model import SSSC
 from facts_damping.plant.ports import solve_ports
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.model import Plant, Work
 
 
-@compiled
+@inlined
 def row_times(plant: Plant, stage: int, row: int, inputs: NDArray[np.complex128]) -> complex:
     """One row of the network times its inputs, p.u."""
     total = 0j
@@ -29,7 +29,7 @@ def row_times(plant: Plant, stage: int, row: int, inputs: NDArray[np.complex128]
     return total
 
 
-@compiled
+@inlined
 def solve_network(
     plant: Plant,
     x: NDArray[np.float64],
@@ -68,7 +68,7 @@ def solve_network(
         work.inputs[first + p] = source[p]
 
 
-@compiled
+@inlined
 def stator(plant: Plant, stage: int, g: int, work: Work) -> tuple[complex, complex, float]:
     """Terminal voltage (p.u.), stator current Id + j Iq and air-gap power (p.u. of the rating) of machine g.
 

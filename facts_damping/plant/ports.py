@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from facts_damping.plant.model import Plant, Work
 
-TOLERANCE = 1e-12  # relative to 1 + |s|
+TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
 MAX_ITERATIONS = 40
 SMALLEST_SHARE = 1e-3  # of a step
 SMALL = 1e-12  # p.u., magnitude of a response below which its direction is of no account
@@ -61,8 +61,12 @@ def _law(
     if work.blocked[p]:
         slope[0, 0] = slope[0, 1] = slope[1, 0] = slope[1, 1] = 0.0
         return 0j
-    magnitude = max(abs(q), SMALL)
-    direction = q / magnitude if abs(q) > SMALL else 1.0 + 0j
+    magnitude = abs(q)
+    direction = 1.0 + 0j
+    if magnitude > SMALL:
+        direction = complex(q.real / magnitude, q.imag / magnitude)
+    else:
+        magnitude = SMALL
     if port.kind == LOAD:
         value, by_magnitude = load.characteristic(plant.loads[port.row], magnitude)
         value *= plant.load_scale[stage, port.row]
@@ -74,12 +78,13 @@ def _law(
         o = plant.statcom[port.row].offset
         value, by_magnitude = complex(x[o], x[o + 1]), 0j
     along = by_magnitude * direction  # by the magnitude, and by the direction
-    across = 1j * direction * value / magnitude
+    turned = value * direction
+    across = complex(-turned.imag / magnitude, turned.real / magnitude)
     slope[0, 0] = along.real * direction.real - across.real * direction.imag
     slope[0, 1] = along.real * direction.imag + across.real * direction.real
     slope[1, 0] = along.imag * direction.real - across.imag * direction.imag
     slope[1, 1] = along.imag * direction.imag + across.imag * direction.real
-    return value * direction
+    return turned
 
 
 @compiled
@@ -133,9 +138,11 @@ def _mismatch(
         work.response[p] = q
         rest = _law(plant, x, reference, stage, p, work) - source[p]
         work.change[2 * p], work.change[2 * p + 1] = rest.real, rest.imag
+        square = rest.real * rest.real + rest.imag * rest.imag
+        size = source[p].real * source[p].real + source[p].imag * source[p].imag
         # Written so that a value that is not finite counts as not solved.
-        solved = solved and abs(rest) <= TOLERANCE * (1.0 + abs(source[p]))
-        total += rest.real * rest.real + rest.imag * rest.imag
+        solved = solved and square <= TOLERANCE * TOLERANCE * (1.0 + size)
+        total += square
     return solved, total
 
 
