@@ -34,8 +34,8 @@ def record_smoothness(record: Record) -> dict[str, float]:
     return {"per_second": smoothness(setpoints, dt), "per_frame": smoothness(setpoints)}
 
 
-def max_injected_voltage(record: Record) -> float:
-    """Largest magnitude of any device's injected voltage on the grid of frames, p.u.; 0 without devices."""
+def max_injected_voltage(record: Record) -> float | None:
+    """Largest magnitude of any voltage injected in series on the grid of frames, p.u.; none without such a device."""
     voltage = np.abs(record.devices["injected_voltage"])
     finite = voltage[np.isfinite(voltage)]
-    return float(finite.max()) if finite.size else 0.0
+    return float(finite.max()) if finite.size else None

@@ -27,7 +27,7 @@ def speed_differences(record: Record) -> dict[str, NDArray[np.float64]]:
     """
     weights = measure_weights(record.configuration)
     if not weights:
-        raise InputError("measures: none given; allowed: at least one speed difference in the configuration")
+        raise InputError("measures: none given; allowed: speed differences, or stations at machines")
     return {name: _weighted(record, f"measures.{name}", one) for name, one in weights.items()}
 
 
@@ -35,7 +35,8 @@ def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, 
     """Weights of the speed differences by station: {name: {station: weight}}.
 
     From `measures` = {"local" | "interarea": {name: {station: weight}}}, or from a system inline, where
-    `measures` = {"local" | "interarea": [name]} refers to `signals` = {name: {"weights": ...}}.
+    `measures` = {"local" | "interarea": [name]} refers to `signals` = {name: {"weights": ...}}. Without any,
+    each machine's speed against the first's; against synchronous speed where there is an infinite bus.
     """
     system = configuration.get("system")
     source = configuration if "measures" in configuration or not isinstance(system, dict) else system
@@ -44,7 +45,15 @@ def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, 
     for group in (source.get("measures") or {}).values():
         named = group if isinstance(group, dict) else {name: signals[name]["weights"] for name in group}
         found.update(named)
-    return found
+    return found or _against_the_first(source)
+
+
+def _against_the_first(system: Mapping[str, Any]) -> dict[str, Mapping[str, float]]:
+    """Speed differences of the stations at machines, where a system names none."""
+    stations = [s["name"] for s in system.get("stations") or () if isinstance(s, dict) and s.get("machine")]
+    if system.get("infinite_buses") or len(stations) == 1:
+        return {name: {name: 1.0} for name in stations}
+    return {f"{stations[0]}-{name}": {stations[0]: 1.0, name: -1.0} for name in stations[1:]}
 
 
 def event_times(record: Record) -> list[float]:

@@ -23,6 +23,7 @@ CLEAN = 1e-11  # of the largest singular value: below it there is rounding only
 NOISE = 4.0  # times the median singular value: below it there is noise only
 OVERFLOW = 1e100  # a pole that grows or shrinks so much over the samples is no mode
 RAYLEIGH = 0.4  # of the resolution in frequency: two modes closer than that are one
+MISFIT = 0.01  # of the energy: with fewer poles than leave so much unexplained there are two modes, however close
 MAX_ORDER = 24  # poles, also the useless ones
 
 
@@ -52,10 +53,13 @@ def ringdown_modes(time_s: NDArray[np.float64], signals: NDArray[np.float64], si
     if np.ptp(x, axis=0).max() < RESOLUTION:
         return []
     right, order = pencil(x)
-    found = _strong(_modes(x, dt, pencil_poles(right, order)))
+    found, _ = _modes(x, dt, pencil_poles(right, order))
     while order > 2 and _crowded(found, len(x) * dt):
         order -= 2
-        found = _strong(_modes(x, dt, pencil_poles(right, order)))
+        fewer, rest = _modes(x, dt, pencil_poles(right, order))
+        if rest > MISFIT:
+            break  # there are two so close
+        found = fewer
     return found
 
 
@@ -100,20 +104,26 @@ def _crowded(modes: list[Mode], duration: float) -> bool:
     return bool(np.any(np.diff(frequencies) < RAYLEIGH / duration))
 
 
-def _modes(x: NDArray[np.float64], dt: float, z: NDArray[np.complex128]) -> list[Mode]:
-    """Modes within the band, with their energies from a fit of all poles to the signals (samples, n)."""
+def _modes(x: NDArray[np.float64], dt: float, z: NDArray[np.complex128]) -> tuple[list[Mode], float]:
+    """Modes that matter within the band, the strongest first, and the share of the energy that no pole explains.
+
+    Energies are from a fit of all poles to the signals (samples, n).
+    """
     growth = np.abs(z) ** len(x)
     z = z[(growth < OVERFLOW) & (growth > 1 / OVERFLOW)]
     powers = z[np.newaxis, :] ** np.arange(len(x))[:, np.newaxis]
+    powers /= np.linalg.norm(powers, axis=0)  # a pole that grows fast would hide the others from the fit
     amplitudes = np.linalg.lstsq(powers, x, rcond=None)[0]
     # A pole and its conjugate make a wave of twice the amplitude, whose square is half that on the average.
-    energies = 2 * np.sum(np.abs(powers) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=1)
+    energies = 2 * np.sum(np.abs(amplitudes) ** 2, axis=1)
+    rest = float(np.sum(np.abs(x - powers @ amplitudes) ** 2) / np.sum(x**2))
     s = np.log(z) / dt
-    return [
+    found = [
         Mode(float(one.imag / (2 * np.pi)), float(-one.real / abs(one)), float(energy))
         for one, energy in zip(s, energies, strict=True)
         if 2 * np.pi * BAND[0] <= one.imag <= 2 * np.pi * BAND[1]
     ]
+    return _strong(found), rest
 
 
 def _decimate(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], float]:

@@ -61,8 +61,7 @@ class Machine(Model):
             raise ValueError(f"a machine of model {self.model} needs {', '.join(missing)}")
         if (self.Xq1 is None) != (self.Tq01 is None):
             raise ValueError("Xq1 and Tq01 must be given both or neither (neither: salient pole)")
-        leakage = () if self.model == "two_axis" else ("Xl",)
-        for names in ((*leakage, "Xd2", "Xd1", "Xd"), (*leakage, "Xq2", "Xq1", "Xq")):
+        for names in (("Xl", "Xd2", "Xd1", "Xd"), ("Xl", "Xq2", "Xq1", "Xq")):
             given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
             falls = any(low > high for low, high in itertools.pairwise(given.values()))
             if self.model != "classical" and (falls or list(given.values()).count(self.Xl) > 1):
@@ -134,7 +133,7 @@ class Governor(Model):
     Tf: float = quantity(0.05, "s", "time constant of the filter", ge=0.01, le=10)
     Tg: float = quantity(0.2, "s", "time constant of the gate servo", ge=0.01, le=10)
     rate_max: float = quantity(0.2, "p.u./s", "limit of the gate's velocity", gt=0, le=10)
-    gate_min: float = quantity(0.0, "p.u.", "smallest gate", ge=0, le=1)
+    gate_min: float = quantity(0.01, "p.u.", "smallest gate", ge=0.001, le=1)
     gate_max: float = quantity(1.0, "p.u.", "largest gate", gt=0, le=2)
     Tw: float = quantity(1.0, "s", "water starting time", ge=0.05, le=20)
     At: float = quantity(1.2, "p.u.", "turbine gain: power per flow at rated head", gt=0, le=10)

@@ -33,7 +33,7 @@ class Signal(Model):
 
     channel: Literal["voltage_magnitude", "voltage_angle", "speed_deviation", "active_power", "reactive_power"]
     weights: dict[Name, float] = Field(..., min_length=1, description="station: weight")
-    deviation: bool = Field(False, description="true: minus the value before the first event")
+    deviation: bool = Field(False, description="true: minus the first value that is received")
 
 
 class Measures(Model):

@@ -33,10 +33,10 @@ def start(governor: Governor, power: float) -> NDArray[np.float64]:
     Raises `InputError` where the gate's limits do not admit it.
     """
     gate = power / governor.At + governor.q_nl
-    if not governor.gate_min <= gate <= governor.gate_max or gate <= 0:
+    if not governor.gate_min <= gate <= governor.gate_max:
         raise InputError(
             f"governors: {governor.machine} needs a gate of {gate:.3f} p.u. at the start; "
-            f"allowed: {governor.gate_min:g} to {governor.gate_max:g}, above zero"
+            f"allowed: {governor.gate_min:g} to {governor.gate_max:g}"
         )
     return np.array([0.0, gate, gate, gate])
 

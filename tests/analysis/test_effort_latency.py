@@ -53,7 +53,9 @@ def test_record_smoothness(swing_record: Callable[..., Record]) -> None:
 def test_peak_voltage(swing_record: Callable[..., Record]) -> None:
     record = swing_record()
     assert max_injected_voltage(record) == np.abs(record.devices["injected_voltage"]).max()
-    assert max_injected_voltage(swing_record(devices=np.zeros((1200, 0), DEVICE_TRUTH))) == 0
+    assert max_injected_voltage(swing_record(devices=np.zeros((1200, 0), DEVICE_TRUTH))) is None
+    record.devices["injected_voltage"] = np.nan  # a STATCOM alone
+    assert max_injected_voltage(record) is None
 
 
 def test_latency(swing_record: Callable[..., Record]) -> None:

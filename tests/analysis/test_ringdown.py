@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from facts_damping import loop
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.ringdown import ringdown_modes
 from facts_damping.configuration import load_case
@@ -91,3 +93,14 @@ def test_small_disturbance_shows_the_mode_of_the_linearised_plant() -> None:
     (found,) = ringdown_modes(record.time_s, columns(speed_differences(record)), 1.0)
     assert found.frequency_hz == pytest.approx(known.frequency_hz, rel=1e-3)
     assert found.damping_ratio == pytest.approx(known.damping_ratio, abs=2e-4)
+
+
+def test_poles_that_grow_do_not_hide_the_modes() -> None:
+    """Two controllers damp `small`: the linear loop has its swings at 0.65 and 1.15 Hz, and spurious poles grow."""
+    own = {"name": "LLC", "devices": ["sssc"], "signals": ["speed"]}
+    other = {"name": "LLC", "devices": ["statcom"], "signals": ["power"], "parameters": {"gain": 0.1}}
+    record = loop.run(load_case(None, ["devices=[sssc, statcom]", f"controllers={json.dumps([own, other])}"]))
+    found = ringdown_modes(record.time_s, columns(speed_differences(record)), 1.0)
+    assert found[0].frequency_hz == pytest.approx(0.651, abs=0.005)
+    assert found[0].damping_ratio == pytest.approx(0.050, abs=0.003)
+    assert all(mode.damping_ratio > 0 for mode in found)

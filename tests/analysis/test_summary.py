@@ -13,7 +13,7 @@ from facts_damping.analysis import summarise, table
 from facts_damping.analysis.measures import event_times, speed_differences
 from facts_damping.analysis.plots import plot_comparison, plot_record
 from facts_damping.errors import InputError
-from facts_damping.signals import DEVICE_TRUTH
+from facts_damping.signals import CHANNELS, DEVICE_TRUTH
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -141,3 +141,13 @@ def test_why_a_run_was_unstable(swing_record: Callable[..., Record]) -> None:
     assert summarise(apart)["instability"] == "loss of synchronism"
     assert summarise(collapsed)["instability"] == "voltage collapse: the network equations have no solution"
     assert "voltage collapse" in table([("x", summarise(collapsed))])
+
+
+def test_without_measures_each_machine_counts_against_the_first(swing_record: Callable[..., Record]) -> None:
+    machines = [{"name": name, "machine": name} for name in ("G1", "G2")]
+    system = {"stations": [*machines, {"name": "TIE", "bus": "B8"}], "measures": {"local": [], "interarea": []}}
+    record = swing_record(configuration={"system": system})
+    speeds = record.frames[:, :2, list(CHANNELS).index("speed_deviation")]
+    np.testing.assert_array_equal(speed_differences(record)["G1-G2"], speeds[:, 0] - speeds[:, 1])
+    at_infinite_bus = swing_record(configuration={"system": {**system, "infinite_buses": [{"name": "GRID"}]}})
+    np.testing.assert_array_equal(speed_differences(at_infinite_bus)["G2"], speeds[:, 1])
