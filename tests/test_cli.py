@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from facts_damping import cli
+
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
     from pathlib import Path
+
+    Inside = Callable[..., str]
 
 
 def call(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -126,3 +132,95 @@ def test_bad_input_is_exit_2_one_line_and_nothing_else(tmp_path: Path, arguments
     assert done.stderr.count("\n") == 1
     assert "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def inside(capsys: pytest.CaptureFixture[str]) -> Iterator[Inside]:
+    """The program within this process, which is quicker: standard output of a call that must succeed."""
+    handler = signal.getsignal(signal.SIGTERM)
+
+    def run(*arguments: str) -> str:
+        status = cli.main(list(arguments))
+        out, err = capsys.readouterr()
+        assert (status, err) == (0, "")
+        return out
+
+    yield run
+    signal.signal(signal.SIGTERM, handler)
+
+
+MODE = {"real", "imag", "frequency_hz", "damping_ratio", "label", "participation", "shape", "residues"}
+
+
+def test_modes_with_both_devices_gives_the_promised_fields_and_pictures(tmp_path: Path, inside: Inside) -> None:
+    """JSON in a file, pictures in a folder, a table for people."""
+    out, path = tmp_path / "modes", tmp_path / "modes.json"
+    text = inside("modes", "two_area", "--devices", "sssc,statcom", "--out", str(out), "--json", str(path))
+    result = json.loads(path.read_text())
+    assert set(result) == {"power_flow", "devices", "modes", "transfer_functions"}
+    assert result["devices"] == ["sssc", "statcom"]
+    assert all(set(mode) == MODE for mode in result["modes"])
+    swings = [mode for mode in result["modes"] if mode["residues"]]
+    assert [mode["label"] for mode in swings] == ["interarea", "local", "local"]
+    signals = ["w12", "w34", "w13", "speed", "power", "voltage"]
+    channels = [(device, signal) for device in ("sssc", "statcom") for signal in signals]
+    for mode in swings:
+        assert [(r["device"], r["signal"]) for r in mode["residues"]] == channels
+        assert set(mode["residues"][0]) == {"device", "signal", "magnitude", "angle_deg", "sign", "lead_deg"}
+        assert {r["sign"] for r in mode["residues"]} <= {1, -1}
+        assert set(mode["shape"]) == {"G1", "G2", "G3", "G4"}
+        assert max(polar["magnitude"] for polar in mode["shape"].values()) == pytest.approx(1)
+    assert [(t["device"], t["signal"]) for t in result["transfer_functions"]] == channels
+    states = sum(1 if mode["imag"] == 0 else 2 for mode in result["modes"])
+    for t in result["transfer_functions"]:
+        assert set(t) == {"device", "signal", "gain", "zeros", "poles", "feedthrough"}
+        assert len(t["poles"]) == states
+    pictures = sorted(out.iterdir())
+    assert [p.name for p in pictures] == ["mode_shapes.png", "transfer_functions.png"]
+    assert all(p.read_bytes().startswith(b"\x89PNG") and p.stat().st_size > 10_000 for p in pictures)
+    assert all(f"plot: {p}" in text for p in pictures)
+    assert "devices installed: sssc, statcom\n" in text
+    assert "0.6423 Hz, interarea: who swings against whom\n" in text
+
+
+def test_modes_without_devices_has_no_inputs(tmp_path: Path, inside: Inside) -> None:
+    result = json.loads(inside("modes", "two_area", "--devices", "none", "--out", str(tmp_path), "--json", "-"))
+    assert result["devices"] == result["transfer_functions"] == []
+    assert [mode["residues"] for mode in result["modes"]] == [[]] * len(result["modes"])
+    assert [p.name for p in tmp_path.iterdir()] == ["mode_shapes.png"]
+    assert json.loads(inside("modes", "two_area", "--json", "-"))["devices"] == ["sssc"]
+    assert json.loads(inside("modes", "kundur_12_6", "--json", "-"))["devices"] == []
+
+
+def test_modes_starts_from_the_dispatch_of_a_scenario(inside: Inside) -> None:
+    """Heavy loading of the single machine: 2100 MW, and a mode that grows."""
+    found = {}
+    for scenario in ("heavy", "light"):
+        result = json.loads(inside("modes", "smib", "--scenario", scenario, "--json", "-"))
+        (mode,) = [mode for mode in result["modes"] if mode["label"] == "local"]
+        found[scenario] = next(b["p_mw"] for b in result["power_flow"]["buses"] if b["name"] == "B1"), mode
+    assert found["heavy"][0] == pytest.approx(2100)
+    assert found["light"][0] == pytest.approx(840)
+    assert found["heavy"][1]["frequency_hz"] == pytest.approx(1.236, abs=5e-4)
+    assert found["heavy"][1]["damping_ratio"] == pytest.approx(-0.005, abs=5e-4)
+    assert found["light"][1]["damping_ratio"] > 0.05
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["two_area", "--devices", "tcsc"], "--devices: 'tcsc' given; allowed: sssc, statcom"),
+        (["two_area", "--devices", "sssc,sssc"], "--devices: 'sssc' given; allowed: statcom"),
+        (["kundur_12_6", "--devices", "sssc"], "--devices: 'sssc' given; allowed: none"),
+        (["smib", "--scenario", "large"], "'large' given; allowed: heavy, light, multiple, nominal"),
+        (["two_area", "--out", "/proc/nowhere/out"], "/proc/nowhere/out"),
+        (["two_area", "--json", "no/such/folder/modes.json"], "no/such/folder"),
+    ],
+)
+def test_modes_refuses_what_is_not_there(
+    arguments: list[str], said: str, inside: Inside, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["modes", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert said in err
