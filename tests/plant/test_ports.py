@@ -191,6 +191,7 @@ def test_a_load_beyond_what_the_network_can_carry_ends_the_run_as_unstable(P: fl
     assert record.in_synchronism[:-1].all()
     assert not record.in_synchronism[-1]
     assert summarise(record)["stable"] is False
+    assert summarise(record)["instability"].startswith("voltage collapse")
 
 
 kink = pytest.mark.xfail(reason="Newton's method goes to and fro about the kink at V_min and reports no solution")
