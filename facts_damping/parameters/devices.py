@@ -21,7 +21,7 @@ class Sssc(Model):
     to_bus: Name | None = Field(None, alias="to")
     line: Name | None = Field(None, description="the line it stands in, instead of `from` and `to`")
     end: Literal["from", "to"] = Field("from", description="which end of that line")
-    rs: float = quantity(0.000053, "p.u.", "resistance of the coupling transformer", gt=0, le=1)
+    rs: float = quantity(0.000053, "p.u.", "resistance of the coupling transformer", ge=1e-6, le=1)
     xs: float = quantity(0.0016, "p.u.", "reactance of the coupling transformer", gt=0, le=1)
     v_max: float = quantity(0.1, "p.u.", "limit of the quadrature voltage setpoint", gt=0, le=1)
     rate_max: float = quantity(5.0, "p.u./s", "rate limit of the quadrature voltage reference", gt=0, le=1000)

@@ -17,7 +17,7 @@ def unique(field: str, names: Sequence[str]) -> set[str]:
     """The names as a set; a name that stands twice is an error."""
     for i, name in enumerate(names):
         if name in names[:i]:
-            raise ValueError(f"{field}.{i}: '{name}' stands twice; allowed: each name once")
+            raise ValueError(f"{field}: '{name}' stands twice; allowed: each name once")
     return set(names)
 
 
@@ -34,7 +34,7 @@ def check_references(system: System) -> None:
         unique(field, [row.name for row in getattr(system, field)])
         for row in getattr(system, field):
             known(f"{field}: {row.name}.bus", row.bus, buses)
-    unique("machines, infinite_buses: bus", [m.bus for m in system.machines] + [i.bus for i in system.infinite_buses])
+    unique("machines, infinite_buses", [m.bus for m in system.machines] + [i.bus for i in system.infinite_buses])
     _check_branches(system, buses)
     _check_devices(system, buses)
     _check_machines(system)
@@ -82,7 +82,7 @@ def _check_machines(system: System) -> None:
     """Controls belong to machines that are there; one machine balances the power flow, or infinite buses do."""
     machines = {m.name for m in system.machines}
     for field in ("exciters", "stabilisers", "governors"):
-        unique(f"{field}: machine", [row.machine for row in getattr(system, field)])
+        unique(field, [row.machine for row in getattr(system, field)])
         for i, row in enumerate(getattr(system, field)):
             known(f"{field}.{i}.machine", row.machine, machines)
     excited = {e.machine for e in system.exciters}

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 STEP = 1e-6  # of the central differences, p.u., rad
 NEGLIGIBLE = 0.02  # share of a state in a mode below which it is not listed
 SWING_SHARE = 0.5  # share of rotor angles and speeds from which a mode is electromechanical
-STANDING = 1e-3  # rad/s, below which a mode does not oscillate
+COMMON_SHARE = 0.2  # the same for one in which all machines move together: governors take part
 
 
 class LinearModel(NamedTuple):
@@ -153,7 +153,7 @@ def modes(
         size = abs(values[i])
         ratio = float(-values[i].real / size) if size > 0 else 0.0
         shape = _shape(names, v)
-        label = _label(complex(values[i]), _swing_share(names, share), shape, system)
+        label = _label(_swing_share(names, share), shape, system)
         residues = []
         if model is not None and system is not None and label not in ("common", "control"):
             matrix_of_residues = np.outer(model.C @ v, w @ model.B) / (w @ v)
@@ -177,13 +177,13 @@ def _swing_share(names: Sequence[str], share: NDArray[np.float64]) -> float:
     return float(sum(s for name, s in zip(names, share, strict=True) if name.endswith((".delta", ".omega"))))
 
 
-def _label(value: complex, swing: float, shape: dict[str, complex], system: System | None) -> str:
+def _label(swing: float, shape: dict[str, complex], system: System | None) -> str:
     """What kind of mode it is, by the kinetic energy in the motion of all together, of areas, and of the rest.
 
     sum_A (sum H S) |mean_A|^2 against sum H S |v|^2, means weighted by H S: interarea where the areas' means
     hold more than half.
     """
-    if system is None or swing < SWING_SHARE:
+    if system is None or swing < COMMON_SHARE:
         return "control"
     inertia = {m.name: m.H * m.rating for m in system.machines}
     areas: dict[str, list[str]] = {}
@@ -196,8 +196,10 @@ def _label(value: complex, swing: float, shape: dict[str, complex], system: Syst
 
     total = sum(inertia[name] * abs(shape[name]) ** 2 for name in inertia)
     together = moving(list(inertia))
-    if abs(value.imag) < STANDING or (together > 0.5 * total and not system.infinite_buses):
+    if not system.infinite_buses and together > 0.5 * total:
         return "common"
+    if swing < SWING_SHARE:
+        return "control"
     if "" in areas:
         return "electromechanical"
     by_area = sum(moving(group) for group in areas.values())

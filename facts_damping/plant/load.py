@@ -42,26 +42,27 @@ def is_impedance(load: Load) -> bool:
 
 
 @compiled
-def excess(r: float, current: float, power: float, v_min: float) -> tuple[float, float]:
+def excess(r: float, current: float, power: float, v_min: float, low: bool) -> tuple[float, float]:
     """What a load draws beyond an impedance at r = V / V0, relative to its power at V0, and its derivative by r.
 
-    i r + p - (i + p) r^2; below V_min the shares i and p are an impedance: (i V_min + p) (r / V_min)^2.
+    i r + p - (i + p) r^2; below V_min the shares i and p are an impedance: (i V_min + p) (r / V_min)^2. With
+    `low` they are that at any voltage.
     """
-    if r >= v_min:
+    if r >= v_min and not low:
         return current * r + power - (current + power) * r * r, current - 2.0 * (current + power) * r
     square = (current * v_min + power) / (v_min * v_min) - (current + power)
     return square * r * r, 2.0 * square * r
 
 
 @compiled
-def characteristic(d: Any, magnitude: float) -> tuple[complex, complex]:
+def characteristic(d: Any, magnitude: float, low: bool) -> tuple[complex, complex]:
     """Current injected beside the impedance over the direction of the bus voltage, and its derivative by |V|, p.u.
 
     -conj(dS) / |V| with dS the power drawn beyond the impedance.
     """
     r = magnitude / d.V0
-    active, active_slope = excess(r, d.P_current, d.P_power, d.V_min)
-    reactive, reactive_slope = excess(r, d.Q_current, d.Q_power, d.V_min)
+    active, active_slope = excess(r, d.P_current, d.P_power, d.V_min, low)
+    reactive, reactive_slope = excess(r, d.Q_current, d.Q_power, d.V_min, low)
     drawn = complex(d.P * active, -d.Q * reactive)
     slope = complex(d.P * active_slope, -d.Q * reactive_slope) / d.V0
     return -drawn / magnitude, (drawn / magnitude - slope) / magnitude

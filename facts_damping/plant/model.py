@@ -74,6 +74,7 @@ class Work(NamedTuple):
     given: NDArray[np.complex128]  # (ports,), response to all inputs but the ports' own
     response: NDArray[np.complex128]  # (ports,)
     blocked: NDArray[np.bool_]  # (ports,)
+    low: NDArray[np.bool_]  # (ports,), loads that are taken as what they are below V_min
     slope: NDArray[np.float64]  # (ports, 2, 2), of the source by the response
     matrix: NDArray[np.float64]  # (2 ports, 2 ports)
     change: NDArray[np.float64]  # (2 ports,)
@@ -91,6 +92,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(machines, np.complex128),
         np.zeros(ports, np.complex128),
         np.zeros(ports, np.complex128),
+        np.zeros(ports, np.bool_),
         np.zeros(ports, np.bool_),
         np.zeros((ports, 2, 2)),
         np.zeros((2 * ports, 2 * ports)),

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
 MAX_ITERATIONS = 40
 SMALLEST_SHARE = 1e-3  # of a step
+ATTEMPTS = 5  # starts of Newton's method
 SMALL = 1e-12  # p.u., magnitude of a response below which its direction is of no account
 
 
@@ -68,7 +69,7 @@ def _law(
     else:
         magnitude = SMALL
     if port.kind == LOAD:
-        value, by_magnitude = load.characteristic(plant.loads[port.row], magnitude)
+        value, by_magnitude = load.characteristic(plant.loads[port.row], magnitude, work.low[p])
         value *= plant.load_scale[stage, port.row]
         by_magnitude *= plant.load_scale[stage, port.row]
     elif port.kind == SSSC:
@@ -214,6 +215,25 @@ def _block(plant: Plant, work: Work) -> bool:
 
 
 @inlined
+def _release(plant: Plant, source: NDArray[np.complex128], work: Work) -> bool:
+    """Let one load that was taken as below V_min be what it is, the one furthest above; whether there was one.
+
+    It starts as an impedance again, from above: of the two voltages at which it draws its power the higher is meant.
+    """
+    furthest, most = -1, 1.0
+    for p in range(plant.ports.size):
+        if work.low[p]:
+            d = plant.loads[plant.ports[p].row]
+            above = abs(work.response[p]) / (d.V0 * d.V_min)
+            if above > most:
+                furthest, most = p, above
+    if furthest >= 0:
+        work.low[furthest] = False
+        source[furthest] = 0.0
+    return furthest >= 0
+
+
+@inlined
 def solve_ports(
     plant: Plant,
     x: NDArray[np.float64],
@@ -222,23 +242,28 @@ def solve_ports(
     stage: int,
     work: Work,
 ) -> None:
-    """What all ports give, into `source`, p.u., where the solution before is the start; NaN where there is none.
+    """What all ports give, into `source`, p.u.; NaN where there is no solution, which ends the run.
 
-    A second start is without sources. Where a series converter asks for more voltage than its current can
-    carry there is no solution: all of them are blocked then. Without one still, the network has none
-    (voltage collapse), which makes every state NaN: the run ends there.
+    Newton's method has these starts, until one converges: the solution before; no sources; the loads as what they
+    are below V_min, which a deep dip may leave, released one by one where that is not so. Where a converter asks for
+    more than the network can carry (an SSSC for its current, a STATCOM for its bus) there is no solution: then all
+    of them are blocked, and the last two starts tried again. Without a solution still the network has none.
     """
     for p in range(source.size):
-        work.blocked[p] = False
+        work.blocked[p] = work.low[p] = False
     attempt = 0
-    while attempt < 3 and math.isfinite(x[0]):
+    while attempt < ATTEMPTS and math.isfinite(x[0]):
         if _newton(plant, x, reference, source, stage, work):
+            if _release(plant, source, work):
+                continue
             if not _block(plant, work):
                 return
         else:
             attempt += 1
         for p in range(source.size):
             source[p] = 0.0
-            work.blocked[p] = work.blocked[p] or (attempt == 2 and plant.ports[p].kind == SSSC)
+            converter = plant.ports[p].kind == SSSC or plant.ports[p].kind == STATCOM
+            work.blocked[p] = work.blocked[p] or (attempt == 3 and converter)
+            work.low[p] = attempt in (2, 4) and plant.ports[p].kind == LOAD
     for p in range(source.size):
         source[p] = complex(math.nan, math.nan)

@@ -95,7 +95,7 @@ def demand(system: System, names: list[str], magnitude: NDArray[np.float64]) -> 
             continue
         r = float(magnitude[i])
         for share, part in ((load.P_shares, power.real), (load.Q_shares, 1j * power.imag)):
-            beyond, slope = loads.excess(r, share.current, share.power, load.V_min)
+            beyond, slope = loads.excess(r, share.current, share.power, load.V_min, low=False)
             drawn[:, i] += part * np.array([r * r + beyond, 2 * r + slope])
     return drawn
 
@@ -120,20 +120,21 @@ def _solve(system: System, losses: dict[str, float]) -> PowerFlow:
         scheduled[index[machine.bus]] = (machine.P or 0.0) / system.base_power
     fixed: list[Machine | InfiniteBus] = [*system.infinite_buses, *(m for m in system.machines if m.slack)]
     held: list[Machine | InfiniteBus] = [*system.infinite_buses, *system.machines]
-    angle[:] = np.deg2rad(fixed[0].angle)
     for source in fixed:
         angle[index[source.bus]] = np.deg2rad(source.angle)
     for source in held:
         magnitude[index[source.bus]] = source.V
     turned = {index[source.bus] for source in fixed}
     kept = {index[source.bus] for source in held}
+    free_angle = np.array([i for i in range(len(names)) if i not in turned], int)
+    angle[free_angle] = _between(matrix, angle, free_angle)
     with np.errstate(all="ignore"):  # where it diverges, the mismatch says so
         voltage, residual = _newton(
             matrix,
             scheduled,
             lambda m: demand(system, names, m),
             (magnitude, angle),
-            np.array([i for i in range(len(names)) if i not in turned], int),
+            free_angle,
             np.array([i for i in range(len(names)) if i not in kept], int),
         )
     if not residual < TOLERANCE:
@@ -152,6 +153,18 @@ def _solve(system: System, losses: dict[str, float]) -> PowerFlow:
         first, second = d.ends
         currents[d.name] = float(abs(voltage[index[first]] - voltage[index[second]]) / series[d.name])
     return PowerFlow(names, voltage, injection, generation, currents, residual)
+
+
+def _between(
+    matrix: NDArray[np.complex128], angle: NDArray[np.float64], free: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Angles to start from, rad: between those of the buses that are given, by the strength of the branches."""
+    weight = np.abs(matrix)
+    np.fill_diagonal(weight, 0.0)
+    laplacian = np.diag(weight.sum(axis=1)) - weight
+    given = np.setdiff1d(np.arange(len(angle)), free)
+    solved = np.linalg.lstsq(laplacian[np.ix_(free, free)], weight[np.ix_(free, given)] @ angle[given], rcond=None)
+    return np.asarray(solved[0])
 
 
 def _newton(

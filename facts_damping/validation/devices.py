@@ -43,7 +43,7 @@ def _line() -> System:
             "machines": [
                 {"name": "M", "bus": "M", "model": "classical", "rating": 1.0, "P": 0.0, "V": 1.0, "H": 5.0, "Xd1": 0.3}
             ],
-            "devices": [{"name": "sssc", "kind": "sssc", "line": "line", "rs": 1e-9, "xs": 1e-6, "Ki": 5.0}],
+            "devices": [{"name": "sssc", "kind": "sssc", "line": "line", "rs": 1e-6, "xs": 1e-6, "Ki": 5.0}],
             "stations": [{"name": "A", "bus": "A", "branches": ["line"]}],
         }
     )
