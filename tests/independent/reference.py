@@ -1,0 +1,263 @@
+"""Reference model of any system, written from the equations alone and by other means than the package.
+
+All buses are kept. At every evaluation Newton's method finds bus voltages, stator currents and currents of SSSCs
+together, on finite differences. Standard machines are magnetic circuits; machines start from a numerical solution
+of their rest. SciPy integrates between events and corners of setpoints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from facts_damping.parameters.devices import Sssc, Statcom
+from facts_damping.parameters.placement import place
+
+from .reference_controls import Damper, Turbine, exciter_of
+from .reference_devices import Ramp, Series, Shunt
+from .reference_grid import HEALTHY, Array, Complex, Loads, power_flow, timeline
+from .reference_machines import ROTORS, machine_start
+from .reference_network import Known, Network
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from facts_damping.parameters.run import Event
+    from facts_damping.parameters.system import System
+
+    from .reference_controls import Control
+    from .reference_devices import Targets
+    from .reference_machines import Rotor
+
+EXPLICIT = ("RK23", "RK45", "DOP853")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A machine with its controls, and where its states begin."""
+
+    name: str
+    rotor: Rotor
+    exciter: Control
+    damper: Damper
+    turbine: Turbine
+    Pm: float
+    at: int
+
+    def parts(self, x: list[float]) -> tuple[list[float], list[float], list[float], list[float], list[float]]:
+        """Its states in blocks: swing, rotor, exciter, stabiliser, governor."""
+        found, at = [], self.at
+        for size in (2, *(len(block.states) for block in (self.rotor, self.exciter, self.damper, self.turbine))):
+            found.append(x[at : at + size])
+            at += size
+        return found[0], found[1], found[2], found[3], found[4]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A simulated course; the first axis of all arrays is time."""
+
+    names: list[str]
+    machines: list[str]
+    t: Array
+    x: Array
+    references: dict[str, Array]
+    V: dict[str, Complex]
+
+    def state(self, name: str) -> Array:
+        """One state, `machine.state` or `device.state`."""
+        return np.asarray(self.x[:, self.names.index(name)])
+
+    @property
+    def speeds(self) -> Array:
+        """Speed deviations, p.u., (times, machines)."""
+        return np.stack([self.state(f"{name}.omega") for name in self.machines], axis=1)
+
+    @property
+    def angles(self) -> Array:
+        """Rotor angles, rad, (times, machines)."""
+        return np.stack([self.state(f"{name}.delta") for name in self.machines], axis=1)
+
+
+class Model:
+    """A system at rest, its derivatives, courses and modes; `installed`: names of its devices, none: all."""
+
+    def __init__(self, system: System, installed: Sequence[str] | None = None) -> None:
+        self.system = system = place(system)
+        self.omega_0 = 2.0 * np.pi * system.frequency
+        self.series = [p for p in system.devices if isinstance(p, Sssc)]
+        self.shunts = [p for p in system.devices if isinstance(p, Statcom)]
+        self.installed = [p.name for p in system.devices if installed is None or p.name in installed]
+        self.flow = power_flow(system, self.installed)
+        self.loads = Loads(system)
+        solved = np.array([abs(self.flow.V[load.bus]) for load in system.loads])
+        self.loads.V0 = np.where(self.loads.nominal, 1.0, solved)
+        self.names: list[str] = []
+        self.start: list[float] = []
+        self.units: list[Unit] = []
+        currents = [self._start_machine(k) for k in range(len(system.machines))]
+        self.I0, self.rotors = np.array(currents), [unit.rotor for unit in self.units]
+        self.converters: dict[str, tuple[Series | Shunt, int]] = {}
+        for p in (p for p in system.devices if p.name in self.installed):
+            block = (
+                Series(p, abs(self.flow.I[p.name]))
+                if isinstance(p, Sssc)
+                else Shunt(p, abs(self.flow.V[p.bus]), self.omega_0)
+            )
+            self.converters[p.name] = block, len(self.start)
+            self._add(p.name, block.states, block.start)
+        self.x0 = np.array(self.start)
+        self.healthy = Network(self, HEALTHY)
+
+    def _add(self, owner: str, states: Sequence[str], start: Sequence[float]) -> None:
+        self.names += [f"{owner}.{state}" for state in states]
+        self.start += start
+
+    def _start_machine(self, k: int) -> complex:
+        """A machine at rest with its controls; its current Id + j Iq."""
+        m, system = self.system.machines[k], self.system
+        rotor, V = ROTORS[m.model](m), self.flow.V[m.bus]
+        current = (self.flow.S[m.name] * system.base_power / m.rating / V).conjugate()
+        delta, Efd, z = machine_start(rotor, V, current)
+        Pm = (V * current.conjugate()).real + m.Ra * abs(current) ** 2
+        exciter = exciter_of(next((e for e in system.exciters if e.machine == m.name), None), abs(V), Efd)
+        damper = Damper(next((s for s in system.stabilisers if s.machine == m.name), None))
+        turbine = Turbine(next((g for g in system.governors if g.machine == m.name), None), Pm)
+        self.units.append(Unit(m.name, rotor, exciter, damper, turbine, Pm, len(self.start)))
+        self._add(m.name, ("delta", "omega", *rotor.states), [delta, 0.0, *z])
+        self._add(f"{m.name}.exciter", exciter.states, exciter.start)
+        self._add(f"{m.name}.stabiliser", damper.states, [0.0] * len(damper.states))
+        self._add(f"{m.name}.governor", turbine.states, turbine.start)
+        return complex(current * np.exp(-1j * (delta - np.pi / 2.0)))
+
+    def known(self, x: list[float], u: Mapping[str, float]) -> Known:
+        """What states and references say to the network."""
+        delta = np.array([x[unit.at] for unit in self.units])
+        E = [complex(*unit.rotor.emf(unit.parts(x)[1], unit.exciter.Efd0)) for unit in self.units]
+        devices = {p.name: list[float]() for p in self.system.devices}
+        devices |= {name: x[at : at + len(block.states)] for name, (block, at) in self.converters.items()}
+        return Known(np.exp(1j * (delta - np.pi / 2.0)), np.array(E), devices, {**dict.fromkeys(devices, 0.0), **u})
+
+    def drop(self, p: Sssc, current: complex, known: Known, blocked: frozenset[str]) -> complex:
+        """Voltage over an SSSC at its current; one that is not installed is its resistance alone."""
+        if p.name not in self.converters:
+            return p.rs * current
+        size, total = abs(current), complex(p.rs, p.xs) * current
+        block = self.converters[p.name][0]
+        if p.name in blocked or size == 0.0 or not isinstance(block, Series):
+            return total
+        v_p, v_q, _ = block.drops(known.devices[p.name], known.u[p.name], size)
+        return total + complex(v_p, v_q) * current / size
+
+    def rates(self, x: Array, u: Mapping[str, float], network: Network) -> Array:
+        """Time derivatives of all states; `u`: references of devices after their ramps."""
+        values = x.tolist()
+        known = self.known(values, u)
+        s, blocked = network.solve(known)
+        rates: list[float] = []
+        for k, unit in enumerate(self.units):
+            rates += self._machine_rates(k, unit, values, s.I[k], abs(s.V[network.at[k]]), network)
+        for name, (block, _) in self.converters.items():
+            z, ref = known.devices[name], known.u[name]
+            if name in blocked:
+                rates += [0.0] * len(z)
+            elif isinstance(block, Series):
+                rates += block.drops(z, ref, float(abs(s.i[self.series.index(block.p)])))[2]
+            else:
+                rates += block.rates(z, ref, float(abs(s.V[network.grid.row[block.p.bus]])))
+        return np.array(rates)
+
+    def _machine_rates(
+        self, k: int, unit: Unit, x: list[float], current: complex, V: float, network: Network
+    ) -> list[float]:
+        """Rates of a machine and its controls; a machine that has tripped stands still."""
+        (_, omega), rotor, exciter, damper, turbine = unit.parts(x)
+        if unit.name in network.stage.tripped:
+            return [0.0] * (2 + len(rotor) + len(exciter) + len(damper) + len(turbine))
+        m, Id, Iq = self.system.machines[k], float(current.real), float(current.imag)
+        signal = unit.damper.output(damper, omega)
+        Efd = unit.exciter.field(exciter, V, signal)
+        Ed, Eq = unit.rotor.emf(rotor, Efd)
+        # Vd Id + Vq Iq + Ra (Id^2 + Iq^2) by the stator's equations
+        Pe = Ed * Id + Eq * Iq + (unit.rotor.Xq - unit.rotor.Xd) * Id * Iq
+        reference = unit.Pm * network.stage.powers.get(unit.name, 1.0)
+        Pm = unit.turbine.power(turbine, omega, reference)
+        return [
+            self.omega_0 * omega,
+            (Pm - Pe - m.D * omega) / (2.0 * m.H),
+            *unit.rotor.rates(rotor, Efd, Id, Iq),
+            *unit.exciter.rates(exciter, V, signal),
+            *unit.damper.rates(damper, omega),
+            *unit.turbine.rates(turbine, omega, reference),
+        ]
+
+    def state_matrix(self, step: float = 1e-5) -> tuple[Array, Array]:
+        """A and B (states, installed devices) at the start, by central differences."""
+        ends = [[self.rates(self.x0, {name: d}, self.healthy) for d in (step, -step)] for name in self.installed]
+        B = [(high - low) / (2.0 * step) for high, low in ends]
+        return self._jacobian(self.x0, {}, self.healthy, step), np.array(B).reshape(-1, len(self.x0)).T
+
+    def _jacobian(self, x: Array, u: Mapping[str, float], network: Network, step: float = 1e-6) -> Array:
+        """Central differences of all rates by all states: far above what Newton's method leaves."""
+        columns = [self.rates(x + d, u, network) - self.rates(x - d, u, network) for d in step * np.eye(len(x))]
+        return np.asarray(np.stack(columns, axis=1) / (2.0 * step))
+
+    def eigenvalues(self) -> Complex:
+        """Eigenvalues at the start, 1/s."""
+        return np.asarray(np.linalg.eigvals(self.state_matrix()[0]), complex)
+
+    def simulate(
+        self,
+        times: Array,
+        events: Sequence[Event] = (),
+        setpoints: Mapping[str, Targets] | None = None,
+        *,
+        method: str = "DOP853",
+        rtol: float = 1e-10,
+        atol: float = 1e-12,
+    ) -> Run:
+        """A course from the start at 0 s; events and corners of ramped setpoints are boundaries of integrations."""
+        end, stages = float(times[-1]), timeline(events)
+        targets = setpoints or {}
+        ramps = {name: Ramp(p, targets.get(name, ()), end) for name, p in self._devices().items()}
+        instants = np.concatenate([[0.0, end], [t for t, _ in stages], *(ramp.t for ramp in ramps.values())])
+        bounds = np.unique(instants[(instants >= 0.0) & (instants <= end)])
+        bounds = bounds[np.append(np.diff(bounds) > 1e-12, True)]
+        x, network, rows, voltages = self.x0, self.healthy, [], []
+        for a, b in pairwise([*bounds, np.inf]):
+            stage = [stage for t, stage in stages if t <= a + 1e-12][-1]
+            if stage != network.stage:
+                network = Network(self, stage, network)
+
+            def u(t: float) -> dict[str, float]:
+                return {name: float(ramp.at(t)) for name, ramp in ramps.items()}
+
+            def slope(t: float, x: Array, network: Network = network) -> Array:
+                return self.rates(x, u(t), network)
+
+            def jac(t: float, x: Array, network: Network = network) -> Array:
+                return self._jacobian(x, u(t), network)
+
+            inside = times[(times >= a - 1e-12) & (times < b - 1e-12)].clip(a, b)
+            found = np.array([x])
+            if np.isfinite(b):
+                jacobian = {} if method in EXPLICIT else {"jac": jac}
+                done = solve_ivp(slope, (a, b), x, method, np.append(inside, b), rtol=rtol, atol=atol, **jacobian)
+                if not done.success:
+                    raise RuntimeError(f"integration stopped at {a} s: {done.message}")
+                found, x = done.y.T[:-1], done.y[:, -1]
+            for t, row in zip(inside, found, strict=False):
+                s = network.solve(self.known(row.tolist(), u(t)))[0]
+                rows.append(row)
+                voltages.append(network.voltages(s))
+        buses = {bus.name: np.array([V[bus.name] for V in voltages]) for bus in self.system.buses}
+        machines = [unit.name for unit in self.units]
+        references = {name: ramp.at(times) for name, ramp in ramps.items()}
+        return Run(self.names, machines, times, np.array(rows), references, buses)
+
+    def _devices(self) -> dict[str, Any]:
+        return {p.name: p for p in self.system.devices if p.name in self.installed}

@@ -1,0 +1,149 @@
+"""The algebraic equations of the reference model: all of one stage together, by Newton's method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .reference_grid import Array, Complex, Grid, Stage
+
+if TYPE_CHECKING:
+    from .reference import Model
+
+    Blocked = frozenset[str]
+
+TOLERANCE = 1e-12  # of a step of Newton's method
+DIFFERENCE = 1e-6  # of an unknown, for the Jacobian
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the network is solved for: machine frames and voltages, states and references of devices."""
+
+    turn: Complex  # exp(j (delta - pi/2))
+    E: Complex  # Ed + j Eq
+    devices: dict[str, list[float]]
+    u: dict[str, float]
+
+
+class Solution:
+    """The unknowns by what they are: bus voltages, Id + j Iq of machines, currents of SSSCs."""
+
+    def __init__(self, y: Array, buses: int, machines: int) -> None:
+        z = y.view(complex)
+        self.y = y
+        self.V: Complex = z[:buses]
+        self.I: Complex = z[buses : buses + machines]
+        self.i: Complex = z[buses + machines :]
+
+
+class Network:
+    """Kirchhoff's laws at every bus, the stators of all machines, the voltages over all SSSCs."""
+
+    def __init__(self, model: Model, stage: Stage, before: Network | None = None) -> None:
+        system = model.system
+        self.model, self.stage, self.grid = model, stage, Grid(system, stage)
+        row, n = self.grid.row, len(self.grid.buses)
+        self.at = np.array([row[m.bus] for m in system.machines], dtype=int)
+        self.on = np.array([m.name not in stage.tripped for m in system.machines])
+        self.Ra = np.array([m.Ra for m in system.machines])
+        self.Xd = np.array([rotor.Xd for rotor in model.rotors])
+        self.Xq = np.array([rotor.Xq for rotor in model.rotors])
+        self.load_scale = np.array([stage.loads.get(name, 1.0) for name in model.loads.names])
+        self.ends = np.array([[row[bus] for bus in p.ends] for p in model.series], dtype=int).reshape(-1, 2)
+        self.shunts = np.array([row[p.bus] for p in model.shunts], dtype=int)
+        # Which bus each current enters, in this order: machines, loads, SSSCs, STATCOMs.
+        into = np.eye(n)
+        scale = np.array([m.rating / system.base_power for m in system.machines])
+        series = into[:, self.ends[:, 1]] - into[:, self.ends[:, 0]]
+        self.enter = np.hstack([into[:, self.at] * scale, -into[:, model.loads.at], series, into[:, self.shunts]])
+        held = dict.fromkeys(self.grid.bolted, 0j)
+        held |= {row[b.bus]: b.V * np.exp(1j * np.deg2rad(b.angle)) for b in system.infinite_buses}
+        self.held, self.held_V = np.array(list(held), dtype=int), np.array(list(held.values()), complex)
+        self.inverse: Array | None = None
+        self.first = self._unknowns(model.flow.V, model.I0, np.array(list(model.flow.I.values())))
+        self.y = self.first
+        if before is not None:
+            last = before.split(before.y)
+            self.y = self._unknowns(before.voltages(last), last.I, last.i)
+
+    def _unknowns(self, V: dict[str, complex], current: Complex, series: Complex) -> Array:
+        """The unknowns in a row; a point that had no voltage yet starts from none."""
+        at_buses = [V.get(bus, 0.0j) for bus in self.grid.buses]
+        return np.concatenate([at_buses, current, series]).astype(complex).view(float)
+
+    def split(self, y: Array) -> Solution:
+        """The unknowns by what they are."""
+        return Solution(y, len(self.grid.buses), len(self.at))
+
+    def voltages(self, s: Solution) -> dict[str, complex]:
+        """Voltages by bus."""
+        return dict(zip(self.grid.buses, s.V.tolist(), strict=True))
+
+    def residual(self, y: Array, known: Known, blocked: Blocked) -> Array:
+        """What is left of all equations; zero at the solution."""
+        model, s = self.model, self.split(y)
+        currents = [s.I * known.turn, model.loads.currents(s.V, self.load_scale), s.i]
+        for p, bus in zip(model.shunts, self.shunts, strict=True):
+            V = complex(s.V[bus])
+            z = known.devices[p.name]
+            on = bool(z) and p.name not in blocked and V != 0.0
+            currents.append(np.array([complex(z[1], z[2]) * V / abs(V) if on else 0.0j]))
+        balance = self.enter @ np.concatenate(currents) - self.grid.Y @ s.V
+        balance[self.held] = s.V[self.held] - self.held_V
+        v = s.V[self.at] / known.turn
+        stator_d = known.E.real - v.real - self.Ra * s.I.real + self.Xq * s.I.imag
+        stator_q = known.E.imag - v.imag - self.Ra * s.I.imag - self.Xd * s.I.real
+        stators = np.where(self.on, stator_d + 1j * stator_q, s.I)
+        over = np.array([model.drop(p, complex(i), known, blocked) for p, i in zip(model.series, s.i, strict=True)])
+        drops = s.V[self.ends[:, 0]] - s.V[self.ends[:, 1]] - over
+        return np.concatenate([balance, stators, drops]).view(float)
+
+    def _inverse(self, y: Array, known: Known, blocked: Blocked) -> Array:
+        """The inverse of the Jacobian, by central differences."""
+        columns = [
+            self.residual(y + d, known, blocked) - self.residual(y - d, known, blocked)
+            for d in DIFFERENCE * np.eye(len(y))
+        ]
+        return np.asarray(np.linalg.inv(np.array(columns).T / (2.0 * DIFFERENCE)), float)
+
+    def _newton(self, y: Array, known: Known, blocked: Blocked) -> Array | None:
+        """Newton's method, with an old Jacobian for as long as that converges quickly; none: no solution found."""
+        last = np.inf
+        for _ in range(50):
+            inverse = self._inverse(y, known, blocked) if self.inverse is None else self.inverse
+            self.inverse = inverse
+            step = inverse @ self.residual(y, known, blocked)
+            y, size = y - step, float(np.abs(step).max())
+            if size < TOLERANCE * (1.0 + float(np.abs(y).max())):
+                return y
+            if not size < 0.1 * last:
+                self.inverse = None
+            if not size < 1e6:
+                break
+            last = size
+        self.inverse = None
+        return None
+
+    def _too_small(self, s: Solution) -> set[str]:
+        """Devices whose current or voltage is too small to work with."""
+        low = {p.name for p, i in zip(self.model.series, s.i, strict=True) if abs(i) < p.I_min}
+        return low | {p.name for p, bus in zip(self.model.shunts, self.shunts, strict=True) if abs(s.V[bus]) < p.V_min}
+
+    def solve(self, known: Known) -> tuple[Solution, Blocked]:
+        """All unknowns, with as few devices blocked as there is a solution with that all others can work in."""
+        installed = self.model.installed
+        for count in range(len(installed) + 1):
+            for some in combinations(installed, count):
+                blocked = frozenset(some)
+                self.inverse = None if blocked else self.inverse
+                found = (self._newton(start, known, blocked) for start in (self.y, self.y, self.first, 0.5 * self.y))
+                y = next((y for y in found if y is not None), None)
+                s = None if y is None else self.split(y)
+                if s is not None and not self._too_small(s) & set(installed) - blocked:
+                    self.y = s.y
+                    return s, blocked
+        raise RuntimeError("the network has no solution")

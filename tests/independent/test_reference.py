@@ -1,0 +1,155 @@
+"""The reference model of any system: held against what is known, then the package against it."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy.optimize import linear_sum_assignment
+
+from facts_damping.plant.linear import linearise
+from tests.independent import two_area as earlier
+from tests.independent.reference import Model, Run
+from tests.independent.reference_cases import CASES, Case
+from tests.plant.running import events, follow, frame_times, plant, shipped
+from tests.plant.test_options import CASES as OPTIONS
+from tests.plant.test_options import andes
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.system import System
+    from facts_damping.plant.build import Built
+
+SETPOINTS = [(0.3, 0.05), (1.05, -0.08), (1.3, 0.1)]
+EARLIER = {
+    "small": (earlier.small(), {"kind": "load_step", "time": 1.0, "load": "load_2", "change": -0.1}),
+    "large": (
+        earlier.large(fraction=0.99),
+        {"kind": "fault", "time": 1.0, "line": "line_4", "location": 0.99, "duration": 8 / 60},
+    ),
+    "out": (
+        [(1.0, earlier.Config(lines_out=frozenset({"2"})))],
+        {"kind": "line_out", "time": 1.0, "line": "line_2"},
+    ),
+    "push": (
+        [(1.0, earlier.Config(Pm_factor=(1.1, 1.0, 1.0, 1.0)))],
+        {"kind": "mechanical_power_step", "time": 1.0, "machine": "G1", "change": 0.1},
+    ),
+}
+
+
+@cache
+def both(name: str) -> tuple[System, Built, Model]:
+    """A case's system, as the package and as the reference model build it."""
+    case = CASES[name]
+    system = case.build()
+    devices = [device.name for device in system.devices]
+    return system, plant(system, *case.events, installed=devices), Model(system)
+
+
+def apart(ours: NDArray[Any], theirs: NDArray[Any], near: float) -> float:
+    """Largest distance of eigenvalues in pairs, without those near zero, where round-off counts for much."""
+    distance = np.abs(ours[:, None] - theirs[None, :])
+    pairs = linear_sum_assignment(distance)
+    assert len(ours) == len(theirs)
+    return float(distance[pairs][np.abs(ours[pairs[0]]) > near].max())
+
+
+@pytest.mark.parametrize("scenario", EARLIER)
+def test_reference_agrees_with_the_earlier_model_of_two_areas(scenario: str) -> None:
+    """Two models by different means; measured 2e-9."""
+    course, row = EARLIER[scenario]
+    t = np.linspace(0.0, 2.0, 41)
+    run = Model(shipped("two_area"), ["sssc"]).simulate(t, events(row), {"sssc": SETPOINTS})
+    system = earlier.build(earlier.TWO_AREA, device=True)
+    other = earlier.radau(system, course, [(0.0, 0.0), *SETPOINTS], 2.0, t, method="LSODA")
+    assert np.abs(run.speeds).max() > 1e-3
+    np.testing.assert_allclose(run.speeds, other.speeds, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(run.angles, other.x[:, :4], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+def test_reference_has_the_eigenvalues_of_andes(option: str) -> None:
+    """Saturation, loads, controls, taps of kundur_12_6; measured 2e-6."""
+    system = shipped("kundur_12_6")
+    fields = {**system.model_dump(by_alias=True), **OPTIONS[option]()}
+    assert apart(Model(type(system).model_validate(fields)).eigenvalues(), andes(option), 0.02) < 5e-6
+
+
+@pytest.mark.parametrize(
+    ("P", "flow", "angle"), [(840.0, 574.0, 11.7), (1575.0, 1311.0, 20.17), (2100.0, 1840.0, 25.0)]
+)
+def test_reference_has_the_published_flows_of_smib(P: float, flow: float, angle: float) -> None:
+    """Thesis 4.5.1 and 4.7.1: flow from B3 to B4 within 1 %, angle to the terminal voltage within 0.4 degrees."""
+    system = shipped("smib")
+    machine = system.machines[0].model_copy(update={"P": P})
+    model = Model(system.model_copy(update={"machines": [machine]}))
+    power = (model.flow.V["B3"] * np.conj(model.flow.I["sssc"])).real * system.base_power
+    assert power == pytest.approx(flow, rel=0.01)
+    assert np.rad2deg(model.x0[0] - np.angle(model.flow.V["B1"])) == pytest.approx(angle, abs=0.4)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_power_flow_and_start_agree(name: str) -> None:
+    """Measured 6e-13."""
+    system, built, model = both(name)
+    assert np.abs(model.rates(model.x0, {}, model.healthy)).max() < 1e-11
+    for bus, V in zip(built.flow.names, built.flow.voltage, strict=True):
+        assert abs(V - model.flow.V[bus]) < 1e-11
+    for machine in system.machines:
+        assert abs(built.flow.generation[machine.name] - model.flow.S[machine.name]) < 1e-10
+    start = dict(zip(built.state_names, built.state.x, strict=True))
+    common = [(start[state], x) for state, x in zip(model.names, model.x0, strict=True) if state in start]
+    assert len(common) >= 2 * len(system.machines)
+    assert max(abs(ours - theirs) for ours, theirs in common) < 1e-11
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_eigenvalues_agree(name: str) -> None:
+    """Measured 5e-7, of which most is at eigenvalues around 1000 1/s."""
+    _, built, model = both(name)
+    assert apart(np.linalg.eigvals(linearise(built)[0]), model.eigenvalues(), 0.2) < 2e-6
+
+
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.build().devices])
+def test_transfer_functions_agree(name: str) -> None:
+    """From setpoints to speeds at 0.6 Hz, relative to the largest."""
+    system, built, model = both(name)
+    found = []
+    for names, (A, B) in ((built.state_names, linearise(built)), (model.names, model.state_matrix())):
+        speeds = [list(names).index(f"{machine.name}.omega") for machine in system.machines]
+        found.append(np.linalg.solve(4.0j * np.eye(len(A)) - A, B)[speeds])
+    assert np.abs(found[1]).max(axis=0).min() > 1e-4
+    assert (np.abs(found[0] - found[1]) / np.abs(found[1]).max(axis=0)).max() < 1e-6
+
+
+def course(case: Case, model: Model, t: NDArray[np.float64]) -> Run:
+    """A case's course by the reference."""
+    return model.simulate(t, events(*case.events), case.targets, method=case.method)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_courses_agree(name: str) -> None:
+    """Speeds within the case's bound; angles, voltages and devices follow from them."""
+    case, (system, built, model) = CASES[name], both(name)
+    devices = [device.name for device in system.devices]
+    targets = [(time, value, devices.index(device)) for device, rows in case.targets.items() for time, value in rows]
+    trace = follow(built, frame_times(case.end), sorted(targets))
+    run = course(case, model, trace.t)
+    tripped = {row["machine"] for row in case.events if row["kind"] == "generator_trip"}
+    kept = [g for g, machine in enumerate(system.machines) if machine.name not in tripped]
+    assert trace.sound.all()
+    assert np.ptp(run.speeds[:, kept], axis=0).max() > max(1e-4, 20 * case.bound)
+    np.testing.assert_allclose(trace.speeds[:, kept], run.speeds[:, kept], rtol=0, atol=case.bound)
+    angles = trace.machines["rotor_angle"]
+    np.testing.assert_allclose(angles[:, kept], run.angles[:, kept], rtol=0, atol=1000 * case.bound)
+    terminals = [np.abs(run.V[machine.bus][-1]) for machine in system.machines]
+    found = trace.machines["terminal_voltage"][-1]
+    np.testing.assert_allclose(found, terminals, rtol=0, atol=1000 * case.bound)
+    for d, device in enumerate(devices):
+        np.testing.assert_allclose(trace.reference[:, d], run.references[device], rtol=0, atol=1e-9)
+        vdc = trace.devices["dc_voltage"][-1, d]
+        assert vdc == pytest.approx(run.state(f"{device}.vdc")[-1], rel=0, abs=1000 * case.bound)
