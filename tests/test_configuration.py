@@ -13,8 +13,8 @@ from facts_damping import loop
 from facts_damping.configuration import load_case, load_system, make_case
 from facts_damping.errors import InputError
 from facts_damping.files import dump, read_table, shipped
-from facts_damping.plant.network import series_devices
 from facts_damping.plant.build import build
+from facts_damping.plant.network import series_devices
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -46,8 +46,11 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
     rotating = _machines(system, flow, states)
     ports = _Ports()
     for g, m in enumerate(system.machines):
+        rotating.rows[g]["column"] = g
         if rotating.rows[g]["saliency"].any():
-            rotating.rows[g]["port"] = ports.add(SALIENT, g, Place(m.bus, machine=m.name))
+            port = ports.add(SALIENT, g, Place(m.bus, machine=m.name))
+            rotating.rows[g]["column"] = len(system.machines) + len(system.infinite_buses) + port
+            rotating.rows[g]["salient"] = 1.0
     magnitude = {name: float(abs(v)) for name, v in zip(flow.names, flow.voltage, strict=True)}
     loads = [x for x in system.loads if not load.is_impedance(x)]
     for i, x in enumerate(loads):

@@ -6,7 +6,7 @@ The same functions serve the integration, the measurement and the linearisation.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, inlined
 from facts_damping.plant import excitation, governor, sssc, stabiliser, statcom
@@ -78,12 +78,33 @@ def stator(plant: Plant, stage: int, g: int, work: Work) -> tuple[complex, compl
     emf = work.emf[g]
     voltage = row_times(plant, stage, g, work.inputs)
     back = work.rotation[g].conjugate()  # into the rotor's frame
-    current = m.admittance * (emf - voltage * back)
-    if m.port >= 0:
-        current += work.inputs[plant.machines.size + plant.infinite.size + m.port] * back
-    current *= plant.online[stage, g] / m.ratio
+    # A factor of zero instead of a condition, for which the compiled code would take twice the time.
+    beyond = m.salient * work.inputs[m.column] * back
+    current = (m.admittance * (emf - voltage * back) + beyond) * (plant.online[stage, g] / m.ratio)
     saliency = (m.Xq - m.Xd) * current.real * current.imag
     return voltage, current, emf.real * current.real + emf.imag * current.imag + saliency
+
+
+@inlined
+def _circuits(
+    m: Any,
+    x: NDArray[np.float64],
+    n: int,
+    current: complex,
+    efd: float,
+    saturation: float,
+    emf: complex,
+    dx: NDArray[np.float64],
+) -> None:
+    """Write the derivatives of a machine's n rotor circuits, 1/s: dz = A z + B [Id, Iq, Efd] - S W [Eq, Ed]."""
+    first = m.offset + 2
+    for i in range(n):
+        slope = m.B[i, 0] * current.real + m.B[i, 1] * current.imag + m.B[i, 2] * efd
+        for j in range(n):
+            slope += m.A[i, j] * x[first + j]
+        if saturation > 0.0:
+            slope -= saturation * (m.W[i, 0] * emf.imag + m.W[i, 1] * emf.real)
+        dx[first + i] = slope
 
 
 @compiled
@@ -98,7 +119,7 @@ def derivatives(
 ) -> None:
     """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, devices; solves into `source`.
 
-    ddelta = omega_0 omega; 2 H domega = Pm - Pe - D omega; dz = A z + B [Id, Iq, Efd] - S W [Eq, Ed].
+    ddelta = omega_0 omega; 2 H domega = Pm - Pe - D omega.
     """
     solve_network(plant, x, reference, source, stage, work)
     for g in range(plant.machines.size):
@@ -107,7 +128,8 @@ def derivatives(
         omega = x[o + 1]
         voltage, current, power = stator(plant, stage, g, work)
         added = stabiliser.output(plant.stabilisers[g], x, omega)
-        efd = excitation.field_voltage(plant.exciters[g], x, abs(voltage), added)
+        size = abs(voltage)
+        efd = excitation.field_voltage(plant.exciters[g], x, size, added)
         asked = plant.mechanical_power[stage, g]
         driven = governor.power(plant.governors[g], x, asked, omega) * plant.online[stage, g]
         dx[o] = plant.omega_0 * omega
@@ -116,14 +138,11 @@ def derivatives(
         if m.saturation_B > 0.0:
             flux = abs(work.emf[g])
             saturation = m.saturation_B * max(0.0, flux - m.saturation_A) ** 2 / flux
-        for i in range(m.circuits):
-            slope = m.B[i, 0] * current.real + m.B[i, 1] * current.imag + m.B[i, 2] * efd
-            for j in range(m.circuits):
-                slope += m.A[i, j] * x[o + 2 + j]
-            if saturation > 0.0:
-                slope -= saturation * (m.W[i, 0] * work.emf[g].imag + m.W[i, 1] * work.emf[g].real)
-            dx[o + 2 + i] = slope
-        excitation.derivatives(plant.exciters[g], x, abs(voltage), added, efd, dx)
+        if m.circuits == 4:  # the usual number, which the compiler unrolls
+            _circuits(m, x, 4, current, efd, saturation, work.emf[g], dx)
+        else:
+            _circuits(m, x, m.circuits, current, efd, saturation, work.emf[g], dx)
+        excitation.derivatives(plant.exciters[g], x, size, added, efd, dx)
         stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
         governor.derivatives(plant.governors[g], x, asked, omega, dx)
     for d in range(plant.devices.size):

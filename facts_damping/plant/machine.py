@@ -34,7 +34,8 @@ MACHINE = np.dtype(
     [
         ("offset", "i8"),  # index of delta; omega and the circuits follow
         ("circuits", "i8"),
-        ("port", "i8"),  # index of the port that makes up for saliency; -1: none
+        ("column", "i8"),  # of the network's inputs, with the current that makes up for saliency; its own: none
+        ("salient", "f8"),  # 1: there is such a current
         ("ratio", "f8"),  # rating over system base
         ("H", "f8"),  # s
         ("D", "f8"),  # p.u. of the rating
@@ -226,11 +227,11 @@ def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, cur
 
 
 def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArray[Any]:
-    """A row of MACHINE; the port is the caller's to fill in."""
+    """A row of MACHINE; `column` and `salient` are the caller's to fill in."""
     made = np.zeros((), MACHINE)
     n, ratio = len(c.names), m.rating / base_power
     d, q = stator_reactances(m)
-    made["offset"], made["circuits"], made["port"] = offset, n, -1
+    made["offset"], made["circuits"] = offset, n
     made["ratio"], made["H"], made["D"], made["Ra"], made["Xd"], made["Xq"] = ratio, m.H, m.D, m.Ra, d, q
     made["admittance"] = ratio / complex(m.Ra, d)
     stator = np.linalg.inv([[m.Ra, -q], [d, m.Ra]])

@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled, inlined
-from facts_damping.plant import load, sssc
+from facts_damping.plant.laws import SMALL, characteristic, law, least_response
 from facts_damping.plant.model import LOAD, SALIENT, SSSC, STATCOM
 
 if TYPE_CHECKING:
@@ -24,68 +24,7 @@ TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
 MAX_ITERATIONS = 40
 SMALLEST_SHARE = 1e-3  # of a step
 ATTEMPTS = 5  # starts of Newton's method
-SMALL = 1e-12  # p.u., magnitude of a response below which its direction is of no account
-
-
-@inlined
-def _salient(plant: Plant, stage: int, g: int, voltage: complex, slope: NDArray[np.float64], work: Work) -> complex:
-    """Current of a machine beyond that of its Norton admittance, by X''q != X''d; linear in the voltage."""
-    m = plant.machines[g]
-    if plant.online[stage, g] == 0.0:
-        slope[0, 0] = slope[0, 1] = slope[1, 0] = slope[1, 1] = 0.0
-        return 0j
-    turn = work.rotation[g]
-    across = work.emf[g] - voltage * turn.conjugate()
-    n = m.saliency
-    current = complex(n[0, 0] * across.real + n[0, 1] * across.imag, n[1, 0] * across.real + n[1, 1] * across.imag)
-    c, s = turn.real, turn.imag
-    # -R N R^T with R the rotation
-    a00, a01 = n[0, 0] * c - n[0, 1] * s, n[0, 0] * s + n[0, 1] * c
-    a10, a11 = n[1, 0] * c - n[1, 1] * s, n[1, 0] * s + n[1, 1] * c
-    slope[0, 0], slope[0, 1] = -(c * a00 - s * a10), -(c * a01 - s * a11)
-    slope[1, 0], slope[1, 1] = -(s * a00 + c * a10), -(s * a01 + c * a11)
-    return current * turn  # type: ignore[no-any-return]
-
-
-@inlined
-def _law(
-    plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, p: int, work: Work
-) -> complex:
-    """Source that port p gives at its response, p.u.; writes its derivative into `work.slope`.
-
-    But for machines the source is f(|q|) q / |q|, with f the port's characteristic; nothing of a blocked one.
-    """
-    port = plant.ports[p]
-    q, slope = work.response[p], work.slope[p]
-    if port.kind == SALIENT:
-        return _salient(plant, stage, port.row, q, slope, work)
-    if work.blocked[p]:
-        slope[0, 0] = slope[0, 1] = slope[1, 0] = slope[1, 1] = 0.0
-        return 0j
-    magnitude = abs(q)
-    direction = 1.0 + 0j
-    if magnitude > SMALL:
-        direction = complex(q.real / magnitude, q.imag / magnitude)
-    else:
-        magnitude = SMALL
-    if port.kind == LOAD:
-        value, by_magnitude = load.characteristic(plant.loads[port.row], magnitude, work.low[p])
-        value *= plant.load_scale[stage, port.row]
-        by_magnitude *= plant.load_scale[stage, port.row]
-    elif port.kind == SSSC:
-        # A setpoint is capacitive positive, the converter's voltage a drop.
-        value, by_magnitude = sssc.characteristic(plant.sssc[port.row], x, -reference[port.device], magnitude)
-    else:
-        o = plant.statcom[port.row].offset
-        value, by_magnitude = complex(x[o], x[o + 1]), 0j
-    along = by_magnitude * direction  # by the magnitude, and by the direction
-    turned = value * direction
-    across = complex(-turned.imag / magnitude, turned.real / magnitude)
-    slope[0, 0] = along.real * direction.real - across.real * direction.imag
-    slope[0, 1] = along.real * direction.imag + across.real * direction.real
-    slope[1, 0] = along.imag * direction.real - across.imag * direction.imag
-    slope[1, 1] = along.imag * direction.imag + across.imag * direction.real
-    return turned
+LAST_CHANGE = 1e-9  # relative; the error after it is of the order of its square
 
 
 @compiled
@@ -137,7 +76,7 @@ def _mismatch(
         for r in range(source.size):
             q += plant.network[stage, first_row + p, first_column + r] * source[r]
         work.response[p] = q
-        rest = _law(plant, x, reference, stage, p, work) - source[p]
+        rest = law(plant, x, reference, stage, p, work) - source[p]
         work.change[2 * p], work.change[2 * p + 1] = rest.real, rest.imag
         square = rest.real * rest.real + rest.imag * rest.imag
         size = source[p].real * source[p].real + source[p].imag * source[p].imag
@@ -152,15 +91,14 @@ def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
     """I - F H into `work.matrix`, F the ports' slopes, H their responses to each other; complex numbers as pairs."""
     first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
     for p in range(plant.ports.size):
-        f = work.slope[p]
         for r in range(plant.ports.size):
             h = plant.network[stage, first_row + p, first_column + r]
             own = 1.0 if p == r else 0.0
             i, j = 2 * p, 2 * r
-            work.matrix[i, j] = own - (f[0, 0] * h.real + f[0, 1] * h.imag)
-            work.matrix[i, j + 1] = f[0, 0] * h.imag - f[0, 1] * h.real
-            work.matrix[i + 1, j] = -(f[1, 0] * h.real + f[1, 1] * h.imag)
-            work.matrix[i + 1, j + 1] = own + f[1, 0] * h.imag - f[1, 1] * h.real
+            work.matrix[i, j] = own - (work.slope[p, 0, 0] * h.real + work.slope[p, 0, 1] * h.imag)
+            work.matrix[i, j + 1] = work.slope[p, 0, 0] * h.imag - work.slope[p, 0, 1] * h.real
+            work.matrix[i + 1, j] = -(work.slope[p, 1, 0] * h.real + work.slope[p, 1, 1] * h.imag)
+            work.matrix[i + 1, j + 1] = own + work.slope[p, 1, 0] * h.imag - work.slope[p, 1, 1] * h.real
 
 
 @inlined
@@ -199,17 +137,51 @@ def _newton(
 
 
 @inlined
+def _alone(
+    plant: Plant,
+    x: NDArray[np.float64],
+    reference: NDArray[np.float64],
+    source: NDArray[np.complex128],
+    stage: int,
+    work: Work,
+) -> bool:
+    """The only port of a plant, a load or device, three times as fast as by the general way; whether it converged.
+
+    From q = q0 + H s and s = f(|q|) q / |q| follows |q0| = | |q| - H f |: one equation,
+    |q| = Re(H f) + sqrt(|q0|^2 - Im(H f)^2), for the magnitude; then q / |q| = q0 / (|q| - H f).
+    """
+    h = plant.network[stage, plant.machines.size, plant.machines.size + plant.infinite.size]
+    q0 = work.given[0]
+    square = q0.real * q0.real + q0.imag * q0.imag
+    m = abs(q0 + h * source[0])
+    least = max(least_response(plant, 0), SMALL)
+    for _ in range(MAX_ITERATIONS):
+        if not m > least:
+            return False
+        value, slope = characteristic(plant, x, reference, stage, 0, m, work)
+        a, b = h * value, h * slope
+        rest = square - a.imag * a.imag
+        if not rest > 0.0:
+            return False
+        root = math.sqrt(rest)
+        change = (a.real + root - m) / (1.0 - b.real + a.imag * b.imag / root)
+        m += change
+        if abs(change) <= LAST_CHANGE * m:
+            value += slope * change
+            a = h * value
+            direction = q0 / complex(m - a.real, -a.imag)
+            source[0] = value * direction
+            work.response[0] = m * direction
+            return bool(m > least)
+    return False
+
+
+@inlined
 def _block(plant: Plant, work: Work) -> bool:
     """Block the converters that have too little current or voltage; whether there is one more."""
     more = False
     for p in range(plant.ports.size):
-        port = plant.ports[p]
-        least = 0.0
-        if port.kind == SSSC:
-            least = plant.sssc[port.row].I_min
-        elif port.kind == STATCOM:
-            least = plant.statcom[port.row].V_min
-        if not work.blocked[p] and abs(work.response[p]) < least:
+        if not work.blocked[p] and abs(work.response[p]) < least_response(plant, p):
             work.blocked[p] = more = True
     return more
 
@@ -251,6 +223,8 @@ def solve_ports(
     """
     for p in range(source.size):
         work.blocked[p] = work.low[p] = False
+    if source.size == 1 and plant.ports[0].kind != SALIENT and _alone(plant, x, reference, source, stage, work):
+        return
     attempt = 0
     while attempt < ATTEMPTS and math.isfinite(x[0]):
         if _newton(plant, x, reference, source, stage, work):

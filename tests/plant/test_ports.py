@@ -11,8 +11,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from facts_damping.plant.dynamics import solve_network
+from facts_damping.plant.laws import law
 from facts_damping.plant.model import LOAD, SALIENT, SSSC, STATCOM, copy, workspace
-from facts_damping.plant.ports import _law
 from facts_damping.signals import CHANNELS
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 from tests.plant.small import SPUR, between_infinite_buses
@@ -260,17 +260,17 @@ def test_slopes_of_every_port_are_those_of_its_law(
     references = np.full(2, reference)
     solve_network(built.plant, x, references, copy(built.state).source, 0, work)
 
-    def law(q: complex) -> complex:
+    def given(q: complex) -> complex:
         work.response[p] = q
-        return complex(_law(built.plant, x, references, 0, p, work))
+        return complex(law(built.plant, x, references, 0, p, work))
 
     q, h = magnitude * np.exp(1j * turn), 1e-6 * max(1.0, magnitude)
     columns = []
     for direction in (1.0, 1j):
-        low, middle, high = (law(q + step * h * direction) for step in (-1, 0, 1))
+        low, middle, high = (given(q + step * h * direction) for step in (-1, 0, 1))
         assume(abs(high - 2 * middle + low) < 1e-4 * h * (1 + abs(middle) / magnitude))  # no kink between
         columns.append((high - low) / (2 * h))
-    law(q)
+    given(q)
     found = work.slope[p]
     expected = np.array([[c.real for c in columns], [c.imag for c in columns]])
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * (1 + np.abs(expected).max()))
@@ -291,5 +291,5 @@ def test_all_ports_are_solved_together(moved: list[float], references: tuple[flo
     outputs = built.plant.network[0] @ work.inputs
     for p in range(len(source)):
         assert outputs[machines + p] == pytest.approx(work.response[p], abs=1e-11)
-        assert _law(built.plant, x, reference, 0, p, work) == pytest.approx(source[p], abs=1e-10)
+        assert law(built.plant, x, reference, 0, p, work) == pytest.approx(source[p], abs=1e-10)
     assert np.abs(source[:4]).min() > 1e-6

@@ -1,0 +1,99 @@
+"""The laws of the ports: what machines, loads and converters give at a response of the network; compiled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from facts_damping.compiling import compiled, inlined
+from facts_damping.plant import load, sssc
+from facts_damping.plant.model import SALIENT, SSSC, STATCOM
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from facts_damping.plant.model import Plant, Work
+
+SMALL = 1e-12  # p.u., magnitude of a response below which its direction is of no account
+
+
+@inlined
+def salient(plant: Plant, stage: int, g: int, voltage: complex, p: int, work: Work) -> complex:
+    """Current of a machine beyond that of its Norton admittance, by X''q != X''d; linear in the voltage."""
+    m = plant.machines[g]
+    if plant.online[stage, g] == 0.0:
+        work.slope[p, 0, 0] = work.slope[p, 0, 1] = work.slope[p, 1, 0] = work.slope[p, 1, 1] = 0.0
+        return 0j
+    turn = work.rotation[g]
+    across = work.emf[g] - voltage * turn.conjugate()
+    current = complex(
+        m.saliency[0, 0] * across.real + m.saliency[0, 1] * across.imag,
+        m.saliency[1, 0] * across.real + m.saliency[1, 1] * across.imag,
+    )
+    c, s = turn.real, turn.imag
+    # -R N R^T with R the rotation
+    a00, a01 = m.saliency[0, 0] * c - m.saliency[0, 1] * s, m.saliency[0, 0] * s + m.saliency[0, 1] * c
+    a10, a11 = m.saliency[1, 0] * c - m.saliency[1, 1] * s, m.saliency[1, 0] * s + m.saliency[1, 1] * c
+    work.slope[p, 0, 0], work.slope[p, 0, 1] = -(c * a00 - s * a10), -(c * a01 - s * a11)
+    work.slope[p, 1, 0], work.slope[p, 1, 1] = -(s * a00 + c * a10), -(s * a01 + c * a11)
+    return current * turn  # type: ignore[no-any-return]
+
+
+@inlined
+def characteristic(
+    plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, p: int, size: float, work: Work
+) -> tuple[complex, complex]:
+    """Source of a load's or device's port over the direction of its response, and its derivative by |q|, p.u."""
+    port = plant.ports[p]
+    if port.kind == SSSC:
+        # A setpoint is capacitive positive, the converter's voltage a drop.
+        return sssc.characteristic(plant.sssc[port.row], x, -reference[port.device], size)
+    if port.kind == STATCOM:
+        o = plant.statcom[port.row].offset
+        return complex(x[o], x[o + 1]), 0j
+    value, slope = load.characteristic(plant.loads[port.row], size, work.low[p])
+    scale = plant.load_scale[stage, port.row]
+    return value * scale, slope * scale
+
+
+@inlined
+def law(
+    plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, p: int, work: Work
+) -> complex:
+    """Source that port p gives at its response, p.u.; writes its derivative into `work.slope`.
+
+    But for machines the source is f(|q|) q / |q|, with f the port's characteristic; nothing of a blocked one.
+    """
+    port = plant.ports[p]
+    q = work.response[p]
+    if port.kind == SALIENT:
+        return salient(plant, stage, port.row, q, p, work)
+    if work.blocked[p]:
+        work.slope[p, 0, 0] = work.slope[p, 0, 1] = work.slope[p, 1, 0] = work.slope[p, 1, 1] = 0.0
+        return 0j
+    magnitude = abs(q)
+    direction = 1.0 + 0j
+    if magnitude > SMALL:
+        direction = complex(q.real / magnitude, q.imag / magnitude)
+    else:
+        magnitude = SMALL
+    value, by_magnitude = characteristic(plant, x, reference, stage, p, magnitude, work)
+    along = by_magnitude * direction  # by the magnitude, and by the direction
+    turned = value * direction
+    across = complex(-turned.imag / magnitude, turned.real / magnitude)
+    work.slope[p, 0, 0] = along.real * direction.real - across.real * direction.imag
+    work.slope[p, 0, 1] = along.real * direction.imag + across.real * direction.real
+    work.slope[p, 1, 0] = along.imag * direction.real - across.imag * direction.imag
+    work.slope[p, 1, 1] = along.imag * direction.imag + across.imag * direction.real
+    return turned
+
+
+@compiled
+def least_response(plant: Plant, p: int) -> float:
+    """Response below which a port's converter is blocked, p.u.; 0 for what is no converter."""
+    port = plant.ports[p]
+    if port.kind == SSSC:
+        return plant.sssc[port.row].I_min  # type: ignore[no-any-return]
+    if port.kind == STATCOM:
+        return plant.statcom[port.row].V_min  # type: ignore[no-any-return]
+    return 0.0
