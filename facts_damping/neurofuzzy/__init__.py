@@ -1,0 +1,1 @@
+"""Neuro-fuzzy networks: antecedents and consequents as tables, forward pass and gradients; compiled."""

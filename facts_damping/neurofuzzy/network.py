@@ -1,0 +1,134 @@
+"""A network of antecedents and consequents: output, gradients by parameters and by inputs; compiled.
+
+    mu_ij = membership(x_i),  F_j = prod_i mu_ij,  u_p = sum_j F_j V_jp zeta_jp / sum_j F_j V_jp
+
+(3.6), (3.8), (3.30), (6.5), with V = 1 but for `sam`. Parameters lie in one vector: first the memberships (input by
+input, rule by rule), then the consequents (rule by rule, output by output).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.compiling import compiled
+from facts_damping.neurofuzzy.antecedent import membership
+from facts_damping.neurofuzzy.consequent import consequent
+from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, SAM
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+FLOOR = 1e-12  # of the sum of firing strengths: below it nothing fires, and the output is zero
+
+
+class Network(NamedTuple):
+    """Shape of a network: kinds as codes, numbers, and parameters of one membership and of one consequent."""
+
+    antecedent: int
+    consequent: int
+    inputs: int
+    rules: int
+    outputs: int
+    stored: int
+    width: int
+
+    @property
+    def size(self) -> int:
+        """Number of parameters stored."""
+        return self.inputs * self.rules * self.stored + self.rules * self.outputs * self.width
+
+
+class Pass(NamedTuple):
+    """Arrays that a forward and backward pass fills."""
+
+    mu: NDArray[np.float64]  # (inputs, rules)
+    mu_by_x: NDArray[np.float64]  # (inputs, rules)
+    mu_by_theta: NDArray[np.float64]  # (inputs, rules, stored)
+    firing: NDArray[np.float64]  # (rules,)
+    total: NDArray[np.float64]  # (outputs,), sum of F V
+    zeta: NDArray[np.float64]  # (rules, outputs)
+    volume: NDArray[np.float64]  # (rules, outputs)
+    zeta_by_firing: NDArray[np.float64]  # (rules, outputs)
+    zeta_by_theta: NDArray[np.float64]  # (rules, outputs, width)
+    zeta_by_x: NDArray[np.float64]  # (rules, outputs, inputs)
+    output: NDArray[np.float64]  # (outputs,)
+    by_theta: NDArray[np.float64]  # (outputs, parameters)
+    by_input: NDArray[np.float64]  # (outputs, inputs)
+
+
+def network(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> Network:
+    """The shape of a network of two rows of the tables."""
+    first, second = ANTECEDENTS[antecedent], CONSEQUENTS[consequent]
+    return Network(first.code, second.code, inputs, rules, outputs, first.stored, second.size(inputs))
+
+
+def counted(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> int:
+    """Number of parameters that are updated at one step, as in Table 3.1."""
+    return inputs * rules * ANTECEDENTS[antecedent].active + rules * outputs * CONSEQUENTS[consequent].size(inputs)
+
+
+def passes(net: Network) -> Pass:
+    """Arrays of the right size for a network."""
+    m, n, k = net.inputs, net.rules, net.outputs
+    shapes = (
+        *((m, n), (m, n), (m, n, net.stored), (n,), (k,), (n, k), (n, k), (n, k)),
+        *((n, k, net.width), (n, k, m), (k,), (k, net.size), (k, m)),
+    )
+    return Pass(*(np.zeros(shape) for shape in shapes))
+
+
+@compiled
+def forward(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64], p: Pass) -> None:
+    """Output of a network at inputs `x`, into `p.output`, with what the gradients need."""
+    for j in range(net.rules):
+        p.firing[j] = 1.0
+        for i in range(net.inputs):
+            at = (i * net.rules + j) * net.stored
+            own = theta[at : at + net.stored]
+            p.mu[i, j], p.mu_by_x[i, j] = membership(net.antecedent, own, x[i], p.mu_by_theta[i, j])
+            p.firing[j] *= p.mu[i, j]
+    first = net.inputs * net.rules * net.stored
+    for o in range(net.outputs):
+        total = weighted = 0.0
+        for j in range(net.rules):
+            at = first + (j * net.outputs + o) * net.width
+            own = theta[at : at + net.width]
+            zeta, volume, by_firing = consequent(
+                net.consequent, own, x, p.firing[j], p.zeta_by_theta[j, o], p.zeta_by_x[j, o]
+            )
+            p.zeta[j, o], p.volume[j, o], p.zeta_by_firing[j, o] = zeta, volume, by_firing
+            total += p.firing[j] * volume
+            weighted += p.firing[j] * volume * zeta
+        p.total[o] = total
+        p.output[o] = weighted / total if total > FLOOR else 0.0
+
+
+@compiled
+def backward(net: Network, p: Pass) -> None:
+    """Gradients of all outputs at the last forward pass, into `p.by_theta` and `p.by_input`; zero if nothing fires."""
+    p.by_theta[:] = 0.0
+    p.by_input[:] = 0.0
+    first = net.inputs * net.rules * net.stored
+    for o in range(net.outputs):
+        if p.total[o] <= FLOOR:
+            continue
+        for j in range(net.rules):
+            share = p.firing[j] * p.volume[j, o] / p.total[o]
+            apart = p.zeta[j, o] - p.output[o]
+            at = first + (j * net.outputs + o) * net.width
+            for w in range(net.width):
+                p.by_theta[o, at + w] = share * p.zeta_by_theta[j, o, w]
+            if net.consequent == SAM:
+                p.by_theta[o, at + 1] = p.firing[j] * apart / p.total[o]
+            by_firing = p.volume[j, o] * apart / p.total[o] + share * p.zeta_by_firing[j, o]
+            for i in range(net.inputs):
+                others = by_firing  # dF_j / dmu_ij: the product of the rule's other memberships
+                for k in range(net.inputs):
+                    if k != i:
+                        others *= p.mu[k, j]
+                place = (i * net.rules + j) * net.stored
+                for s in range(net.stored):
+                    p.by_theta[o, place + s] += others * p.mu_by_theta[i, j, s]
+                p.by_input[o, i] += others * p.mu_by_x[i, j] + share * p.zeta_by_x[j, o, i]
