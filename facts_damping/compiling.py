@@ -13,6 +13,7 @@ import os
 import shutil
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 KEPT_CACHES = 4
 NOT_COMPILED = ("analysis", "nodes", "recording")  # folders without compiled functions
@@ -44,8 +45,11 @@ import numba  # noqa: E402 (the cache's folder has to be set before)
 
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]  # type: ignore[attr-defined]
 
-compiled = numba.njit(cache=True, error_model="numpy")
-
-# The same for a function that is called from one place within a step's innermost loops: written into its caller, since
-# a call with a plant's many arrays costs as much as what the function computes.
-inlined = numba.njit(cache=True, error_model="numpy", inline="always")
+# Kernels allocate nothing and keep no array, so Numba need not count references to the arrays that they are given:
+# with a plant's some forty arrays the counting took more time than what the functions compute (`_nrt`).
+if TYPE_CHECKING:  # what Numba declares does not know `_nrt`
+    compiled = inlined = numba.njit(cache=True, error_model="numpy")
+else:
+    compiled = numba.njit(cache=True, error_model="numpy", _nrt=False)
+    # The same for a function that is called from one place within a step's innermost loops: written into its caller.
+    inlined = numba.njit(cache=True, error_model="numpy", _nrt=False, inline="always")
