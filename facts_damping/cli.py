@@ -69,7 +69,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("--out", metavar="FILE", help="write the tables as a Markdown page")
     _common(command, sets=False, out=False)
     command = add("list", commands.list_)
-    command.add_argument("kind", choices=["controllers", *files.KINDS])
+    command.add_argument("kind", choices=files.KINDS)
     _common(command, sets=False, out=False)
     command = add("import", commands.import_)
     command.add_argument("case", metavar="CASE.m", help="MATPOWER case, version 2")

@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from facts_damping import files
 from facts_damping.checking import check, origin
-from facts_damping.control.table import CONTROLLERS
+from facts_damping.control import bank, identifier
+from facts_damping.control.table import Kind, defaults, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
 from facts_damping.parameters.placement import place
-from facts_damping.parameters.run import Link, Run, Scenario
+from facts_damping.parameters.run import Controller, Link, Run, Scenario, Tuned, Weights
 from facts_damping.parameters.system import System
 from facts_damping.plant.events import stages
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
 
 
 @dataclass(frozen=True)
 class Case:
-    """A checked run: what the user asked for, and the files it names, read."""
+    """A checked run: what the user asked for, and the files it names, read.
+
+    `controllers` are the run's with scheme, all parameters and weights filled in.
+    """
 
     run: Run
+    controllers: list[Controller]
     system: System
     scenario: Scenario
     link: Link
@@ -44,6 +55,7 @@ class Case:
         """The run with everything it names inline: a run file by itself."""
         return {
             **self.run.model_dump(),
+            "controllers": [controller.model_dump() for controller in self.controllers],
             "asked": self.summary(),
             "duration": self.duration,
             "system": self.system.model_dump(by_alias=True),
@@ -137,7 +149,9 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
     else:
         link = check(Link, run.link, source, sets, "link")
     scenario_file = str(path) if isinstance(run.scenario, str) else ""
-    case = Case(run, place(_dispatched(system, scenario, scenario_file)), scenario, link)
+    placed = place(_dispatched(system, scenario, scenario_file))
+    rows = [_filled(c, f"controllers.{i}", system.name, link, source, sets) for i, c in enumerate(run.controllers)]
+    case = Case(run, rows, placed, scenario, link)
     _check_case(case, source, sets)
     _check_events(case, scenario_file, source, sets)
     return case
@@ -186,13 +200,11 @@ def _check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
             raise InputError(f"{origin(f'devices.{i}', source, sets)}: '{device}' given twice; allowed: each once")
     commanded: set[str] = set()
     for c, controller in enumerate(run.controllers):
-        here = f"controllers.{c}"
+        here, row = f"controllers.{c}", kind(controller.name)
 
         def where(field: str, here: str = here) -> str:
             return origin(f"{here}.{field}", source, sets)
 
-        check_known(where("name"), controller.name, list(CONTROLLERS))
-        kind = CONTROLLERS[controller.name]
         for device in controller.devices:
             check_known(where("devices"), device, run.devices)
             if device in commanded:
@@ -202,15 +214,87 @@ def _check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
             commanded.add(device)
         for signal in controller.signals:
             check_known(where("signals"), signal, list(system.signals))
-        for field, count in (("signals", kind.signals), ("devices", kind.devices)):
+        for field, count in (("signals", row.signals), ("devices", row.devices)):
             if len(getattr(controller, field)) != count:
                 raise InputError(
                     f"{where(field)}: {len(getattr(controller, field))} given; allowed: {count} for {controller.name}"
                 )
-        for name, value in controller.parameters.items():
-            check_known(where(f"parameters.{name}"), name, list(kind.parameters))
-            p = kind.parameters[name]
-            if not p.low <= value <= p.high:
-                raise InputError(
-                    f"{where(f'parameters.{name}')}: {value:g} given; allowed: {p.low:g} to {p.high:g} {p.unit}"
-                )
+
+
+def _filled(
+    controller: Controller, here: str, system: str, link: Link, source: str, sets: dict[str, str] | None
+) -> Controller:
+    """A controller with scheme, all parameters and its weights: the table's, then the system's tuned, then its own."""
+
+    def where(field: str) -> str:
+        return origin(f"{here}.{field}", source, sets)
+
+    row = kind(controller.name, where("name"))
+    if row.network is None and controller.scheme is not None:
+        raise InputError(f"{where('scheme')}: '{controller.scheme}' given; allowed: none for {controller.name}")
+    scheme = None if row.network is None else controller.scheme or "indirect"
+    for name, value in controller.parameters.items():
+        _check_parameter(where(f"parameters.{name}"), name, value, row)
+    known = tuned(system)
+    if controller.name == "LLC-tuned" and (controller.name, None) not in known and not controller.parameters:
+        raise InputError(
+            f"{where('name')}: 'LLC-tuned' given, which is not tuned for {system}; "
+            f"allowed: LLC, or `facts-damping tune {system}` first"
+        )
+    values = {**defaults(row, controller.profile), **known.get((controller.name, scheme), {}), **controller.parameters}
+    if values.get("lag") == -1.0:
+        values["lag"] = sum((stage.delay for stage in [*link.up, *link.down]), 0.0)
+    weights = _weights(controller, scheme, values, where)
+    return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})
+
+
+def _check_parameter(where: str, name: str, value: float | str, row: Kind) -> None:
+    """A parameter that the row does not have, or a value that it must not have."""
+    check_known(where, name, list(row.parameters))
+    p = row.parameters[name]
+    if p.choices:
+        check_known(where, str(value), p.choices)
+    elif isinstance(value, str) or not p.low <= value <= p.high:
+        raise InputError(f"{where}: {value} given; allowed: {p.low:g} to {p.high:g} {p.unit}")
+
+
+def _weights(
+    controller: Controller, scheme: str | None, values: dict[str, float | str], where: Callable[[str], str]
+) -> Weights | None:
+    """The weights that a controller starts from, read if they are named by a file."""
+    if controller.weights is None:
+        return None
+    found = controller.weights
+    if isinstance(found, str):
+        path = Path(found)
+        if not path.is_file():
+            raise InputError(f"{where('weights')}: {path}: no such file; allowed: weights that a run has saved")
+        found = check(Weights, files.read_table(path), str(path))
+    if (found.name, found.scheme) != (controller.name, scheme):
+        raise InputError(
+            f"{where('weights')}: weights of {found.name} ({found.scheme}) given; "
+            f"allowed: those of {controller.name} ({scheme})"
+        )
+    wanted = {"controller": bank.network_of(controller).size, "identifier": 0}
+    if scheme == "indirect":
+        kind_of_identifier = str(values["identifier"])
+        counts = len(controller.signals), len(controller.devices)
+        wanted["identifier"] = identifier.network_of(kind_of_identifier, *counts).size
+    for part, size in wanted.items():
+        given = getattr(found, part) or []
+        if len(given) != size:
+            raise InputError(f"{where('weights')}: {part}: {len(given)} numbers given; allowed: {size}")
+    return found
+
+
+def tuned(system: str) -> dict[tuple[str, str | None], dict[str, float | str]]:
+    """Parameters that `facts-damping tune` chose for a system, by controller and scheme."""
+    path = files.shipped("controllers").get(system)
+    if path is None:
+        return {}
+    return {(row.name, row.scheme): row.parameters for row in _read_tuned(path).controllers}
+
+
+@cache
+def _read_tuned(path: Path) -> Tuned:
+    return check(Tuned, files.read_table(path), str(path))

@@ -15,7 +15,7 @@ from ruamel.yaml.error import YAMLError
 from facts_damping.checking import short
 from facts_damping.errors import InputError
 
-KINDS = ("systems", "scenarios", "links", "runs")
+KINDS = ("systems", "scenarios", "controllers", "links", "runs")
 MAX_FILE_BYTES = 10_000_000
 UNREADABLE = (YAMLError, ValueError, TypeError, RecursionError, AttributeError, KeyError, IndexError)
 
@@ -33,7 +33,7 @@ def share_folder() -> Path:
 
 
 def shipped(kind: str) -> dict[str, Path]:
-    """Names and files of what is shipped: `systems`, `scenarios` (as system/name), `links`, `runs`."""
+    """Names and files of what is shipped: a folder of `KINDS`; scenarios as system/name."""
     folder = share_folder() / "config" / kind
     return {str(f.relative_to(folder).with_suffix("")): f for f in sorted(folder.rglob("*.yaml"))}
 

@@ -11,18 +11,29 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.control.bank import Bank, BankState, act, bank
-from facts_damping.errors import RunError
+from facts_damping.control.bank import Bank, BankState, act, bank, settings
+from facts_damping.control.identifier import (
+    Identified,
+    Identifiers,
+    IdentifierState,
+    identifiers,
+    identify,
+    remember,
+    tell,
+)
+from facts_damping.errors import InputError, RunError
 from facts_damping.link.transfer import Direction, directions, downlink, uplink
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import Plant, PlantState, Work, workspace
+from facts_damping.sensitivity import Sensitivity, sensitivities
 from facts_damping.signals import (
     CHANNELS,
     DELIVERY,
     DEVICE_TRUTH,
+    ESTIMATE,
     MACHINE_TRUTH,
     NANOSECONDS,
     SETPOINT,
@@ -45,11 +56,13 @@ class Loop(NamedTuple):
     down: Direction
     bank: Bank
     bank_state: BankState
+    identifiers: Identifiers
+    identifier_state: IdentifierState
     issued: NDArray[Any]  # SETPOINT, what the controllers issue in a tick
 
 
 class Signals(NamedTuple):
-    """Arrays that a run fills: see `signals.Record`; `used` holds ticks, delivered, issued, applied."""
+    """Arrays that a run fills: see `signals.Record`; `used` holds ticks, delivered, issued, applied, estimates."""
 
     time_ns: NDArray[np.int64]
     frames: NDArray[np.float64]
@@ -59,6 +72,7 @@ class Signals(NamedTuple):
     delivered: NDArray[Any]
     issued: NDArray[Any]
     applied: NDArray[Any]
+    estimates: NDArray[Any]
     used: NDArray[np.int64]
 
 
@@ -70,7 +84,12 @@ def tick_ns(tick: int, frame_rate: int) -> int:
 
 def commands(case: Case) -> int:
     """Number of setpoints that all controllers of a case give at one arrival."""
-    return sum(len(controller.devices) for controller in case.run.controllers)
+    return sum(len(controller.devices) for controller in case.controllers)
+
+
+def derivatives(case: Case) -> int:
+    """Number of derivatives that all identifiers of a case estimate."""
+    return sum(len(c.devices) * len(c.signals) for c in case.controllers if c.scheme == "indirect")
 
 
 def build_plant(case: Case) -> Built:
@@ -84,11 +103,60 @@ def build_link(case: Case) -> tuple[Direction, Direction]:
     return directions(case.link, stations, devices, commands(case), case.run.frame_rate)
 
 
-def build_bank(case: Case) -> tuple[Bank, BankState]:
-    """The controllers of a case."""
-    limits = {d.name: d.v_max for d in case.system.devices if d.name in case.run.devices}
+def build_control(
+    case: Case, known: dict[tuple[str, str], Sensitivity] | None = None
+) -> tuple[Bank, BankState, Identifiers, IdentifierState]:
+    """Controllers and identifiers of a case; `known`: its sensitivities, where they are at hand.
+
+    Raises `InputError` where the sign of a neuro-fuzzy controller's sensitivity is not the plant's.
+    """
+    devices = [next(d for d in case.system.devices if d.name == name) for name in case.run.devices]
+    limits = {d.name: (d.v_max, d.rate_max) for d in devices}
     stations = [station.name for station in case.system.stations]
-    return bank(case.run.controllers, case.system.signals, stations, limits)
+    if known is None and any(c.scheme for c in case.controllers):
+        start = build(case.system, case.run.devices, [])
+        known = sensitivities(start, case.system, case.run.devices, case.run.frame_rate)
+    known = known or {}
+    signs = _signs(case, known)
+    rate = case.run.frame_rate
+    made, state = bank(case.controllers, case.system.signals, stations, limits, rate, signs)
+    rows = [
+        Identified(
+            i,
+            settings(c),
+            str(c.parameters["identifier"]),
+            c.signals,
+            [case.run.devices.index(device) for device in c.devices],
+            [limits[device][0] for device in c.devices],
+            np.array([[known[s, d].sign * abs(known[s, d].frame) for d in c.devices] for s in c.signals]),
+            None if c.weights is None or c.weights.identifier is None else np.array(c.weights.identifier),
+        )
+        for i, c in enumerate(case.controllers)
+        if c.scheme == "indirect"
+    ]
+    return made, state, *identifiers(rows, case.system.signals, stations, rate)
+
+
+def _signs(case: Case, known: dict[tuple[str, str], Sensitivity]) -> dict[tuple[str, str], float]:
+    """Signs of dy/du for all signals and devices of neuro-fuzzy controllers."""
+    signs = {}
+    for i, c in enumerate(case.controllers):
+        for signal in c.signals if c.scheme else ():
+            for device in c.devices:
+                here = f"controllers.{i}.parameters.sensitivity"
+                if (signal, device) not in known:
+                    raise InputError(f"{here}: the plant has no swing mode; allowed: a controller without adaptation")
+                plant, given = known[signal, device], float(c.parameters["sensitivity"])
+                why = (
+                    f"the residue from {device} to {signal} at the least damped mode ({plant.frequency_hz:.2f} Hz) "
+                    f"has an angle of {plant.angle_deg:.0f} degrees"
+                )
+                if plant.sign == 0.0:
+                    raise InputError(f"{here}: none fits; {why}, near neither 0 nor 180; allowed: another signal")
+                if given not in (0.0, plant.sign):
+                    raise InputError(f"{here}: {given:g} given; allowed: {plant.sign:g} (or 0, to take it): {why}")
+                signs[signal, device] = plant.sign
+    return signs
 
 
 def issue_room(commands: int, entries: int) -> NDArray[Any]:
@@ -96,14 +164,14 @@ def issue_room(commands: int, entries: int) -> NDArray[Any]:
     return np.zeros(commands * entries, SETPOINT)
 
 
-def build_loop(case: Case) -> Loop:
-    """All parts of a case, at the start."""
+def build_loop(case: Case, known: dict[tuple[str, str], Sensitivity] | None = None) -> Loop:
+    """All parts of a case, at the start; `known` as for `build_control`."""
     built = build_plant(case)
     up, down = build_link(case)
-    controllers, state = build_bank(case)
+    control = build_control(case, known)
     work = workspace(built.plant, built.state)
     issued = issue_room(commands(case), len(up.out))
-    return Loop(built.plant, built.state, work, up, down, controllers, state, issued)
+    return Loop(built.plant, built.state, work, up, down, *control, issued)
 
 
 def room(case: Case, loop: Loop, ticks: int | None = None) -> Signals:
@@ -119,7 +187,8 @@ def room(case: Case, loop: Loop, ticks: int | None = None) -> Signals:
         np.zeros(n * stations, DELIVERY),
         np.zeros(n * setpoints, SETPOINT),
         np.zeros(n * setpoints, SETPOINT),
-        np.zeros(4, np.int64),
+        np.zeros(n * derivatives(case), ESTIMATE),
+        np.zeros(5, np.int64),
     )
 
 
@@ -129,6 +198,29 @@ def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> i
     for i in range(count):
         kept[at + i] = entries[i]
     return at + count
+
+
+@compiled
+def learn_tick(loop: Loop, tick: int, delivered: int, issued: int, estimates: NDArray[Any], at: int) -> int:
+    """All identifiers' tick: learn from what was delivered and issued before, then take in what is issued now.
+
+    The controllers use the estimate of the tick before. Returns the index after the last row of `estimates`.
+    """
+    ids, state = loop.identifiers, loop.identifier_state
+    for n in range(ids.controller.size):
+        identify(ids, state, n, loop.up.out, delivered)
+        remember(ids, state, n, loop.issued, issued)
+        at = tell(ids, state, n, tick, estimates, at)
+        serve(loop.bank_state.jacobian[ids.controller[n]], state.jacobian[n])
+    return at
+
+
+@compiled
+def serve(held: NDArray[np.float64], estimate: NDArray[np.float64]) -> None:
+    """Hand an estimate to a controller, for its next tick."""
+    for i in range(estimate.shape[0]):
+        for d in range(estimate.shape[1]):
+            held[i, d] = estimate[i, d]
 
 
 @compiled
@@ -149,6 +241,7 @@ def run_loop(loop: Loop, frame_rate: int, ticks: int, kept: Signals) -> None:
         kept.used[2] = _append(kept.issued, kept.used[2], loop.issued, issued)
         applied = downlink(loop.down, k, end, loop.issued, issued)
         kept.used[3] = _append(kept.applied, kept.used[3], loop.down.out, applied)
+        kept.used[4] = learn_tick(loop, k, delivered, issued, kept.estimates, kept.used[4])
         if not sound:
             break
         advance(loop.plant, loop.plant_state, start, end, loop.down.out, applied, loop.work)
@@ -156,13 +249,17 @@ def run_loop(loop: Loop, frame_rate: int, ticks: int, kept: Signals) -> None:
 
 def run(case: Case) -> Record:
     """One closed loop in process, compiled; the record of all its signals."""
-    loop = build_loop(case)
+    return finish(case, build_loop(case))
+
+
+def finish(case: Case, loop: Loop) -> Record:
+    """Run a loop at its start to the end; it keeps the state in which it ended."""
     kept = room(case, loop)
     run_loop(loop, case.run.frame_rate, case.ticks, kept)
     lost = int(loop.up.statistics["lost"].sum() + loop.down.statistics["lost"].sum())
     if lost:
         raise RunError(f"link: {lost} entries found no room under way; its longest delay is not what was allowed for")
-    ticks, delivered, issued, applied = (int(n) for n in kept.used)
+    ticks, delivered, issued, applied, estimates = (int(n) for n in kept.used)
     return Record(
         configuration=case.document(),
         stations=[s.name for s in case.system.stations],
@@ -177,6 +274,7 @@ def run(case: Case) -> Record:
         machines=kept.machines[:ticks],
         devices=kept.devices[:ticks],
         in_synchronism=kept.in_synchronism[:ticks],
+        estimates=kept.estimates[:estimates],
         events=[event for event in grid_events(case) if event["time_ns"] <= kept.time_ns[ticks - 1]],
     )
 
@@ -194,6 +292,10 @@ def rehearse(case: Case) -> None:
     issued = 0
     for c in range(len(case.run.controllers)):
         issued = act(loop.bank, loop.bank_state, c, 0, loop.up.out, delivered, loop.issued, issued)
+    for n in range(len(loop.identifiers.controller)):
+        identify(loop.identifiers, loop.identifier_state, n, loop.up.out, delivered)
+        remember(loop.identifiers, loop.identifier_state, n, loop.issued, issued)
+        tell(loop.identifiers, loop.identifier_state, n, 0, kept.estimates, 0)
     applied = downlink(loop.down, 0, end, loop.issued, issued)
     advance(loop.plant, loop.plant_state, 0, end, loop.down.out, applied, loop.work)
 
@@ -201,6 +303,15 @@ def rehearse(case: Case) -> None:
 def controller_names(case: Case) -> list[str]:
     """Names of the controllers as nodes: their place in the run and their kind, `controller_0_LLC`."""
     return [f"controller_{c}_{re_name(controller.name)}" for c, controller in enumerate(case.run.controllers)]
+
+
+def identifier_names(case: Case) -> dict[int, str]:
+    """Names of the identifiers as nodes, by the index of the controller that each serves: `identifier_0_ANFTSI`."""
+    return {
+        c: f"identifier_{c}_{controller.parameters['identifier']}"
+        for c, controller in enumerate(case.controllers)
+        if controller.scheme == "indirect"
+    }
 
 
 def re_name(kind: str) -> str:

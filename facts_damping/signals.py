@@ -55,6 +55,20 @@ SETPOINT = np.dtype(
     ]
 )
 
+# What an identifier estimates after a tick, a row for each of its signals and devices.
+ESTIMATE = np.dtype(
+    [
+        ("tick", "i8"),
+        ("controller", "i8"),  # index of the controller in the run that it serves
+        ("signal", "i8"),  # index of the signal among the controller's
+        ("device", "i8"),  # index of the device in the run
+        ("measured_ns", "i8"),  # time of measurement of the newest frame it rests on; -1: none yet
+        ("jacobian", "f8"),  # p.u. of the signal per p.u. of setpoint, one frame ahead
+        ("prediction", "f8"),  # p.u.; NaN: none yet
+        ("error", "f8"),  # p.u., prediction less measurement; NaN: none yet
+    ]
+)
+
 # The truth about a machine, which no PMU sees as a whole.
 MACHINE_TRUTH = np.dtype(
     [
@@ -90,7 +104,7 @@ class Record:
 
     `frames` has shape (ticks, stations, channels), `machines` (ticks, machines) of MACHINE_TRUTH,
     `devices` (ticks, devices) of DEVICE_TRUTH; `delivered` has a row an entry (DELIVERY), `issued`
-    and `applied` a row a setpoint (SETPOINT). `in_synchronism` is false at the tick that ended an
+    and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE). `in_synchronism` is false at the tick that ended an
     unstable run. `notes` says what a damaged recording lacks.
     """
 
@@ -107,6 +121,7 @@ class Record:
     machines: NDArray[Any]
     devices: NDArray[Any]
     in_synchronism: NDArray[np.bool_]
+    estimates: NDArray[Any] = field(default_factory=lambda: np.zeros(0, ESTIMATE))
     events: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 

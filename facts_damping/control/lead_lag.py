@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled
 
@@ -26,16 +26,16 @@ def section(n1: float, n0: float, d1: float, dt: float, state: NDArray[np.float6
 
 
 @compiled
-def step(p: NDArray[np.float64], state: NDArray[np.float64], y: float, dt: float) -> float:
+def step(p: Any, state: NDArray[np.float64], y: float, dt: float) -> float:
     """Output before limits: kG s Tw / (1 + s Tw) (1 + s T1) / (1 + s T2) (1 + s T3) / (1 + s T4), p.u.
 
-    `p` is [kG, Tw, T1, T2, T3, T4]; `dt` the time between the two newest frames, s; 0 at the first frame,
+    `p` has gain (kG), Tw and T1 to T4; `dt` is the time between the two newest frames, s; 0 at the first frame,
     from which the washout starts at rest.
     """
     if dt <= 0.0:
         state[:] = 0.0
         state[0] = y
         return 0.0
-    u = section(p[0] * p[1], 0.0, p[1], dt, state, 0, y)
-    u = section(p[2], 1.0, p[3], dt, state, 2, u)
-    return section(p[4], 1.0, p[5], dt, state, 4, u)
+    u = section(p.gain * p.Tw, 0.0, p.Tw, dt, state, 0, y)
+    u = section(p.T1, 1.0, p.T2, dt, state, 2, u)
+    return section(p.T3, 1.0, p.T4, dt, state, 4, u)

@@ -4,44 +4,129 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-LEAD_LAG = 0
+import numpy as np
+
+from facts_damping.errors import check_known
+from facts_damping.neurofuzzy.learning import RATES
+from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, IDENTIFIERS, VARIANTS, Variant
+
+LEAD_LAG, DIRECT, INDIRECT = 0, 1, 2
+OFF_ON = ("off", "on")
 
 
 class Parameter(NamedTuple):
-    """A controller's parameter: default, unit, allowed range, meaning."""
+    """A controller's parameter: default, unit, allowed range or choices, meaning."""
 
-    default: float
+    default: float | str
     unit: str
     low: float
     high: float
     description: str
+    choices: tuple[str, ...] = ()  # of a parameter that is a word
+    deployed: float | str | None = None  # default in the profile `deployed`, where it differs
+    live: bool = True  # may change while it runs
+
+    def number(self, value: float | str) -> float:
+        """A value as the compiled functions take it: a word's place among its choices."""
+        return float(self.choices.index(str(value))) if self.choices else float(value)
 
 
 class Kind(NamedTuple):
-    """A row of the table: the code that the compiled step branches on, shapes, parameters, states."""
+    """A row of the table: what a controller is, shapes, parameters, states."""
 
-    code: int
     description: str
     signals: int  # how many it takes
     devices: int  # how many it commands
     states: int
     parameters: dict[str, Parameter]
+    network: Variant | None = None  # none: lead-lag
 
 
-CONTROLLERS = {
-    "LLC": Kind(
-        LEAD_LAG,
-        "lead-lag: washout and two lead-lag sections (thesis, appendix B)",
-        signals=1,
-        devices=1,
-        states=6,
-        parameters={
-            "gain": Parameter(10.0, "p.u./p.u.", -1000.0, 1000.0, "gain kG of the washout"),
-            "Tw": Parameter(10.0, "s", 0.01, 1000.0, "time constant of the washout"),
-            "T1": Parameter(0.0761, "s", 0.0, 100.0, "numerator of the first section"),
-            "T2": Parameter(0.3, "s", 0.001, 100.0, "denominator of the first section"),
-            "T3": Parameter(0.4272, "s", 0.0, 100.0, "numerator of the second section"),
-            "T4": Parameter(0.3, "s", 0.001, 100.0, "denominator of the second section"),
-        },
+def _choice(default: str, choices: tuple[str, ...], text: str, deployed: str | None = None) -> Parameter:
+    return Parameter(default, "", 0, len(choices) - 1, text, choices, deployed)
+
+
+def _start(default: float, low: float, high: float, text: str) -> Parameter:
+    return Parameter(default, "-", low, high, text, live=False)
+
+
+LEAD_LAG_PARAMETERS = {
+    "gain": Parameter(10.0, "p.u./p.u.", -1000.0, 1000.0, "gain kG of the washout"),
+    "Tw": Parameter(10.0, "s", 0.01, 1000.0, "time constant of the washout"),
+    "T1": Parameter(0.0761, "s", 0.0, 100.0, "numerator of the first section"),
+    "T2": Parameter(0.3, "s", 0.001, 100.0, "denominator of the first section"),
+    "T3": Parameter(0.4272, "s", 0.0, 100.0, "numerator of the second section"),
+    "T4": Parameter(0.3, "s", 0.001, 100.0, "denominator of the second section"),
+}
+
+# Guards are off where the thesis has none; the profile `deployed` turns on what makes adaptation safe.
+NEURO_FUZZY_PARAMETERS = {
+    "scale": Parameter(0.01, "p.u.", 1e-6, 1e3, "signal that counts as one"),
+    "change_scale": Parameter(0.001, "p.u./frame", 1e-8, 1e3, "signal's change from frame to frame that counts as one"),
+    "range": Parameter(3.0, "-", 0.1, 3.0, "inputs of the network are clipped to it"),
+    "weight": _start(0.5, -5.0, 5.0, "start of the consequents' weights, 1 = the device's limit"),
+    "spread": _start(0.5, 0.0, 3.0, "start of the memberships' centres, -spread and spread"),
+    "width": _start(1.0, 0.2, 5.0, "start of the memberships' widths s"),
+    "dilation": _start(1.0, 0.2, 10.0, "start of the wavelets' dilation nu"),
+    "rate": _choice("fixed", RATES, "learning rates: fixed, or half of the Lyapunov bound times eta"),
+    "eta": Parameter(0.02, "-", 0.0, 1e6, "learning rate, or its share of the best Lyapunov rate"),
+    "momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the consequents"),
+    "hbar": Parameter(0.1, "-", 0.0, 100.0, "penalty on effort"),
+    "sensitivity": Parameter(0.0, "-", -1.0, 1.0, "sign of dy/du; 0: the plant's, as linearised", live=False),
+    "dead_zone": Parameter(0.0, "-", 0.0, 10.0, "smaller errors (of scale) teach nothing; 0: off", deployed=1e-3),
+    "leakage": Parameter(0.0, "1/frame", 0.0, 1.0, "share of the way back to the start each frame; 0: off"),
+    "projection": _choice("off", OFF_ON, "parameters stay within their bounds", deployed="on"),
+    "clip": Parameter(0.0, "-", 0.0, 1e3, "longest step of all parameters together; 0: off", deployed=0.5),
+    "anti_windup": _choice("off", OFF_ON, "learning from the applied setpoint", deployed="on"),
+    "stale": Parameter(0.0, "s", 0.0, 1e3, "older frames teach nothing; 0: off", deployed=1.0),
+    "identifier": Parameter("ANFTSI", "", 0, 1, "network of the identifier", tuple(IDENTIFIERS), live=False),
+    "identifier_rate": _choice("lyapunov", RATES, "the identifier's learning rates"),
+    "identifier_eta": Parameter(0.1, "-", 0.0, 100.0, "the identifier's learning rate, or share of the best one"),
+    "identifier_momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the identifier's consequents"),
+    "identifier_weight": _start(1.5, 0.2, 5.0, "start of the identifier's weights"),
+    "identifier_leakage": Parameter(
+        0.0, "1/frame", 0.0, 1.0, "share of the identifier's way back to its start each frame", deployed=1e-3
+    ),
+    "lag": Parameter(
+        -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's constant ones", live=False
     ),
 }
+
+# What the compiled steps read: a record with a field for each parameter of any kind.
+SETTINGS = np.dtype([(name, "f8") for name in {**LEAD_LAG_PARAMETERS, **NEURO_FUZZY_PARAMETERS}])
+
+LLC = Kind("lead-lag: washout and two lead-lag sections (thesis, appendix B)", 1, 1, 6, LEAD_LAG_PARAMETERS)
+CONTROLLERS = {
+    "LLC": LLC,
+    "LLC-tuned": LLC._replace(description="lead-lag with gain and time constants of an optimiser, one set a system"),
+}
+
+
+def _neuro_fuzzy(network: Variant) -> Kind:
+    """The row of a network; only where it differs from the others is its identifier."""
+    identifier = NEURO_FUZZY_PARAMETERS["identifier"]._replace(default=network.identifier)
+    own = {**NEURO_FUZZY_PARAMETERS, "identifier": identifier}
+    return Kind(f"neuro-fuzzy: {network.antecedent} + {network.consequent}", 1, 1, 0, own, network)
+
+
+CONTROLLERS |= {name: _neuro_fuzzy(variant) for name, variant in VARIANTS.items()}
+
+
+def kind(name: str, where: str = "controller") -> Kind:
+    """The row of a name: of the table, or `antecedent+consequent` for any pair. Raises `InputError`."""
+    antecedent, plus, consequent = name.partition("+")
+    if not plus:
+        check_known(where, name, [*CONTROLLERS, "antecedent+consequent"])
+        return CONTROLLERS[name]
+    check_known(f"{where}: antecedent", antecedent, ANTECEDENTS)
+    check_known(f"{where}: consequent", consequent, CONSEQUENTS)
+    wavelet = consequent in ("mexican-hat", "morlet")
+    return _neuro_fuzzy(Variant(antecedent, consequent, "ANFGuMoI" if wavelet else "ANFTSI"))
+
+
+def defaults(kind: Kind, profile: str) -> dict[str, float | str]:
+    """A kind's parameters where nothing else is said."""
+    return {
+        name: p.deployed if profile == "deployed" and p.deployed is not None else p.default
+        for name, p in kind.parameters.items()
+    }

@@ -30,13 +30,14 @@ def consequent(
     theta: NDArray[np.float64],
     x: NDArray[np.float64],
     firing: float,
+    waves: NDArray[np.float64],
     slope: NDArray[np.float64],
     by_input: NDArray[np.float64],
 ) -> tuple[float, float, float]:
     """Consequent zeta of a rule and output, its weight beside the firing strength, its derivative by that strength.
 
     Derivatives of zeta by `theta` go into `slope` (for `sam` that by the volume is left zero), by the inputs into
-    `by_input`. Sources: control laws (3.13) to (3.30), (6.4); the derivatives are checked by differences.
+    `by_input`. `waves` are the inputs' harmonics, for `fourier`. Sources: control laws (3.13) to (3.30), (6.4); the derivatives are checked by differences.
     """
     by_input[:] = 0.0
     if kind == SINGLETON:
@@ -52,7 +53,7 @@ def consequent(
         slope[0], slope[1] = 1.0, 0.0
         return theta[0], theta[1], 0.0
     if kind == FOURIER:
-        return _fourier(theta, x, slope, by_input), 1.0, 0.0
+        return _fourier(theta, waves, x.size, slope, by_input), 1.0, 0.0
     if kind in (MEXICAN_HAT, MORLET):
         return _wavelets(kind, theta, x, slope, by_input), 1.0, 0.0
     if kind == LEGENDRE:
@@ -62,34 +63,38 @@ def consequent(
 
 
 @compiled
-def _harmonic(d: int, x: float) -> tuple[float, float]:
-    """1, sin x, cos x, sin 2x, cos 2x and their derivatives."""
-    if d == 0:
-        return 1.0, 0.0
-    n = (d + 1) // 2
-    if d % 2 == 1:
-        return math.sin(n * x), n * math.cos(n * x)
-    return math.cos(n * x), -n * math.sin(n * x)
+def harmonics(x: float, wave: NDArray[np.float64]) -> None:
+    """1, sin x, cos x, sin 2x, cos 2x and their derivatives, as rows of `wave`."""
+    sine, cosine = math.sin(x), math.cos(x)
+    twice, square = 2.0 * sine * cosine, cosine * cosine - sine * sine
+    wave[0, 0], wave[0, 1] = 1.0, 0.0
+    wave[1, 0], wave[1, 1] = sine, cosine
+    wave[2, 0], wave[2, 1] = cosine, -sine
+    wave[3, 0], wave[3, 1] = twice, 2.0 * square
+    wave[4, 0], wave[4, 1] = square, -2.0 * twice
 
 
 @compiled
 def _fourier(
-    theta: NDArray[np.float64], x: NDArray[np.float64], slope: NDArray[np.float64], by_input: NDArray[np.float64]
+    theta: NDArray[np.float64],
+    waves: NDArray[np.float64],
+    inputs: int,
+    slope: NDArray[np.float64],
+    by_input: NDArray[np.float64],
 ) -> float:
     """W . kron_i [1, sin x_i, cos x_i, sin 2 x_i, cos 2 x_i]."""
     value = 0.0
     for term in range(theta.size):
         product, rest = 1.0, term
-        for i in range(x.size - 1, -1, -1):
-            product *= _harmonic(rest % HARMONICS, x[i])[0]
+        for i in range(inputs - 1, -1, -1):
+            product *= waves[i, rest % HARMONICS, 0]
             rest //= HARMONICS
         slope[term] = product
         value += theta[term] * product
-        for k in range(x.size):
+        for k in range(inputs):
             product, rest = theta[term], term
-            for i in range(x.size - 1, -1, -1):
-                of_x, by_x = _harmonic(rest % HARMONICS, x[i])
-                product *= by_x if i == k else of_x
+            for i in range(inputs - 1, -1, -1):
+                product *= waves[i, rest % HARMONICS, 1 if i == k else 0]
                 rest //= HARMONICS
             by_input[k] += product
     return value

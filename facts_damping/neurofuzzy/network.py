@@ -14,8 +14,8 @@ import numpy as np
 
 from facts_damping.compiling import compiled
 from facts_damping.neurofuzzy.antecedent import membership
-from facts_damping.neurofuzzy.consequent import consequent
-from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, SAM
+from facts_damping.neurofuzzy.consequent import consequent, harmonics
+from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, FOURIER, HARMONICS, SAM
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,27 +56,33 @@ class Pass(NamedTuple):
     output: NDArray[np.float64]  # (outputs,)
     by_theta: NDArray[np.float64]  # (outputs, parameters)
     by_input: NDArray[np.float64]  # (outputs, inputs)
+    harmonics: NDArray[np.float64]  # (inputs, 5, 2): sines and cosines of the inputs and their derivatives
 
 
 def network(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> Network:
     """The shape of a network of two rows of the tables."""
     first, second = ANTECEDENTS[antecedent], CONSEQUENTS[consequent]
-    return Network(first.code, second.code, inputs, rules, outputs, first.stored, second.size(inputs))
+    return Network(first.code, second.code, inputs, rules, outputs, len(first.slots), len(second.slots(inputs)))
 
 
 def counted(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> int:
     """Number of parameters that are updated at one step, as in Table 3.1."""
-    return inputs * rules * ANTECEDENTS[antecedent].active + rules * outputs * CONSEQUENTS[consequent].size(inputs)
+    own = len(CONSEQUENTS[consequent].slots(inputs))
+    return inputs * rules * ANTECEDENTS[antecedent].active + rules * outputs * own
+
+
+def shapes(net: Network) -> tuple[tuple[int, ...], ...]:
+    """Shapes of the arrays of a pass."""
+    m, n, k = net.inputs, net.rules, net.outputs
+    return (
+        *((m, n), (m, n), (m, n, net.stored), (n,), (k,), (n, k), (n, k), (n, k)),
+        *((n, k, net.width), (n, k, m), (k,), (k, net.size), (k, m), (m, HARMONICS, 2)),
+    )
 
 
 def passes(net: Network) -> Pass:
     """Arrays of the right size for a network."""
-    m, n, k = net.inputs, net.rules, net.outputs
-    shapes = (
-        *((m, n), (m, n), (m, n, net.stored), (n,), (k,), (n, k), (n, k), (n, k)),
-        *((n, k, net.width), (n, k, m), (k,), (k, net.size), (k, m)),
-    )
-    return Pass(*(np.zeros(shape) for shape in shapes))
+    return Pass(*(np.zeros(shape) for shape in shapes(net)))
 
 
 @compiled
@@ -89,6 +95,9 @@ def forward(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64], p:
             own = theta[at : at + net.stored]
             p.mu[i, j], p.mu_by_x[i, j] = membership(net.antecedent, own, x[i], p.mu_by_theta[i, j])
             p.firing[j] *= p.mu[i, j]
+    if net.consequent == FOURIER:
+        for i in range(net.inputs):
+            harmonics(x[i], p.harmonics[i])
     first = net.inputs * net.rules * net.stored
     for o in range(net.outputs):
         total = weighted = 0.0
@@ -96,7 +105,7 @@ def forward(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64], p:
             at = first + (j * net.outputs + o) * net.width
             own = theta[at : at + net.width]
             zeta, volume, by_firing = consequent(
-                net.consequent, own, x, p.firing[j], p.zeta_by_theta[j, o], p.zeta_by_x[j, o]
+                net.consequent, own, x, p.firing[j], p.harmonics, p.zeta_by_theta[j, o], p.zeta_by_x[j, o]
             )
             p.zeta[j, o], p.volume[j, o], p.zeta_by_firing[j, o] = zeta, volume, by_firing
             total += p.firing[j] * volume

@@ -115,13 +115,43 @@ class Link(Model):
     down: list[Stage] = []
 
 
+class Weights(Model):
+    """Adapted parameters of a neuro-fuzzy controller and its identifier, as a run left them."""
+
+    name: Name
+    scheme: Literal["direct", "indirect"]
+    controller: list[float] = Field(..., description="parameters of its network")
+    identifier: list[float] | None = Field(None, description="parameters of its identifier's network")
+
+
 class Controller(Model):
     """A controller node: which row of the table of controllers, what it is given, what it commands."""
 
-    name: Name = Field("LLC", description="a row of `facts-damping list controllers`")
+    name: Name = Field("LLC", description="a row of `facts-damping list controllers`, or antecedent+consequent")
+    scheme: Literal["direct", "indirect"] | None = Field(None, description="neuro-fuzzy only; none: indirect")
     devices: list[Name] = Field(["sssc"], min_length=1, description="installed devices that it commands")
     signals: list[Name] = Field(["speed"], min_length=1, description="signals of the system that it is given")
-    parameters: dict[str, float] = Field({}, description="its parameters where they differ from the table's")
+    profile: Literal["deployed", "thesis"] = Field("deployed", description="guards of adaptation: on, or all off")
+    parameters: dict[str, float | str] = Field({}, description="its parameters where they differ from the table's")
+    weights: str | Weights | None = Field(None, description="file of adapted weights to start from, or these inline")
+
+
+class TunedController(Model):
+    """Parameters that a search has chosen for a controller, and what they reached in training."""
+
+    name: Name
+    scheme: Literal["direct", "indirect"] | None = None
+    objective: float = Field(..., description="what the search made small (docs/controllers.md)")
+    parameters: dict[str, float | str]
+
+
+class Tuned(Model):
+    """What `facts-damping tune` chose for a system: how, and for which controllers."""
+
+    system: Name
+    scenario: Name = Field(..., description="the scenario of training")
+    command: str = Field(..., description="the command that chose them")
+    controllers: list[TunedController]
 
 
 class Run(Model):

@@ -1,0 +1,116 @@
+"""Signals of controllers and identifiers from the entries that a link delivers; compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.compiling import compiled
+from facts_damping.signals import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.system import Signal
+
+UNSET = -1
+IMPLAUSIBLE = 1e6  # p.u. or rad: a quantity of this size or more counts as not available
+
+
+class Inputs(NamedTuple):
+    """Which signals each of several receivers is given; the first axis is the receiver."""
+
+    count: NDArray[np.int64]  # (receivers,), how many signals
+    channel: NDArray[np.int64]  # (receivers, most signals)
+    weight: NDArray[np.float64]  # (receivers, most signals, stations)
+    deviation: NDArray[np.bool_]  # (receivers, most signals)
+
+
+class Held(NamedTuple):
+    """What each receiver holds; the first axis is the receiver."""
+
+    entry: NDArray[np.float64]  # (receivers, stations, channels): newest entry of each station; NaN: none yet
+    entry_ns: NDArray[np.int64]  # (receivers, stations): its time of measurement
+    newest_ns: NDArray[np.int64]  # (receivers,): newest time of measurement of all; UNSET: none
+    baseline: NDArray[np.float64]  # (receivers, most signals): first value of each signal
+    signal: NDArray[np.float64]  # (receivers, most signals): newest signals
+
+
+def inputs(
+    given: Sequence[Sequence[str]], signals: Mapping[str, Signal], stations: Sequence[str]
+) -> tuple[Inputs, Held]:
+    """Receivers that are given signals by name, and what they hold at the start."""
+    n, most = len(given), max([len(names) for names in given], default=0)
+    made = Inputs(
+        count=np.array([len(names) for names in given], np.int64),
+        channel=np.zeros((n, most), np.int64),
+        weight=np.zeros((n, most, len(stations))),
+        deviation=np.zeros((n, most), np.bool_),
+    )
+    for r, names in enumerate(given):
+        for i, name in enumerate(names):
+            signal = signals[name]
+            made.channel[r, i] = list(CHANNELS).index(signal.channel)
+            made.deviation[r, i] = signal.deviation
+            for station, weight in signal.weights.items():
+                made.weight[r, i, stations.index(station)] = weight
+    held = Held(
+        entry=np.full((n, len(stations), len(CHANNELS)), np.nan),
+        entry_ns=np.full((n, len(stations)), UNSET, np.int64),
+        newest_ns=np.full(n, UNSET, np.int64),
+        baseline=np.full((n, most), np.nan),
+        signal=np.full((n, most), np.nan),
+    )
+    return made, held
+
+
+@compiled
+def take(held: Held, r: int, delivered: NDArray[Any], first: int, count: int) -> int:
+    """Take all entries of the arrival of entry `first`, each if it is newer; the index after the last."""
+    i, arrival = first, delivered[first].arrival_ns
+    while i < count and delivered[i].arrival_ns == arrival:
+        entry = delivered[i]
+        if entry.measured_ns > held.entry_ns[r, entry.station]:
+            held.entry_ns[r, entry.station] = entry.measured_ns
+            for j in range(held.entry.shape[2]):
+                value = entry.values[j]
+                held.entry[r, entry.station, j] = value if abs(value) < IMPLAUSIBLE else math.nan
+        i += 1
+    return i
+
+
+@compiled
+def form(given: Inputs, held: Held, r: int) -> int:
+    """Form the signals if there is a frame newer than all before and all of them are available.
+
+    Returns the time since the frame before, ns: 0 for the first one; -1 where there is nothing new.
+    """
+    before = newest = held.newest_ns[r]
+    for s in range(held.entry_ns.shape[1]):
+        newest = max(newest, held.entry_ns[r, s])
+    if newest <= before or not _sum(given, held, r):
+        return -1
+    held.newest_ns[r] = newest
+    return 0 if before == UNSET else newest - before
+
+
+@compiled
+def _sum(given: Inputs, held: Held, r: int) -> bool:
+    """Weighted sums of what is held; whether all are available."""
+    complete = True
+    for i in range(given.count[r]):
+        total = 0.0
+        for s in range(given.weight.shape[2]):
+            if given.weight[r, i, s] != 0.0:
+                total += given.weight[r, i, s] * held.entry[r, s, given.channel[r, i]]
+        if given.deviation[r, i]:
+            if math.isnan(held.baseline[r, i]) and math.isfinite(total):
+                held.baseline[r, i] = total
+            total -= held.baseline[r, i]
+        held.signal[r, i] = total
+        complete = complete and math.isfinite(total)
+    return complete

@@ -1,0 +1,129 @@
+"""A neuro-fuzzy controller's step, direct and indirect; compiled.
+
+    e = y_d - y, y_d = 0;  x = [e_i / scale, de_i / change_scale];  u = u_max net(x)
+    ec_p = sum_i e_i J_ip - hbar u_p                                                             (D.1)
+
+e, u and J are normalised by scale and u_max. J is the constant sign of the plant's sensitivity (direct) or the
+identifier's estimate of the tick before (indirect). The error of a frame teaches the sample that produced the
+setpoint before it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.compiling import compiled
+from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.neurofuzzy.network import Network
+
+
+class Memory(NamedTuple):
+    """What a controller keeps beside its network; several of them have a leading axis."""
+
+    before: NDArray[np.float64]  # (signals,), signals of the frame before
+    applied: NDArray[np.float64]  # (devices,), p.u., setpoint as the device follows it
+    error: NDArray[np.float64]  # (devices,), adaptation errors ec
+    curvature: NDArray[np.float64]  # (devices,), sum_i J_ip^2 + hbar
+    jacobian: NDArray[np.float64]  # (signals, devices), dy/du, normalised: 1 = `scale` for the device's limit
+    taught: NDArray[np.float64]  # (1,), 1: the newest frame taught
+
+
+class Actuators(NamedTuple):
+    """Limits of the devices that a controller commands; several controllers have a leading axis."""
+
+    limit: NDArray[np.float64]  # (devices,), p.u.
+    rate: NDArray[np.float64]  # (devices,), p.u./s
+
+
+def memories(controllers: int, signals: int, devices: int) -> Memory:
+    """Memories of several controllers."""
+    sizes = ((signals,), (devices,), (devices,), (devices,), (signals, devices), (1,))
+    return Memory(*(np.zeros((controllers, *size)) for size in sizes))
+
+
+@compiled
+def step(
+    net: Network,
+    own: Learner,
+    kept: Memory,
+    s: Any,
+    signals: NDArray[np.float64],
+    actuators: Actuators,
+    unlimited: NDArray[np.float64],
+    dt: float,
+    frames: int,
+    stale: bool,
+) -> None:
+    """Learn from the newest signals, then the setpoints before limits, p.u., into `unlimited`.
+
+    The Jacobian is in `kept.jacobian`; `dt`: s, and `frames` since the frame before, 0 at the first.
+    """
+    kept.taught[0] = 0.0
+    if frames > 0 and not stale:
+        _follow(net, kept, s, actuators, unlimited, dt)
+        if _errors(net, kept, s, signals, actuators, unlimited):
+            rule = Rule(s.rate, s.eta, s.momentum, s.leakage, s.clip, s.projection)
+            learn(net, own, rule, kept.error, kept.curvature)
+            kept.taught[0] = 1.0
+    for i in range(net.inputs // 2):
+        change = 0.0 if frames == 0 else (signals[i] - kept.before[i]) / frames
+        own.x[2 * i] = min(max(-signals[i] / s.scale, -s.range), s.range)
+        own.x[2 * i + 1] = min(max(-change / s.change_scale, -s.range), s.range)
+        kept.before[i] = signals[i]
+    infer(net, own)
+    for o in range(net.outputs):
+        unlimited[o] = actuators.limit[o] * own.passed.output[o]
+
+
+@compiled
+def _follow(
+    net: Network,
+    kept: Memory,
+    s: Any,
+    actuators: Actuators,
+    unlimited: NDArray[np.float64],
+    dt: float,
+) -> None:
+    """The setpoint that taught: as the device follows it within limit and rate, or as it was wished for."""
+    for o in range(net.outputs):
+        if s.anti_windup > 0.0:
+            limited = min(max(unlimited[o], -actuators.limit[o]), actuators.limit[o])
+            reach = actuators.rate[o] * dt
+            kept.applied[o] = min(max(limited, kept.applied[o] - reach), kept.applied[o] + reach)
+        else:
+            kept.applied[o] = unlimited[o]
+
+
+@compiled
+def _errors(
+    net: Network,
+    kept: Memory,
+    s: Any,
+    signals: NDArray[np.float64],
+    actuators: Actuators,
+    unlimited: NDArray[np.float64],
+) -> bool:
+    """Adaptation errors and curvatures; false where the Jacobian is not known.
+
+    With anti-windup an error that asks a setpoint further beyond its limit counts as zero.
+    """
+    for o in range(net.outputs):
+        error, curvature = 0.0, s.hbar
+        for i in range(net.inputs // 2):
+            e = -signals[i] / s.scale
+            error += (0.0 if abs(e) <= s.dead_zone else e) * kept.jacobian[i, o]
+            curvature += kept.jacobian[i, o] * kept.jacobian[i, o]
+        error -= s.hbar * kept.applied[o] / actuators.limit[o]
+        beyond = abs(unlimited[o]) > actuators.limit[o] and error * unlimited[o] > 0.0
+        kept.error[o] = 0.0 if s.anti_windup > 0.0 and beyond else error
+        kept.curvature[o] = curvature
+        if not math.isfinite(error):
+            return False
+    return True

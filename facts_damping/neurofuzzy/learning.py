@@ -1,0 +1,178 @@
+"""Adaptation: gradient descent with momentum, fixed or Lyapunov learning rates, and guards; compiled.
+
+    f(k+1) = f(k) + sum_p eta_p ec_p du_p/df + momentum (f(k) - f(k-1))                        (4.2), (6.20)
+
+with ec_p the adaptation error of output p. Momentum is for consequents only (4.2.1).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.compiling import compiled
+from facts_damping.neurofuzzy.network import Network, Pass, backward, forward, network, shapes
+from facts_damping.neurofuzzy.start import groups, slots
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+FIXED, LYAPUNOV, LYAPUNOV_GROUPS = 0, 1, 2
+RATES = ("fixed", "lyapunov", "lyapunov-groups")  # by their codes
+REGULAR = 1e-6  # added to the denominators of Lyapunov rates: a vanishing gradient gives no jump
+
+
+class Rule(NamedTuple):
+    """How a network adapts; the guards are off at zero."""
+
+    rate: float  # code of RATES
+    eta: float  # learning rate; with Lyapunov rates its share of the best one, stable below 2
+    momentum: float
+    leakage: float  # share of the way back to the start that parameters go at each step (sigma modification)
+    clip: float  # longest step, as norm over all parameters
+    projection: float  # 1: parameters stay within their bounds
+
+
+class Learner(NamedTuple):
+    """A network with all that changes as it learns; several of them have a leading axis."""
+
+    theta: NDArray[np.float64]  # (parameters,)
+    change: NDArray[np.float64]  # (parameters,), the last step
+    start: NDArray[np.float64]  # (parameters,), where leakage leads to
+    low: NDArray[np.float64]  # (parameters,)
+    high: NDArray[np.float64]  # (parameters,)
+    group: NDArray[np.int64]  # (parameters,), index of each parameter's group
+    squares: NDArray[np.float64]  # (outputs, groups), squared norms of the gradients
+    rate: NDArray[np.float64]  # (outputs, groups), learning rates of the last step
+    x: NDArray[np.float64]  # (inputs,)
+    passed: Pass
+
+
+def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> Learner:
+    """Learners of several networks, side by side in arrays that hold the largest."""
+    sized = list(nets) or [network("gaussian", "singleton", 1, 1, 1)]  # without any the arrays are empty
+
+    def room(shape: Sequence[tuple[int, ...]]) -> NDArray[np.float64]:
+        return np.zeros((len(nets), *(max(sizes) for sizes in zip(*shape, strict=True))))
+
+    sizes = [(net.size,) for net in sized]
+    kinds = [(net.outputs, len(groups(net))) for net in sized]
+    made = Learner(
+        *(room(sizes) for _ in range(5)),
+        group=room(sizes).astype(np.int64),
+        squares=room(kinds),
+        rate=room(kinds),
+        x=room([(net.inputs,) for net in sized]),
+        passed=Pass(*(room(shape) for shape in zip(*(shapes(net) for net in sized), strict=True))),
+    )
+    for i, (net, start) in enumerate(zip(nets, starts, strict=True)):
+        own, names = slots(net), groups(net)
+        made.theta[i, : net.size] = made.start[i, : net.size] = start
+        made.low[i, : net.size] = [slot.low for slot in own]
+        made.high[i, : net.size] = [slot.high for slot in own]
+        made.group[i, : net.size] = [names.index(slot.group) for slot in own]
+    return made
+
+
+@compiled
+def one(several: Learner, i: int, net: Network) -> Learner:
+    """The i-th of several learners, as views."""
+    size = net.inputs * net.rules * net.stored + net.rules * net.outputs * net.width
+    p = several.passed
+    return Learner(
+        several.theta[i, :size],
+        several.change[i, :size],
+        several.start[i, :size],
+        several.low[i, :size],
+        several.high[i, :size],
+        several.group[i, :size],
+        several.squares[i],
+        several.rate[i],
+        several.x[i, : net.inputs],
+        Pass(
+            p.mu[i],
+            p.mu_by_x[i],
+            p.mu_by_theta[i],
+            p.firing[i],
+            p.total[i],
+            p.zeta[i],
+            p.volume[i],
+            p.zeta_by_firing[i],
+            p.zeta_by_theta[i],
+            p.zeta_by_x[i],
+            p.output[i],
+            p.by_theta[i],
+            p.by_input[i],
+            p.harmonics[i],
+        ),
+    )
+
+
+@compiled
+def infer(net: Network, own: Learner) -> None:
+    """Output and gradients at the inputs `own.x`, into `own.passed`."""
+    forward(net, own.theta, own.x, own.passed)
+    backward(net, own.passed)
+
+
+@compiled
+def _rates(net: Network, own: Learner, rule: Rule, curvature: NDArray[np.float64]) -> None:
+    """Learning rates of each output and group, into `own.rate`.
+
+    Lyapunov: eta / (curvature_p |du_p/df|^2), half of the bound below which |e| falls, (4.36), (4.39), (5.27); with
+    several outputs on shared parameters eta / (sum_p sqrt(curvature_p) |du_p/df|)^2. `lyapunov-groups` takes the
+    norm of each group by itself, as the thesis prints it; with G groups the error's factor is then 1 - G eta.
+    """
+    if rule.rate == FIXED:
+        own.rate[:] = rule.eta
+        return
+    own.squares[:] = 0.0
+    for o in range(net.outputs):
+        for f in range(own.theta.size):
+            g = own.passed.by_theta[o, f]
+            own.squares[o, own.group[f] if rule.rate == LYAPUNOV_GROUPS else 0] += g * g
+    for g in range(own.rate.shape[1]):
+        root = 0.0
+        for o in range(net.outputs):
+            root += math.sqrt(curvature[o] * own.squares[o, g if rule.rate == LYAPUNOV_GROUPS else 0])
+        for o in range(net.outputs):
+            own.rate[o, g] = rule.eta / (root * root + REGULAR)
+
+
+@compiled
+def learn(
+    net: Network,
+    own: Learner,
+    rule: Rule,
+    error: NDArray[np.float64],
+    curvature: NDArray[np.float64],
+) -> None:
+    """One step of adaptation by the gradients of the last pass.
+
+    `error`: (outputs,), ec_p; `curvature`: (outputs,), sum_q J_qp^2 + hbar_p of the Lyapunov rates.
+    """
+    _rates(net, own, rule, curvature)
+    antecedents = net.inputs * net.rules * net.stored
+    total = 0.0
+    for f in range(own.theta.size):
+        step = 0.0
+        for o in range(net.outputs):
+            step += own.rate[o, own.group[f]] * error[o] * own.passed.by_theta[o, f]
+        if f >= antecedents:
+            step += rule.momentum * own.change[f]
+        own.change[f] = step
+        total += step * step
+    share = 1.0
+    if rule.clip > 0.0 and total > rule.clip * rule.clip:
+        share = rule.clip / math.sqrt(total)
+    for f in range(own.theta.size):
+        before = own.theta[f]
+        after = before + share * own.change[f] - rule.leakage * (before - own.start[f])
+        if rule.projection > 0.0:
+            after = min(max(after, own.low[f]), own.high[f])
+        own.theta[f] = after
+        own.change[f] = after - before
