@@ -10,7 +10,7 @@ from setuptools import find_packages, setup
 
 ROOT = Path(__file__).parent
 NAME = "facts_damping"
-NODES = ("plant_sim", "wan_link", "controller", "recorder")
+NODES = ("plant_sim", "wan_link", "controller", "identifier", "recorder")
 
 
 def version() -> str:
@@ -58,7 +58,7 @@ setup(
         "pyyaml>=6,<7",
         "ruamel.yaml>=0.18,<1",
         "rosbags>=0.10,<1",
-        "scipy>=1.12,<2",  # also for Numba: its matrix product calls SciPy's BLAS
+        "scipy>=1.15,<2",  # also for Numba: its matrix product calls SciPy's BLAS
         "zstandard>=0.22,<1",
     ],
     extras_require={

@@ -1,8 +1,9 @@
-"""The command `facts-damping`: simulate, run, analyze, modes, list, import."""
+"""The command `facts-damping`: simulate, run, analyze, modes, validate, tune, compare, list, import."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from typing import TYPE_CHECKING, NoReturn
@@ -68,6 +69,20 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("tables", nargs="*", metavar="TABLE", help="which tables; none: all")
     command.add_argument("--out", metavar="FILE", help="write the tables as a Markdown page")
     _common(command, sets=False, out=False)
+    command = add("tune", commands.tune)
+    command.add_argument("system", metavar="SYSTEM", help="a system with a scenario `training`")
+    command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
+    command.add_argument("--budget", type=_count, default=600, metavar="N", help="runs for each; default: 600")
+    command.add_argument("--seed", type=_seed, default=1, metavar="N", help="seed of the search; default: 1")
+    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
+    command.add_argument("--out", metavar="FILE.yaml", help="the file of parameters; none: standard output")
+    _common(command, sets=False, out=False)
+    command = add("compare", commands.compare)
+    command.add_argument("systems", nargs="*", metavar="SYSTEM", help="which systems; none: two_area and smib")
+    command.add_argument("--controllers", nargs="+", default=[], metavar="NAME", help="which; none: all of the table")
+    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
+    command.add_argument("--out", metavar="FILE.md", help="write the tables as a Markdown page")
+    _common(command, out=False)
     command = add("list", commands.list_)
     command.add_argument("kind", choices=files.KINDS)
     _common(command, sets=False, out=False)
@@ -77,6 +92,20 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("--out", metavar="FILE.yaml", help="the system's file; none: standard output")
     command.set_defaults(json=None)
     return top
+
+
+def _count(text: str) -> int:
+    """A number of things, one or more."""
+    if not text.isdecimal() or not 1 <= int(text) <= 10**6:
+        raise argparse.ArgumentTypeError(f"{text} given; allowed: 1 to 1000000")
+    return int(text)
+
+
+def _seed(text: str) -> int:
+    """A seed."""
+    if not text.isdecimal() or int(text) >= 2**31:
+        raise argparse.ArgumentTypeError(f"{text} given; allowed: 0 to {2**31 - 1}")
+    return int(text)
 
 
 def _seconds(text: str) -> float:

@@ -83,10 +83,16 @@ def simulate(arguments: argparse.Namespace) -> None:
     """One closed loop in process."""
     case = configuration.load_case(arguments.run, arguments.set)
     began = time.perf_counter()
-    record = loop.run(case)
+    built = loop.build_loop(case)
+    record = loop.finish(case, built)
     result = summarise(record, time.perf_counter() - began, None)
-    folder = None if arguments.out is None else Path(arguments.out)
-    _report(arguments, [(label(case.summary()), record)], [result], folder)
+    folder, saved = None, []
+    if arguments.out is not None:
+        folder = files.new_folder(Path(arguments.out))
+        for name, weights in loop.all_adapted(case, built).items():
+            saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
+            files.write_whole(folder / f"{name}.weights.yaml", files.dump(weights.model_dump()))
+    _report(arguments, [(label(case.summary()), record)], [result], folder, *saved)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -165,25 +171,87 @@ def validate(arguments: argparse.Namespace) -> None:
 def list_(arguments: argparse.Namespace) -> None:
     """What there is: systems, scenarios, controllers, links."""
     if arguments.kind == "controllers":
-        from facts_damping.control.table import CONTROLLERS
-
-        rows = [
-            {
-                "name": name,
-                "description": kind.description,
-                "parameters": {p: row.default for p, row in kind.parameters.items()},
-            }
-            for name, kind in CONTROLLERS.items()
-        ]
+        rows = _controllers()
     else:
         rows = []
         for name, path in files.shipped(arguments.kind).items():
             content = files.read_table(path)
             rows.append({"name": name, "description": str(content.get("description", ""))})
-    width = max(len(str(row["name"])) for row in rows)
-    for row in rows:
-        _say(arguments, f"{row['name']!s:<{width}}  {row['description']}")
+    if arguments.kind == "controllers":
+        heads = ("name", "antecedent", "consequent", "parameter_count", "identifier", "schemes")
+        cells = [[head.replace("_", " ") for head in heads]] + [[_cell(row[head]) for head in heads] for row in rows]
+    else:
+        cells = [[str(row["name"]), row["description"]] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for line in cells:
+        _say(arguments, "  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
     write_json(arguments.json, rows)
+
+
+def _cell(value: Any) -> str:
+    """A value in a table on the terminal."""
+    return ", ".join(value) if isinstance(value, list) else "-" if value is None else str(value)
+
+
+def _controllers() -> list[dict[str, Any]]:
+    """The table of controllers: a single signal, a single device."""
+    from facts_damping.control.bank import RULES
+    from facts_damping.control.table import CONTROLLERS
+    from facts_damping.neurofuzzy.network import counted
+
+    return [
+        {
+            "name": name,
+            "description": row.description,
+            "antecedent": row.network and row.network.antecedent,
+            "consequent": row.network and row.network.consequent,
+            "parameter_count": row.network and counted(row.network.antecedent, row.network.consequent, 2, RULES, 1),
+            "identifier": row.network and row.network.identifier,
+            "schemes": ["direct", "indirect"] if row.network else None,
+            "parameters": {p: one.default for p, one in row.parameters.items()},
+        }
+        for name, row in CONTROLLERS.items()
+    ]
+
+
+def tune(arguments: argparse.Namespace) -> None:
+    """Choose the controllers' parameters on a system's training scenario, all by the same search and budget."""
+    from facts_damping.studies import tune as study
+
+    files.check_writable(arguments.out, "--out")
+    progress = Progress("tune", "controllers")
+    try:
+        found = study.tune(
+            arguments.system, arguments.controllers, arguments.budget, arguments.seed, arguments.jobs, progress
+        )
+    finally:
+        progress.close()
+    text = files.dump(study.document(found))
+    if arguments.out is not None:
+        files.write_whole(Path(arguments.out), text)
+    write_json(arguments.json, found.model_dump())
+    for row in found.controllers:
+        _say(arguments, f"{row.name:<10} {row.scheme or '':<9} objective {row.objective:g}")
+    _say(arguments, text if arguments.out is None else f"parameters: {arguments.out}")
+
+
+def compare(arguments: argparse.Namespace) -> None:
+    """Every controller, direct and indirect, on every scenario of a system: the table of all indices."""
+    from facts_damping.studies import compare as study
+
+    files.check_writable(arguments.out, "--out")
+    systems = arguments.systems or study.SYSTEMS
+    progress, rows = Progress("compare", "runs"), []
+    try:
+        for system in systems:
+            rows += study.compare(system, arguments.controllers, arguments.set, arguments.jobs, progress)
+    finally:
+        progress.close()
+    write_json(arguments.json, rows)
+    if arguments.out is not None:
+        files.write_whole(Path(arguments.out), "\n".join(study.page(rows)) + "\n")
+    for line in study.text(rows):
+        _say(arguments, line)
 
 
 def import_(arguments: argparse.Namespace) -> None:

@@ -281,8 +281,8 @@ def _weights(
         counts = len(controller.signals), len(controller.devices)
         wanted["identifier"] = identifier.network_of(kind_of_identifier, *counts).size
     for part, size in wanted.items():
-        given = getattr(found, part) or []
-        if len(given) != size:
+        given = getattr(found, part)
+        if given is not None and len(given) != size:
             raise InputError(f"{where('weights')}: {part}: {len(given)} numbers given; allowed: {size}")
     return found
 

@@ -111,6 +111,13 @@ def dump(content: Any) -> str:
     return stream.getvalue()
 
 
+def write_whole(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    beside = path.with_name(path.name + ".new")
+    beside.write_text(text, encoding="utf-8")
+    beside.replace(path)
+
+
 def parse_set(text: str) -> tuple[str, str]:
     """`key.path=value` as its two parts."""
     key, equals, value = text.partition("=")

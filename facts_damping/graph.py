@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, RunError
-from facts_damping.files import dump, new_folder
-from facts_damping.loop import controller_names
+from facts_damping.files import dump, new_folder, read_table, write_whole
+from facts_damping.loop import controller_names, identifier_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -120,7 +120,9 @@ def graph(case: Case, mode: str, out: Path, timeout: float) -> Iterator[dict[str
         running["recorder"] = start("recorder", "recorder", {**common, "output": out / "recording"})
         running["wan_link"] = start("wan_link", "wan_link", common)
         for i, name in enumerate(controller_names(case)):
-            running[name] = start(name, "controller", {**common, "index": i})
+            running[name] = start(name, "controller", {**common, "index": i, "save": _part(out, name)})
+        for i, name in identifier_names(case).items():
+            running[name] = start(name, "identifier", {**common, "index": i, "save": _part(out, name)})
         running["plant_sim"] = start("plant_sim", "plant_sim", common)
         yield running
     finally:
@@ -129,6 +131,25 @@ def graph(case: Case, mode: str, out: Path, timeout: float) -> Iterator[dict[str
         for process in running.values():
             process.output.close()
             process.errors.close()
+
+
+def _part(out: Path, name: str) -> Path:
+    """Where a node saves what it has learnt."""
+    return out / f"{name}.part.yaml"
+
+
+def save_weights(case: Case, out: Path) -> None:
+    """Put together what each controller and its identifier have saved, a file a controller."""
+    identifiers = identifier_names(case)
+    for i, name in enumerate(controller_names(case)):
+        nodes = [name, *([identifiers[i]] if i in identifiers else [])]
+        parts = [_part(out, node) for node in nodes if _part(out, node).is_file()]
+        found: dict[str, Any] = {}
+        for path in parts:
+            found.update({key: value for key, value in read_table(path).items() if value is not None})
+            path.unlink(missing_ok=True)
+        if found:
+            write_whole(out / f"{name}.weights.yaml", dump(found))
 
 
 def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], timeout: float = 5.0) -> Outcome:
@@ -165,6 +186,7 @@ def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], 
         if recorder.popen.returncode != 0:
             raise RunError(recorder.reason())
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
+    save_weights(case, out)
     return Outcome(out / "recording", wall, misses, int(lost.group(1)) if lost else 0)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.control.bank import Bank, BankState, act, bank, settings
+from facts_damping.control.bank import Bank, BankState, act, bank, network_of, settings
 from facts_damping.control.identifier import (
     Identified,
     Identifiers,
@@ -21,8 +21,10 @@ from facts_damping.control.identifier import (
     remember,
     tell,
 )
+from facts_damping.control.identifier import network_of as identifier_network_of
 from facts_damping.errors import InputError, RunError
 from facts_damping.link.transfer import Direction, directions, downlink, uplink
+from facts_damping.parameters.run import Controller, Weights
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
 from facts_damping.plant.integration import advance
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.configuration import Case
+    from facts_damping.neurofuzzy.network import Network
 
 
 class Loop(NamedTuple):
@@ -129,7 +132,7 @@ def build_control(
             [case.run.devices.index(device) for device in c.devices],
             [limits[device][0] for device in c.devices],
             np.array([[known[s, d].sign * abs(known[s, d].frame) for d in c.devices] for s in c.signals]),
-            None if c.weights is None or c.weights.identifier is None else np.array(c.weights.identifier),
+            np.array(c.weights.identifier) if isinstance(c.weights, Weights) and c.weights.identifier else None,
         )
         for i, c in enumerate(case.controllers)
         if c.scheme == "indirect"
@@ -298,6 +301,39 @@ def rehearse(case: Case) -> None:
         tell(loop.identifiers, loop.identifier_state, n, 0, kept.estimates, 0)
     applied = downlink(loop.down, 0, end, loop.issued, issued)
     advance(loop.plant, loop.plant_state, 0, end, loop.down.out, applied, loop.work)
+
+
+def adapted(
+    controller: Controller, index: int, state: BankState | None, identifier: tuple[int, IdentifierState] | None
+) -> Weights | None:
+    """What a controller (its place and state) and its identifier have learnt; none for one that does not learn."""
+    if controller.scheme is None:
+        return None
+    own = learnt = None
+    if state is not None:
+        own = state.learner.theta[index, : network_of(controller).size].tolist()
+    if identifier is not None:
+        n, found = identifier
+        learnt = found.learner.theta[n, : identifier_network(controller).size].tolist()
+    return Weights(name=controller.name, scheme=controller.scheme, controller=own, identifier=learnt)
+
+
+def all_adapted(case: Case, loop: Loop) -> dict[str, Weights]:
+    """What all controllers of a loop have learnt, by their names as nodes."""
+    serving = loop.identifiers.controller.tolist()
+    found = {}
+    for i, (name, controller) in enumerate(zip(controller_names(case), case.controllers, strict=True)):
+        identifier = (serving.index(i), loop.identifier_state) if i in serving else None
+        weights = adapted(controller, i, loop.bank_state, identifier)
+        if weights is not None:
+            found[name] = weights
+    return found
+
+
+def identifier_network(controller: Controller) -> Network:
+    """The network of a controller's identifier."""
+    kind = str(controller.parameters["identifier"])
+    return identifier_network_of(kind, len(controller.signals), len(controller.devices))
 
 
 def controller_names(case: Case) -> list[str]:

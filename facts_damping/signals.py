@@ -104,8 +104,9 @@ class Record:
 
     `frames` has shape (ticks, stations, channels), `machines` (ticks, machines) of MACHINE_TRUTH,
     `devices` (ticks, devices) of DEVICE_TRUTH; `delivered` has a row an entry (DELIVERY), `issued`
-    and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE). `in_synchronism` is false at the tick that ended an
-    unstable run. `notes` says what a damaged recording lacks.
+    and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE).
+    `in_synchronism` is false at the tick that ended an unstable run. `notes` says what a damaged
+    recording lacks.
     """
 
     configuration: dict[str, Any]

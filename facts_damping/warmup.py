@@ -8,7 +8,7 @@ from facts_damping.configuration import load_case
 
 def main() -> None:
     """Call every compiled function as the nodes and the loop do."""
-    case = load_case(None, ["duration=0.1"])
+    case = load_case(None, ["duration=0.1", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
     loop.rehearse(case)
     loop.run(case)
 

@@ -11,7 +11,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from facts_damping.configuration import load_case
-from facts_damping.loop import controller_names
+from facts_damping.loop import controller_names, identifier_names
 from launch import LaunchContext, LaunchDescription
 
 ARGUMENTS = {
@@ -37,7 +37,9 @@ def nodes(context: LaunchContext) -> list[Node | RegisterEventHandler]:
 
     plant = node("plant_sim", "plant_sim")
     started = [plant, node("wan_link", "wan_link")]
-    started += [node("controller", name, index=i) for i, name in enumerate(controller_names(load_case(run)))]
+    case = load_case(run)
+    started += [node("controller", name, index=i) for i, name in enumerate(controller_names(case))]
+    started += [node("identifier", name, index=i) for i, name in identifier_names(case).items()]
     if output:
         started.append(node("recorder", "recorder", output=output))
     end = RegisterEventHandler(OnProcessExit(target_action=plant, on_exit=[Shutdown(reason="the run is over")]))

@@ -20,6 +20,7 @@ from facts_damping.control.table import DIRECT, INDIRECT, LEAD_LAG, SETTINGS, ki
 from facts_damping.neurofuzzy.learning import Learner, learners, one
 from facts_damping.neurofuzzy.network import Network, network
 from facts_damping.neurofuzzy.start import Start, initial
+from facts_damping.parameters.run import Weights
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def _start(net: Network, made: Bank, c: int, controller: Controller) -> NDArray[
     """Parameters of a network at the start: those given, or symmetric rules that damp by the plant's sign."""
     if net.rules == 0:
         return np.zeros(0)
-    if controller.weights is not None:
+    if isinstance(controller.weights, Weights) and controller.weights.controller is not None:
         return np.array(controller.weights.controller)
     s = made.settings[c]
     sign = 1.0 if made.sensitivity[c, 0, 0] >= 0.0 else -1.0
@@ -156,8 +157,11 @@ def _learnt(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) ->
     actuators = Actuators(made.actuators.limit[c], made.actuators.rate[c])
     for i in range(made.sensitivity.shape[1]):
         for d in range(made.sensitivity.shape[2]):
+            sign = made.sensitivity[c, i, d]
             estimate = state.jacobian[c, i, d] * made.actuators.limit[c, d] / s.scale
-            kept.jacobian[i, d] = made.sensitivity[c, i, d] if made.code[c] == DIRECT else estimate
+            if s.sign_guard > 0.0 and estimate * sign < 0.0:
+                estimate = 0.0
+            kept.jacobian[i, d] = sign if made.code[c] == DIRECT else estimate
     frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
     stale = s.stale > 0.0 and age_ns * 1e-9 > s.stale
     neuro_fuzzy.step(

@@ -128,20 +128,18 @@ def _start(net: Network, row: Identified) -> NDArray[np.float64]:
     Gaussian rules at -h and h give weight tanh(2 sum_i h_i x_i / s^2); two mirrored wavelets give slopes of
     weight (cos 5q)' about q = 0.
     """
-    weight = float(row.settings["identifier_weight"])
-    scale = float(row.settings["scale"])
-    slopes = np.array([1.0] * len(row.signals) + [float(row.jacobian[0, d]) * u / scale for d, u in enumerate(row.limits)])
-    many = [1.0] * net.inputs
+    weight, scale = float(row.settings["identifier_weight"]), float(row.settings["scale"])
+    by_u = row.jacobian[0] * np.array(row.limits) / scale
+    slopes = np.concatenate([np.ones(len(row.signals)), by_u])
+    width, dilation = np.full(net.inputs, WIDTH), np.full(net.inputs, DILATION)
+    spread, shift = np.zeros(net.inputs), np.zeros(net.inputs)
     if IDENTIFIERS[row.kind][1] == "morlet":
-        first = np.pi * DILATION / 10.0  # where cos 5q falls through zero
-        spread = np.zeros(net.inputs)
-        bell = math.exp(-0.5 * (first / DILATION) ** 2)
-        weight = DILATION / (5.0 * bell) * slopes[0]
-        shift = np.where(np.arange(net.inputs) < len(row.signals), first, slopes * DILATION**2 / (26.0 * weight))
+        shift[:] = np.pi * DILATION / 10.0  # where cos 5q falls through zero
+        weight = DILATION / 5.0 * math.exp(0.5 * (np.pi / 10.0) ** 2)
+        shift[len(row.signals) :] = by_u * DILATION**2 / (26.0 * weight)
     else:
-        spread, shift = slopes * WIDTH**2 / (2.0 * weight), np.zeros(net.inputs)
-    start = Start(weight, list(spread), [WIDTH * v for v in many], list(shift), [DILATION * v for v in many])
-    return initial(net, start)
+        spread[:] = slopes * WIDTH**2 / (2.0 * weight)
+    return initial(net, Start(weight, spread, width, shift, dilation))
 
 
 @compiled

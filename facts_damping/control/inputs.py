@@ -24,7 +24,7 @@ IMPLAUSIBLE = 1e6  # p.u. or rad: a quantity of this size or more counts as not 
 class Inputs(NamedTuple):
     """Which signals each of several receivers is given; the first axis is the receiver."""
 
-    count: NDArray[np.int64]  # (receivers,), how many signals
+    signals: NDArray[np.int64]  # (receivers,), how many signals
     channel: NDArray[np.int64]  # (receivers, most signals)
     weight: NDArray[np.float64]  # (receivers, most signals, stations)
     deviation: NDArray[np.bool_]  # (receivers, most signals)
@@ -46,7 +46,7 @@ def inputs(
     """Receivers that are given signals by name, and what they hold at the start."""
     n, most = len(given), max([len(names) for names in given], default=0)
     made = Inputs(
-        count=np.array([len(names) for names in given], np.int64),
+        signals=np.array([len(names) for names in given], np.int64),
         channel=np.zeros((n, most), np.int64),
         weight=np.zeros((n, most, len(stations))),
         deviation=np.zeros((n, most), np.bool_),
@@ -102,7 +102,7 @@ def form(given: Inputs, held: Held, r: int) -> int:
 def _sum(given: Inputs, held: Held, r: int) -> bool:
     """Weighted sums of what is held; whether all are available."""
     complete = True
-    for i in range(given.count[r]):
+    for i in range(given.signals[r]):
         total = 0.0
         for s in range(given.weight.shape[2]):
             if given.weight[r, i, s] != 0.0:

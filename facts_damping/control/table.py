@@ -79,6 +79,7 @@ NEURO_FUZZY_PARAMETERS = {
     "clip": Parameter(0.0, "-", 0.0, 1e3, "longest step of all parameters together; 0: off", deployed=0.5),
     "anti_windup": _choice("off", OFF_ON, "learning from the applied setpoint", deployed="on"),
     "stale": Parameter(0.0, "s", 0.0, 1e3, "older frames teach nothing; 0: off", deployed=1.0),
+    "sign_guard": _choice("off", OFF_ON, "a Jacobian of the wrong sign counts as zero (indirect)", deployed="on"),
     "identifier": Parameter("ANFTSI", "", 0, 1, "network of the identifier", tuple(IDENTIFIERS), live=False),
     "identifier_rate": _choice("lyapunov", RATES, "the identifier's learning rates"),
     "identifier_eta": Parameter(0.1, "-", 0.0, 100.0, "the identifier's learning rate, or share of the best one"),

@@ -37,7 +37,8 @@ def consequent(
     """Consequent zeta of a rule and output, its weight beside the firing strength, its derivative by that strength.
 
     Derivatives of zeta by `theta` go into `slope` (for `sam` that by the volume is left zero), by the inputs into
-    `by_input`. `waves` are the inputs' harmonics, for `fourier`. Sources: control laws (3.13) to (3.30), (6.4); the derivatives are checked by differences.
+    `by_input`. `waves` are the inputs' harmonics, for `fourier`. Sources: control laws (3.13) to (3.30), (6.4); the
+    derivatives are checked by differences.
     """
     by_input[:] = 0.0
     if kind == SINGLETON:

@@ -62,7 +62,11 @@ def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> 
     sizes = [(net.size,) for net in sized]
     kinds = [(net.outputs, len(groups(net))) for net in sized]
     made = Learner(
-        *(room(sizes) for _ in range(5)),
+        theta=room(sizes),
+        change=room(sizes),
+        start=room(sizes),
+        low=room(sizes),
+        high=room(sizes),
         group=room(sizes).astype(np.int64),
         squares=room(kinds),
         rate=room(kinds),

@@ -36,10 +36,10 @@ class Start(NamedTuple):
     """Where the rules start: an entry an input, but for the weight."""
 
     weight: float  # of the consequents: -weight in the first rule, weight in the last
-    spread: Sequence[float]  # centres h of the memberships: -spread to spread
-    width: Sequence[float]  # s of the memberships
-    shift: Sequence[float]  # tau of wavelets: -shift to shift
-    dilation: Sequence[float]  # nu of wavelets
+    spread: Sequence[float] | NDArray[np.float64]  # centres h of the memberships: -spread to spread
+    width: Sequence[float] | NDArray[np.float64]  # s of the memberships
+    shift: Sequence[float] | NDArray[np.float64]  # tau of wavelets: -shift to shift
+    dilation: Sequence[float] | NDArray[np.float64]  # nu of wavelets
 
 
 def slots(net: Network) -> list[Slot]:
@@ -61,7 +61,7 @@ def initial(net: Network, start: Start) -> NDArray[np.float64]:
     rules = [_consequent(net, side, start) for side in sides for _ in range(net.outputs)]
     theta = np.concatenate([*members, *rules])
     own = slots(net)
-    return np.clip(theta, [slot.low for slot in own], [slot.high for slot in own])
+    return np.asarray(np.clip(theta, [slot.low for slot in own], [slot.high for slot in own]))
 
 
 def _membership(net: Network, centre: float, width: float) -> NDArray[np.float64]:

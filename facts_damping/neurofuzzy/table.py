@@ -68,9 +68,7 @@ CONSEQUENTS = {
     ),
     "morlet": Consequent(MORLET, lambda m: [W] + [TAU, NU] * m, "w sum_i exp(-q_i^2/2) cos 5 q_i, (3.19)"),
     "legendre": Consequent(LEGENDRE, lambda m: [W] * (DEGREES * m), "tanh(sum_id w_id L_d(x_i)), (3.21)"),
-    "legendre-wavelet": Consequent(
-        LEGENDRE_WAVELET, lambda _: [W] * WAVELETS, "sum_db rho_db phi_db(F), (3.22, 3.24)"
-    ),
+    "legendre-wavelet": Consequent(LEGENDRE_WAVELET, lambda _: [W] * WAVELETS, "sum_db rho_db phi_db(F), (3.22, 3.24)"),
 }
 
 

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from facts_damping_msgs.msg import ControllerState, PmuDataFrame, VoltageSetpoints
+from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, VoltageSetpoints
 from rcl_interfaces.msg import SetParametersResult
 
-from facts_damping.control.bank import act, parameters
-from facts_damping.control.table import CONTROLLERS
-from facts_damping.errors import InputError
-from facts_damping.loop import build_bank, controller_names, issue_room, rehearse, tick_ns
-from facts_damping.nodes.messages import Inner
+from facts_damping.control.bank import act
+from facts_damping.control.table import kind
+from facts_damping.loop import (
+    adapted,
+    build_control,
+    controller_names,
+    identifier_names,
+    issue_room,
+    rehearse,
+    serve,
+    tick_ns,
+)
+from facts_damping.nodes.messages import Estimates, Inner
 from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
-from facts_damping.nodes.parameters import descriptor, read_case, read_options
+from facts_damping.nodes.parameters import descriptor, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.nodes.tick_before import TickBefore
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
     from rclpy.node import Node
     from rclpy.parameter import Parameter
 
@@ -28,58 +38,75 @@ class ControllerNode:
     def __init__(self, node: Node) -> None:
         """Read parameters, build the controller, wire the topics."""
         self.case, self.options = read_case(node), read_options(node)
-        count = len(self.case.run.controllers)
-        self.index = int(
-            node.declare_parameter("index", 0, descriptor("which of the run's controllers this is", "", 0, 15)).value
-        )
-        if self.index >= count:
-            raise InputError(f"index: {self.index} given; allowed: 0 to {count - 1}, the run's controllers")
-        self.bank, self.state = build_bank(self.case)
-        self.kind = CONTROLLERS[self.case.run.controllers[self.index].name]
+        self.index, self.save = read_index(node, range(len(self.case.controllers))), read_save(node)
+        self.controller = self.case.controllers[self.index]
+        self.bank, self.state, _, _ = build_control(self.case)
         self.declare(node)
-        self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
         self.name = controller_names(self.case)[self.index]
+        identifier = identifier_names(self.case).get(self.index, "")
+        self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
         self.inner = Inner(self.case, self.index)
+        self.ticks = TickBefore(self.options, identifier, self.act)
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", RELIABLE)
         self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", RELIABLE)
-        node.create_subscription(PmuDataFrame, "pmu/delivered", self.on_frames, RELIABLE, raw=True)
+        node.create_subscription(
+            PmuDataFrame, "pmu/delivered", lambda data: self.ticks.frames(*self.frames.read(data)), RELIABLE, raw=True
+        )
+        if identifier:
+            estimates = Estimates(self.case, self.index)
+            node.create_subscription(
+                JacobianEstimate,
+                f"{identifier}/estimate",
+                lambda data: self.ticks.tell(*estimates.read(data)),
+                RELIABLE,
+                raw=True,
+            )
         rehearse(self.case)
         self.spinner = Spinner(node)
         extra = int(self.options.recorder)
-        wait_for_peers(node, {self.to_link: 1 + extra, self.to_recorder: extra}, self.options)
+        listeners = {self.to_link: 1 + bool(identifier) + extra, self.to_recorder: extra}
+        wait_for_peers(node, listeners, self.options)
 
     def declare(self, node: Node) -> None:
-        """Declare the kind's parameters; they may change while it runs."""
-        row = self.bank.parameters[self.index]
-        values = parameters(self.case.run.controllers[self.index])
-        for i, (name, p) in enumerate(self.kind.parameters.items()):
-            made = descriptor(p.description, p.unit, p.low, p.high, read_only=False)
-            row[i] = node.declare_parameter(name, values[i], made).value
+        """Declare the kind's parameters; those that are safe to change may change while it runs."""
+        row = self.bank.settings[self.index]
+        for name, p in kind(self.controller.name).parameters.items():
+            text = f"{p.description}: {', '.join(p.choices)}" if p.choices else p.description
+            low, high = (None, None) if p.choices else (p.low, p.high)
+            made = descriptor(text, p.unit, low, high, read_only=not p.live)
+            given: Any = node.declare_parameter(name, self.controller.parameters[name], made).value
+            row[name] = p.number(given)
         node.add_on_set_parameters_callback(self.on_parameters)
 
-    def on_parameters(self, changed: list[Parameter[float]]) -> SetParametersResult:
-        """Take changed parameters over; rclpy has checked their ranges."""
-        names = list(self.kind.parameters)
-        for parameter in changed:
-            if parameter.name in names:
-                self.bank.parameters[self.index, names.index(parameter.name)] = parameter.value
+    def on_parameters(self, changed: list[Parameter[Any]]) -> SetParametersResult:
+        """Take changed parameters over; rclpy has checked ranges and what may change."""
+        rows = kind(self.controller.name).parameters
+        own = [p for p in changed if p.name in rows]
+        for p in own:
+            if rows[p.name].choices and p.value not in rows[p.name].choices:
+                allowed = ", ".join(rows[p.name].choices)
+                return SetParametersResult(successful=False, reason=f"{p.name}: {p.value} given; allowed: {allowed}")
+        for p in own:
+            self.bank.settings[self.index][p.name] = rows[p.name].number(p.value)
         return SetParametersResult(successful=True)
 
     def run(self) -> None:
-        """Serve until stopped."""
-        while True:
-            self.spinner.turn(1.0)
+        """Serve until stopped, then save what was learnt."""
+        try:
+            self.ticks.serve(self.spinner)
+        finally:
+            save(self.save, adapted(self.controller, self.index, self.state, None))
 
-    def on_frames(self, data: bytes) -> None:
+    def act(self, tick: int, delivered: NDArray[Any], estimates: list[NDArray[Any]]) -> None:
         """One tick: act on what was delivered, answer also when nothing was."""
-        state, c = self.state, self.index
-        tick, delivered = self.frames.read(data)
+        c = self.index
+        for jacobian in estimates:
+            serve(self.state.jacobian[c], jacobian)
         start = tick_ns(tick, self.case.run.frame_rate)
-        issued = issue_room(len(self.case.run.controllers[c].devices), len(delivered))
-        count = act(self.bank, state, c, tick, delivered, len(delivered), issued, 0)
+        issued = issue_room(len(self.controller.devices), len(delivered))
+        count = act(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)
         publish(self.to_link, self.setpoints.fill(tick, start, issued[:count], self.name))
-        inner = self.inner.fill(tick, start, len(delivered) > 0, state.inputs[c], state.unlimited[c], state.outputs[c])
-        publish(self.to_recorder, inner)
+        publish(self.to_recorder, self.inner.fill(tick, start, len(delivered) > 0, self.state))
 
 
 def main() -> None:

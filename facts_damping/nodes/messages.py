@@ -11,14 +11,19 @@ from facts_damping_msgs.msg import (
     ControllerState,
     DeviceState,
     GridEvent,
+    JacobianEstimate,
     LinkChannelStatistics,
     LinkStatistics,
     MachineState,
     PlantState,
 )
+from rclpy.serialization import deserialize_message
 
-from facts_damping.loop import controller_names
-from facts_damping.nodes.cdr import Template
+from facts_damping.control.bank import network_of
+from facts_damping.errors import RunError
+from facts_damping.loop import controller_names, identifier_names
+from facts_damping.neurofuzzy.start import groups
+from facts_damping.nodes.cdr import Template, read
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS
 
 if TYPE_CHECKING:
@@ -26,6 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.configuration import Case
+    from facts_damping.control.bank import BankState
 
 
 class Truth:
@@ -60,9 +66,11 @@ class Inner:
     """The state of one controller of a case."""
 
     def __init__(self, case: Case, index: int) -> None:
-        """Lay out its signals and devices."""
-        controller = case.run.controllers[index]
+        """Lay out its signals and devices, and what its network has."""
+        controller = case.controllers[index]
         signals, devices = len(controller.signals), len(controller.devices)
+        self._net = network_of(controller)
+        names = groups(self._net)
         self._template = t = Template(
             ControllerState(
                 controller=controller_names(case)[index],
@@ -72,32 +80,85 @@ class Inner:
                 unlimited_outputs=[0.0] * devices,
                 outputs=[0.0] * devices,
                 saturated=[False] * devices,
+                adaptation_errors=[0.0] * self._net.outputs,
+                firing_strengths=[0.0] * self._net.rules,
+                parameter_groups=names,
+                parameter_norms=[0.0] * len(names),
+                learning_rates=[0.0] * (self._net.outputs * len(names)),
             )
         )
-        self._fresh = t.index(["fresh"])
-        self._inputs = t.index(f"inputs.{i}" for i in range(signals))
-        self._outputs = [
-            t.index(f"{name}.{i}" for i in range(devices)) for name in ("unlimited_outputs", "outputs", "saturated")
-        ]
+        self._index, self._devices, self._groups = index, devices, len(names)
+        self._flags = t.index(["fresh"]), t.index(["learnt"])
+        sizes = {
+            **dict.fromkeys(("unlimited_outputs", "outputs", "saturated"), devices),
+            "inputs": signals,
+            "adaptation_errors": self._net.outputs,
+            "firing_strengths": self._net.rules,
+            "parameter_norms": len(names),
+            "learning_rates": self._net.outputs * len(names),
+        }
+        self._fields = {name: t.index(f"{name}.{i}" for i in range(size)) for name, size in sizes.items()}
 
-    def fill(
-        self,
-        tick: int,
-        start_ns: int,
-        fresh: bool,
-        inputs: NDArray[Any],
-        unlimited: NDArray[Any],
-        outputs: NDArray[Any],
-    ) -> bytes:
+    def fill(self, tick: int, start_ns: int, fresh: bool, state: BankState) -> bytes:
         """Message of a tick."""
-        t = self._template
+        t, c, fields, net, learner = self._template, self._index, self._fields, self._net, state.learner
         t.write_head(start_ns, tick)
-        t.write(self._fresh, fresh)
-        t.write(self._inputs, inputs[: len(self._inputs.places)])
-        count = len(self._outputs[0].places)
-        for field, values in zip(self._outputs, (unlimited, outputs, outputs != unlimited), strict=True):
-            t.write(field, values[:count])
+        for field, value in zip(self._flags, (fresh, fresh and state.memory.taught[c, 0]), strict=True):
+            t.write(field, value)
+        unlimited, outputs = state.unlimited[c, : self._devices], state.outputs[c, : self._devices]
+        t.write(fields["inputs"], state.held.signal[c, : len(fields["inputs"].places)])
+        t.write(fields["unlimited_outputs"], unlimited)
+        t.write(fields["outputs"], outputs)
+        t.write(fields["saturated"], outputs != unlimited)
+        if net.rules:
+            squares = np.bincount(learner.group[c, : net.size], learner.theta[c, : net.size] ** 2)
+            t.write(fields["adaptation_errors"], state.memory.error[c, : net.outputs])
+            t.write(fields["firing_strengths"], learner.passed.firing[c, : net.rules])
+            t.write(fields["parameter_norms"], np.sqrt(squares))
+            t.write(fields["learning_rates"], learner.rate[c, : net.outputs, : self._groups].ravel())
         return t.data()
+
+
+class Estimates:
+    """The estimates of one identifier of a case."""
+
+    def __init__(self, case: Case, index: int) -> None:
+        """Lay out the signals and devices of the controller that it serves."""
+        controller = case.controllers[index]
+        self._shape = p, q = len(controller.signals), len(controller.devices)
+        self._template = t = Template(
+            JacobianEstimate(
+                identifier=identifier_names(case)[index],
+                output_names=controller.signals,
+                input_names=controller.devices,
+                jacobian=[0.0] * (p * q),
+                prediction=[0.0] * p,
+                error=[0.0] * p,
+            )
+        )
+        self._jacobian = t.index(f"jacobian.{i}" for i in range(p * q))
+        self._prediction, self._error = (t.index(f"{name}.{i}" for i in range(p)) for name in ("prediction", "error"))
+
+    def fill(self, tick: int, rows: NDArray[Any]) -> bytes:
+        """Message of a tick's estimates (ESTIMATE), signal by signal."""
+        t = self._template
+        t.write_head(int(rows["measured_ns"][0]), tick)
+        t.write(self._jacobian, rows["jacobian"])
+        t.write(self._prediction, rows["prediction"][:: self._shape[1]])
+        t.write(self._error, rows["error"][:: self._shape[1]])
+        return t.data()
+
+    def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
+        """Tick and Jacobian (signals, devices) of a message."""
+        if self._template.fits(data):
+            return self._template.tick_of(data), read(data, self._jacobian).reshape(self._shape)
+        message = deserialize_message(data, JacobianEstimate)
+        if len(message.jacobian) != self._shape[0] * self._shape[1]:
+            raise RunError(
+                f"{message.identifier}: {len(message.jacobian)} derivatives given; "
+                f"allowed: {self._shape[0]} signals by {self._shape[1]} devices"
+            )
+        return message.tick, np.array(message.jacobian).reshape(self._shape)
 
 
 def set_time(time: Time, nanoseconds: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -11,9 +12,12 @@ from rclpy.parameter import Parameter
 
 from facts_damping.configuration import Case, load_case
 from facts_damping.errors import InputError
-from facts_damping.parameters.run import Run
+from facts_damping.files import check_writable, dump, write_whole
+from facts_damping.parameters.run import Run, Weights
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from pydantic.fields import FieldInfo
     from rclpy.node import Node
 
@@ -95,3 +99,28 @@ def read_options(node: Node) -> Options:
     if options.mode not in ("lockstep", "realtime"):
         raise InputError(f"mode: '{options.mode}' given; allowed: lockstep, realtime")
     return options
+
+
+def read_index(node: Node, allowed: Iterable[int]) -> int:
+    """Declare and read which of the run's controllers a node is or serves."""
+    indices = list(allowed)
+    text = "which of the run's controllers this is, or serves"
+    first = indices[0] if indices else 0
+    index = int(node.declare_parameter("index", first, descriptor(text, "", 0, 15)).value)
+    if index not in indices:
+        raise InputError(f"index: {index} given; allowed: {', '.join(map(str, indices)) or 'none: no such controller'}")
+    return index
+
+
+def read_save(node: Node) -> Path | None:
+    """Declare and read the file for adapted weights."""
+    text = "file that the adapted weights go to at the end; empty: none"
+    name = str(node.declare_parameter("save", "", descriptor(text)).value)
+    check_writable(name or None, "save")
+    return Path(name) if name else None
+
+
+def save(path: Path | None, weights: Weights | None) -> None:
+    """Write adapted weights, whole or not at all."""
+    if path is not None and weights is not None:
+        write_whole(path, dump(weights.model_dump()))

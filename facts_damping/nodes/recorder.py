@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from facts_damping import __version__
 from facts_damping.files import dump
-from facts_damping.loop import controller_names
+from facts_damping.loop import controller_names, identifier_names
 from facts_damping.nodes.node import RELIABLE, run_node
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner
@@ -47,6 +47,7 @@ def topics(case: Case) -> dict[str, Any]:
     """Topics of a case and their types."""
     own = {f"{name}/setpoints": messages.VoltageSetpoints for name in controller_names(case)}
     own |= {f"{name}/state": messages.ControllerState for name in controller_names(case)}
+    own |= {f"{name}/estimate": messages.JacobianEstimate for name in identifier_names(case).values()}
     return {**TOPICS, **own}
 
 

@@ -10,7 +10,7 @@ from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, VoltageSetpoint
 
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import downlink, uplink
-from facts_damping.loop import build_link, controller_names, rehearse, tick_ns
+from facts_damping.loop import build_link, controller_names, identifier_names, rehearse, tick_ns
 from facts_damping.nodes.messages import link_statistics
 from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
@@ -44,9 +44,10 @@ class WanLink:
         rehearse(self.case)
         self.spinner = Spinner(node)
         extra = int(self.options.recorder)
+        listeners = len(self.names) + len(identifier_names(self.case))
         wait_for_peers(
             node,
-            {self.to_controllers: len(self.names) + extra, self.to_plant: 1 + extra, self.to_recorder: extra},
+            {self.to_controllers: listeners + extra, self.to_plant: 1 + extra, self.to_recorder: extra},
             self.options,
         )
 

@@ -120,7 +120,7 @@ class Weights(Model):
 
     name: Name
     scheme: Literal["direct", "indirect"]
-    controller: list[float] = Field(..., description="parameters of its network")
+    controller: list[float] | None = Field(None, description="parameters of its network; none: as at the start")
     identifier: list[float] | None = Field(None, description="parameters of its identifier's network")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,7 +13,7 @@ from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from facts_damping.errors import RecordingError
 from facts_damping.recording.schemas import parse_schema
-from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, ESTIMATE, MACHINE_TRUTH, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -159,6 +160,21 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
     ]
     table = np.array(rows, SETPOINT)
     return table[np.argsort(table["tick"], kind="stable")]
+
+
+def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]:
+    """What identifiers estimated, a row (ESTIMATE) a derivative, tick by tick in the order of the controllers."""
+    index, rows = _index(devices), []
+    for source in sources:
+        for tick, message in zip(source.ticks, source.messages, strict=True):
+            place = int(re.sub(r"\D*(\d*).*", r"\1", message.identifier) or 0)
+            measured = time_ns(message.header.stamp)
+            known = [_lookup(index, name, source.topic) for name in message.input_names]
+            for i, (prediction, error) in enumerate(zip(message.prediction, message.error, strict=True)):
+                for j, device in enumerate(known):
+                    jacobian = message.jacobian[i * len(known) + j]
+                    rows.append((tick, place, i, device, measured, jacobian, prediction, error))
+    return np.array(sorted(rows, key=itemgetter(0, 1)), ESTIMATE)
 
 
 def events(messages: Iterable[Any]) -> list[dict[str, Any]]:

@@ -29,11 +29,13 @@ KINDS = {
     "delivered": ("facts_damping_msgs/msg/PmuDataFrame", "/pmu/delivered"),
     "issued": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints"),
     "applied": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints/delivered"),
+    "estimates": ("facts_damping_msgs/msg/JacobianEstimate", "/estimate"),
     "state": ("facts_damping_msgs/msg/PlantState", "/plant/state"),
     "events": ("facts_damping_msgs/msg/GridEvent", "/plant/events"),
 }
 REQUIRED = ("frames", "state")  # without these there is no record of a plant
 CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
+SEVERAL = ("issued", "estimates")  # of these each controller or identifier has its own
 LISTED = 5  # so many lost ticks are named one by one
 
 
@@ -88,6 +90,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         applied=decode.setpoints(cut["applied"], controllers, devices),
         machines=decode.truth(state, "machines", "machine", machines),
         devices=decode.truth(state, "devices", "device", devices),
+        estimates=decode.estimates(cut["estimates"], devices),
         in_synchronism=np.array([message.in_synchronism for message in state.messages], np.bool_),
         events=decode.events(message for topic in topics["events"] for message in messages[topic]),
         notes=notes,
@@ -121,7 +124,7 @@ def _topics(content: Content, controlled: bool) -> dict[str, list[str]]:
         if not topics[kind]:
             raise RecordingError(f"no topic ...{KINDS[kind][1]} of type {KINDS[kind][0]} in the recording")
     for kind, names in topics.items():
-        if len(names) > 1 and kind != "issued":
+        if len(names) > 1 and kind not in SEVERAL:
             raise RecordingError(f"several topics ...{KINDS[kind][1]} in the recording: {', '.join(names)}")
     return topics
 

@@ -1,0 +1,77 @@
+"""identifier: subscribes to delivered frames and a controller's setpoints, publishes the plant's Jacobian."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
+
+from facts_damping.control.identifier import identify, remember, tell
+from facts_damping.loop import adapted, build_control, controller_names, identifier_names, rehearse
+from facts_damping.nodes.messages import Estimates
+from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
+from facts_damping.nodes.parameters import read_case, read_index, read_options, read_save, save
+from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.nodes.tick_before import TickBefore
+from facts_damping.signals import ESTIMATE
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from rclpy.node import Node
+
+
+class IdentifierNode:
+    """The identifier of one controller of the run."""
+
+    def __init__(self, node: Node) -> None:
+        """Read parameters, build the identifier, wire the topics."""
+        self.case, self.options = read_case(node), read_options(node)
+        names = identifier_names(self.case)
+        self.index, self.save = read_index(node, names), read_save(node)
+        self.controller = self.case.controllers[self.index]
+        self.own = list(names).index(self.index)
+        _, _, self.identifiers, self.state = build_control(self.case)
+        sender = controller_names(self.case)[self.index]
+        self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
+        self.estimates = Estimates(self.case, self.index)
+        self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
+        self.ticks = TickBefore(self.options, sender, self.learn)
+        self.to_controller = node.create_publisher(JacobianEstimate, f"{names[self.index]}/estimate", RELIABLE)
+        node.create_subscription(
+            PmuDataFrame, "pmu/delivered", lambda data: self.ticks.frames(*self.frames.read(data)), RELIABLE, raw=True
+        )
+        node.create_subscription(VoltageSetpoints, f"{sender}/setpoints", self.on_setpoints, RELIABLE, raw=True)
+        rehearse(self.case)
+        self.spinner = Spinner(node)
+        wait_for_peers(node, {self.to_controller: 1 + int(self.options.recorder)}, self.options)
+
+    def on_setpoints(self, data: bytes) -> None:
+        """The controller's setpoints of a tick."""
+        tick, _, rows = self.setpoints.read(data)
+        self.ticks.tell(tick, rows)
+
+    def run(self) -> None:
+        """Serve until stopped, then save what was learnt."""
+        try:
+            self.ticks.serve(self.spinner)
+        finally:
+            save(self.save, adapted(self.controller, self.index, None, (self.own, self.state)))
+
+    def learn(self, tick: int, delivered: NDArray[Any], setpoints: list[NDArray[Any]]) -> None:
+        """One tick: take in the setpoints of the ticks before, learn from what was delivered, publish."""
+        for rows in setpoints:
+            remember(self.identifiers, self.state, self.own, rows, len(rows))
+        identify(self.identifiers, self.state, self.own, delivered, len(delivered))
+        tell(self.identifiers, self.state, self.own, tick, self.rows, 0)
+        publish(self.to_controller, self.estimates.fill(tick, self.rows))
+
+
+def main() -> None:
+    """Entry point of `ros2 run facts_damping identifier`."""
+    run_node("identifier", IdentifierNode)
+
+
+if __name__ == "__main__":
+    main()

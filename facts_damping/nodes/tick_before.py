@@ -1,0 +1,56 @@
+"""What one node tells another each tick, to be used in the tick after: message order cannot change a result."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.errors import RunError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from facts_damping.nodes.parameters import Options
+    from facts_damping.nodes.spinning import Spinner
+
+PATIENCE = 0.8  # share of the time-out: a node that waits names who is silent before others name it
+
+
+class TickBefore:
+    """Frames wait, in lockstep, until the message of the tick before them is there; it is used then, not earlier."""
+
+    def __init__(self, options: Options, sender: str, step: Callable[[int, Any, list[Any]], None]) -> None:
+        """`step(tick, frames, told)` is called for each tick in turn; `sender`: who tells, empty for nobody."""
+        self._waits = bool(sender) and not options.realtime
+        self._sender, self._step, self._patience = sender, step, PATIENCE * options.timeout
+        self._told: list[tuple[int, Any]] = []
+        self._frames: list[tuple[int, Any]] = []
+        self._newest, self._heard = -1, time.monotonic()
+
+    def tell(self, tick: int, content: Any) -> None:
+        """A message of the sender."""
+        self._told.append((tick, content))
+        self._newest, self._heard = max(self._newest, tick), time.monotonic()
+        self._proceed()
+
+    def frames(self, tick: int, content: Any) -> None:
+        """The frames of a tick."""
+        self._frames.append((tick, content))
+        self._heard = time.monotonic()
+        self._proceed()
+
+    def _proceed(self) -> None:
+        while self._frames and (not self._waits or self._newest >= self._frames[0][0] - 1):
+            tick, content = self._frames.pop(0)
+            told = [message for at, message in self._told if at < tick]
+            self._told = [(at, message) for at, message in self._told if at >= tick]
+            self._step(tick, content, told)
+
+    def serve(self, spinner: Spinner) -> None:
+        """Serve until stopped. Raises `RunError` naming the sender when it is silent while frames wait."""
+        while True:
+            spinner.turn(0.1)
+            if self._frames and time.monotonic() - self._heard > self._patience:
+                raise RunError(
+                    f"{self._sender} is silent: nothing of tick {self._frames[0][0] - 1} within {self._patience:g} s"
+                )

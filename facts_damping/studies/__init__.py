@@ -1,0 +1,1 @@
+"""Studies: many closed loops in process, to choose parameters and to compare controllers."""
