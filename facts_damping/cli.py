@@ -1,4 +1,4 @@
-"""The command `facts-damping`: simulate, run, analyze, modes, validate, tune, compare, list, import."""
+"""The command `facts-damping`: simulate, run, analyze, modes, validate, tune, compare, portray, list, import."""
 
 from __future__ import annotations
 
@@ -83,6 +83,11 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
     command.add_argument("--out", metavar="FILE.md", help="write the tables as a Markdown page")
     _common(command, out=False)
+    command = add("portray", commands.portray)
+    command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")
+    command.add_argument("scenario", metavar="SCENARIO", help="one of the system's scenarios")
+    command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: the eleven")
+    _common(command, sets=False)
     command = add("list", commands.list_)
     command.add_argument("kind", choices=files.KINDS)
     _common(command, sets=False, out=False)

@@ -249,9 +249,25 @@ def compare(arguments: argparse.Namespace) -> None:
         progress.close()
     write_json(arguments.json, rows)
     if arguments.out is not None:
-        files.write_whole(Path(arguments.out), "\n".join(study.page(rows)) + "\n")
+        files.write_whole(Path(arguments.out), "\n".join(study.page(rows)).rstrip() + "\n")
     for line in study.text(rows):
         _say(arguments, line)
+
+
+def portray(arguments: argparse.Namespace) -> None:
+    """Pictures of neuro-fuzzy controllers: memberships before and after a run, response beside the baselines."""
+    from facts_damping.control.table import CONTROLLERS, kind
+    from facts_damping.studies import portraits
+
+    names = arguments.controllers or [name for name, row in CONTROLLERS.items() if row.network is not None]
+    for name in names:
+        kind(name, "CONTROLLER")
+    folder, progress = _out(arguments, "portraits"), Progress("portray", "controllers")
+    try:
+        portraits.draw(arguments.system, arguments.scenario, names, folder, progress)
+    finally:
+        progress.close()
+    _say(arguments, f"pictures: {folder}")
 
 
 def import_(arguments: argparse.Namespace) -> None:

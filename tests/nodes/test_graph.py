@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-ARRAYS = ("time_ns", "frames", "delivered", "issued", "applied", "machines", "devices", "in_synchronism")
+ARRAYS = (
+    *("time_ns", "frames", "delivered", "issued", "applied"),
+    *("machines", "devices", "in_synchronism", "estimates"),
+)
 PATIENCE_S = 60.0
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from facts_damping.configuration import Case, load_case
+from facts_damping.loop import build_control
 from facts_damping.nodes.messages import Inner, Truth
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
@@ -123,7 +124,9 @@ def test_truth_and_inner_state_are_the_messages(case: Case) -> None:
     assert [m.terminal_voltage_pu for m in state.machines] == machines["terminal_voltage"].tolist()
     assert state.devices[0].dc_voltage_pu == devices["dc_voltage"][0]
     assert state.devices[0].blocked
-    data = Inner(case, 0).fill(9, 0, True, np.array([0.25]), np.array([3.0]), np.array([0.1]))
+    _, control, _, _ = build_control(case)
+    control.held.signal[0], control.unlimited[0], control.outputs[0] = 0.25, 3.0, 0.1
+    data = Inner(case, 0).fill(9, 0, True, control)
     inner = deserialize_message(data, msg.ControllerState)
     assert (inner.tick, inner.fresh, inner.input_names) == (9, True, ["speed"])
     assert (list(inner.inputs), list(inner.unlimited_outputs), list(inner.outputs)) == ([0.25], [3.0], [0.1])

@@ -1,0 +1,116 @@
+"""Portraits of neuro-fuzzy controllers: memberships before and after a run, and the response beside the baselines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from facts_damping import files, loop
+from facts_damping.analysis.measures import speed_differences
+from facts_damping.configuration import load_case, tuned
+from facts_damping.control.bank import network_of
+from facts_damping.control.table import kind
+from facts_damping.neurofuzzy.network import Network, forward, passes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from facts_damping.configuration import Case
+    from facts_damping.signals import Record
+    from facts_damping.studies.tune import Scheme
+
+DPI = 110
+INPUTS = ("e / scale", "de / change scale")
+BASELINES = {"none": ("#999999", 1.0), "LLC": ("#56B4E9", 1.2), "LLC-tuned": ("#009E73", 1.2)}
+RULES = ("#0072B2", "#D55E00")  # of the rules, and of direct and indirect
+
+
+class Portrait(NamedTuple):
+    """A run of a controller: its record, and the parameters of its network before and after."""
+
+    record: Record
+    net: Network
+    before: NDArray[np.float64]
+    after: NDArray[np.float64]
+
+
+def scene(system: str, scenario: str, name: str, scheme: Scheme) -> Case:
+    """A run of a controller; `none` is the run without."""
+    own = ["controllers=[]"] if name == "none" else [f"controllers.0.name={name}"]
+    own += [f"controllers.0.scheme={scheme}"] if scheme else []
+    return load_case(None, [f"system={system}", f"scenario={scenario}", *own])
+
+
+def portrait(case: Case) -> Portrait:
+    """Run a neuro-fuzzy controller and keep what it learnt."""
+    built, net = loop.build_loop(case), network_of(case.controllers[0])
+    before = built.bank_state.learner.theta[0, : net.size].copy()
+    record = loop.finish(case, built)
+    return Portrait(record, net, before, built.bank_state.learner.theta[0, : net.size].copy())
+
+
+def memberships(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Degrees of membership of one input value `x` in all inputs: (values, inputs, rules)."""
+    made, p = np.zeros((len(x), net.inputs, net.rules)), passes(net)
+    for k, value in enumerate(x):
+        forward(net, theta, np.full(net.inputs, value), p)
+        made[k] = p.mu
+    return made
+
+
+def draw(system: str, scenario: str, names: Sequence[str], folder: Path, progress: Callable[[int, int], None]) -> None:
+    """One PNG a controller: a row a scheme, with both inputs' memberships and the response."""
+    files.new_folder(folder)
+    have = [name for name in BASELINES if name != "LLC-tuned" or (name, None) in tuned(system)]
+    baselines = {name: loop.run(scene(system, scenario, name, None)) for name in have}
+    asked = [name for name in names if kind(name).network is not None]
+    for i, name in enumerate(asked):
+        schemes: tuple[Scheme, ...] = ("direct", "indirect")
+        runs = {str(scheme): portrait(scene(system, scenario, name, scheme)) for scheme in schemes}
+        _picture(f"{name} on {system}, {scenario}", runs, baselines).savefig(
+            folder / f"{name}.png", dpi=DPI, metadata={"Software": None}
+        )
+        progress(i + 1, len(asked))
+
+
+def _picture(title: str, runs: dict[str, Portrait], baselines: dict[str, Record]) -> Figure:
+    figure = Figure(figsize=(11.0, 5.6), layout="constrained")
+    axes: Any = figure.subplots(len(runs), 3, width_ratios=[1, 1, 1.8], squeeze=False)
+    for row, (scheme, one) in zip(axes, runs.items(), strict=True):
+        x = np.linspace(-3.0, 3.0, 601)
+        before, after = memberships(one.net, one.before, x), memberships(one.net, one.after, x)
+        for i, label in enumerate(INPUTS):
+            for j, colour in enumerate(RULES):
+                row[i].plot(x, before[:, i, j], "--", color=colour, lw=1.0, label=f"rule {j + 1}, before")
+                row[i].plot(x, after[:, i, j], "-", color=colour, lw=1.5, label=f"rule {j + 1}, after")
+            row[i].set(xlabel=label, ylim=(-0.05, 1.08))
+        row[0].set_ylabel(f"{scheme}\ndegree of membership")
+        _response(row[2], one.record, scheme, baselines)
+    axes[0][0].legend(fontsize="x-small")
+    figure.suptitle(title)
+    return figure
+
+
+def _response(axes: Axes, record: Record, scheme: str, baselines: dict[str, Record]) -> None:
+    """The last speed difference that is judged (interarea where there is one), 1e-3 p.u."""
+    differences = speed_differences(record)
+    name = list(differences)[-1]
+    for label, (colour, width) in BASELINES.items():
+        if label in baselines:
+            axes.plot(
+                baselines[label].time_s,
+                1e3 * speed_differences(baselines[label])[name],
+                color=colour,
+                lw=width,
+                label=label,
+            )
+    axes.plot(record.time_s, 1e3 * differences[name], color="#D55E00", lw=1.5, label=scheme)
+    span = 1.6e3 * float(np.max(np.abs(differences[name])))
+    axes.set(xlabel="time [s]", ylabel=f"{name} [1e-3 p.u.]", xlim=(0, record.time_s[-1]), ylim=(-span, span))
+    axes.legend(fontsize="x-small", loc="upper right")

@@ -1,0 +1,171 @@
+"""Neuro-fuzzy controllers as nodes, with the identifier: same bits as in process, weights kept, parameters live."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from facts_damping_msgs.msg import ControllerState, JacobianEstimate
+from mcap.reader import make_reader
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.serialization import deserialize_message
+
+from facts_damping import graph, loop
+from facts_damping.configuration import load_case
+from facts_damping.errors import RunError
+from facts_damping.files import read_table
+from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.recording.reader import load
+from tests.nodes.test_graph import assert_same, nodes_left, quiet
+from tests.nodes.test_nodes import PATIENCE_S, client, start
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["client", "start"]  # fixtures
+SCENARIOS = [
+    *(["system=two_area", f"scenario={name}"] for name in ("small", "large", "multiple")),
+    *(["system=smib", f"scenario={name}"] for name in ("nominal", "light", "heavy", "multiple")),
+]
+# Every variant; schemes, scenarios and links in turn. All of them together: benchmarks/graphs.py.
+RUNS = [
+    (name, ("indirect", "direct")[i % 2], SCENARIOS[i % len(SCENARIOS)], ("ideal", "delay_100ms")[i % 3 == 2])
+    for i, name in enumerate([*VARIANTS, "b-spline-interpolated+fourier"])
+]
+HBSWC = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "scenario=large"]
+
+
+@pytest.mark.parametrize(("name", "scheme", "scenario", "link"), RUNS, ids=[f"{n}-{s}" for n, s, _, _ in RUNS])
+def test_a_graph_with_identifier_is_the_in_process_run_bit_for_bit(
+    domain: int, tmp_path: Path, name: str, scheme: str, scenario: list[str], link: str
+) -> None:
+    own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"link={link}", "duration=4"]
+    case = load_case(None, [*scenario, *own])
+    graph.run(case, "lockstep", tmp_path, quiet)
+    recorded, computed = load(tmp_path / "recording"), loop.run(case)
+    assert np.any(computed.applied["value"] != 0.0)
+    assert len(computed.estimates) == (240 if scheme == "indirect" else 0)
+    assert_same(recorded, computed)
+
+
+def test_two_indirect_controllers_each_with_its_identifier(domain: int, tmp_path: Path) -> None:
+    rows = [
+        {"name": "ANFTSC", "signals": ["speed"], "devices": ["sssc"]},
+        {"name": "LLC", "signals": ["w13"], "devices": ["statcom"]},
+    ]
+    rows[1] |= {"name": "HBsWC", "scheme": "indirect"}
+    sets = ["devices=[sssc, statcom]", f"controllers={rows}", "scenario=large", "duration=4"]
+    case = load_case(None, sets)
+    graph.run(case, "lockstep", tmp_path, quiet)
+    recorded = load(tmp_path / "recording")
+    assert set(recorded.estimates["controller"]) == {0, 1}
+    assert_same(recorded, loop.run(case))
+
+
+def test_weights_are_saved_and_a_run_goes_on_from_them(domain: int, tmp_path: Path) -> None:
+    case = load_case(None, [*HBSWC, "duration=4"])
+    built = loop.build_loop(case)
+    loop.finish(case, built)
+    graph.run(case, "lockstep", tmp_path / "first", quiet)
+    (file,) = (tmp_path / "first").glob("*.weights.yaml")
+    (adapted,) = loop.all_adapted(case, built).values()
+    assert read_table(file) == adapted.model_dump()
+    warm = load_case(None, [*HBSWC, "duration=4", f"controllers.0.weights={file}"])
+    graph.run(warm, "lockstep", tmp_path / "second", quiet)
+    recorded = load(tmp_path / "second" / "recording")
+    assert_same(recorded, loop.run(warm))
+    assert recorded.configuration["controllers"][0]["weights"] == adapted.model_dump()
+    assert recorded.issued.tobytes() != load(tmp_path / "first" / "recording").issued.tobytes()
+
+
+def test_inner_state_and_estimates_are_published_every_tick(domain: int, tmp_path: Path) -> None:
+    case = load_case(None, [*HBSWC, "duration=3"])
+    graph.run(case, "lockstep", tmp_path, quiet)
+    found: dict[str, list[bytes]] = {}
+    with next((tmp_path / "recording").glob("*.mcap")).open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            found.setdefault(channel.topic, []).append(message.data)
+    states = [deserialize_message(data, ControllerState) for data in found["/controller_0_HBsWC/state"]]
+    estimates = [deserialize_message(data, JacobianEstimate) for data in found["/identifier_0_ANFGuMoI/estimate"]]
+    assert len(states) == len(estimates) == 180
+    built = loop.build_loop(case)
+    loop.finish(case, built)
+    learner, last = built.bank_state.learner, states[-1]
+    assert last.parameter_groups == ["degree", "w", "tau", "nu"]
+    for g, norm in enumerate(last.parameter_norms):
+        assert norm == pytest.approx(np.linalg.norm(learner.theta[0][learner.group[0] == g]))
+    assert list(last.firing_strengths) == learner.passed.firing[0].tolist()
+    assert last.learnt
+    assert not states[0].learnt
+    assert any(state.saturated[0] for state in states)
+    assert all(rate > 0.0 for rate in last.learning_rates)
+    assert estimates[-1].output_names == ["speed"]
+    assert estimates[-1].input_names == ["sssc"]
+    assert list(estimates[-1].jacobian) == built.identifier_state.jacobian[0].ravel().tolist()
+
+
+@pytest.mark.parametrize(
+    ("node", "number", "said"),
+    [
+        ("identifier_0_ANFGuMoI", signal.SIGKILL, "identifier_0_ANFGuMoI was killed by SIGKILL"),
+        ("identifier_0_ANFGuMoI", signal.SIGSTOP, "identifier_0_ANFGuMoI is silent"),
+    ],
+)
+def test_dead_or_silent_identifier_is_named(
+    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, node: str, number: int, said: str
+) -> None:
+    started: dict[str, Any] = {}
+    original = graph.start
+
+    def spy(name: str, *arguments: Any) -> Any:
+        started[name] = original(name, *arguments)
+        return started[name]
+
+    monkeypatch.setattr(graph, "start", spy)
+
+    def strike(done: int, _of: int) -> None:
+        if done > 1 and node in started:
+            os.kill(started.pop(node).popen.pid, number)
+
+    began = time.monotonic()
+    with pytest.raises(RunError, match=said):
+        graph.run(load_case(None, [*HBSWC, "duration=1000"]), "lockstep", tmp_path, strike, timeout=2.0)
+    assert time.monotonic() - began < PATIENCE_S
+    assert nodes_left(tmp_path) == []
+
+
+def test_real_time_with_identifier_loses_nothing(domain: int, tmp_path: Path) -> None:
+    outcome = graph.run(load_case(None, [*HBSWC, "duration=3"]), "realtime", tmp_path, quiet)
+    assert outcome.messages_lost == 0
+    recorded = load(outcome.recording)
+    assert len(recorded.time_ns) == 180
+    assert len(recorded.estimates) >= 179
+
+
+def test_parameters_that_are_safe_to_change_change_while_it_runs(start: Any, client: Any) -> None:
+    sets = {"set": "[controllers.0.name=HBsWC, controllers.0.scheme=direct]"}
+    start("controller", start_timeout=60.0, **sets)
+    start("wan_link", start_timeout=60.0, **sets)
+    start("plant_sim", mode="realtime", duration=1000.0, start_timeout=60.0, **sets)
+
+    def change(name: str, value: float | str) -> Any:
+        if isinstance(value, str):
+            given = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
+        else:
+            given = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+        request = SetParameters.Request(parameters=[Parameter(name=name, value=given)])
+        return client(SetParameters, "/controller/set_parameters", request).results[0]
+
+    assert change("eta", 0.01).successful
+    assert change("rate", "lyapunov").successful
+    assert change("projection", "off").successful
+    refused = change("rate", "fast")
+    assert not refused.successful
+    assert "allowed: fixed, lyapunov, lyapunov-groups" in refused.reason
+    assert not change("hbar", -1.0).successful
+    assert not change("width", 2.0).successful  # where it starts from is past
