@@ -255,7 +255,8 @@ def _check_parameter(where: str, name: str, value: float | str, row: Kind) -> No
     if p.choices:
         check_known(where, str(value), p.choices)
     elif isinstance(value, str) or not p.low <= value <= p.high:
-        raise InputError(f"{where}: {value} given; allowed: {p.low:g} to {p.high:g} {p.unit}")
+        shown = value if isinstance(value, str) else f"{value:g}"
+        raise InputError(f"{where}: {shown} given; allowed: {p.low:g} to {p.high:g} {p.unit}")
 
 
 def _weights(

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping import loop
-from facts_damping.configuration import load_case, load_system, make_case
+from facts_damping.configuration import load_case, load_system, make_case, tuned
 from facts_damping.errors import InputError
 from facts_damping.files import dump, read_table, shipped
 from facts_damping.plant.build import build
@@ -64,22 +64,25 @@ def assert_one_line(error: InputError) -> None:
 
 
 INLINE = load_case("two_area_multiple").document()
-PATHS = list(leaves(INLINE))
+NEURO = load_case("two_area_multiple", ["controllers.0.name=ANFTSC"]).document()
+NEURO["controllers"][0]["weights"] = {"name": "ANFTSC", "scheme": "indirect", "controller": [0.5] * 10}
+BASES = [(INLINE, path) for path in leaves(INLINE)]
+BASES += [(NEURO, ("controllers", *path)) for path in leaves(NEURO["controllers"])] * 4
 
 
 @settings(deadline=None, max_examples=250)
 @given(
-    path=st.sampled_from(PATHS),
+    base=st.sampled_from(BASES),
     how=st.sampled_from(["replace", "remove", "rename"]),
     junk=JUNK,
 )
-def test_random_mutation_is_refused_in_one_line_or_runs(path: tuple[Any, ...], how: str, junk: Any) -> None:
+def test_random_mutation_is_refused_in_one_line_or_runs(base: Any, how: str, junk: Any) -> None:
     """A mutated run, with everything it names inline, is either a run that can be built or a clear error."""
     try:
-        case = make_case(mutate(INLINE, path, how, junk), "mutated")
+        case = make_case(mutate(base[0], base[1], how, junk), "mutated")
         loop.build_plant(case)
         loop.build_link(case)
-        loop.build_bank(case)
+        loop.build_control(case)
     except InputError as error:
         assert_one_line(error)
 
@@ -153,6 +156,29 @@ REFUSED = [
     (["controllers.0.signals=[w12, w34]"], "controllers.0.signals: 2 given; allowed: 1 for LLC"),
     (["controllers.0.parameters.gain=1e9"], "parameters.gain: 1e+09 given; allowed: -1000 to 1000"),
     (["controllers.0.parameters.Kp=1"], "parameters.Kp: 'Kp' given; allowed: gain, Tw, T1"),
+    (["controllers.0.scheme=direct"], "controllers.0.scheme: 'direct' given; allowed: none for LLC"),
+    (
+        ["controllers.0.name=HBsWC", "controllers.0.scheme=both"],
+        "scheme: 'both' given; allowed: 'direct'",
+    ),
+    (["controllers.0.name=round+fourier"], "name: antecedent: 'round' given; allowed: gaussian, triangular"),
+    (["controllers.0.name=gaussian+cubic"], "name: consequent: 'cubic' given; allowed: singleton, affine"),
+    (["controllers.0.name=HBsWC", "controllers.0.parameters.rate=fast"], "'fast' given; allowed: fixed, lyapunov"),
+    (["controllers.0.name=HBsWC", "controllers.0.parameters.eta=much"], "parameters.eta: much given; allowed: 0 to"),
+    (["controllers.0.name=HBsWC", "controllers.0.profile=wild"], "profile: 'wild' given; allowed: 'deployed'"),
+    (["controllers.0.name=HBsWC", "controllers.0.weights=no.yaml"], "weights: no.yaml: no such file; allowed: weights"),
+    (
+        ["controllers.0.name=HBsWC", "controllers.0.weights={name: ANFTSC, scheme: indirect}"],
+        "weights of ANFTSC (indirect) given; allowed: those of HBsWC (indirect)",
+    ),
+    (
+        ["controllers.0.name=ANFTSC", "controllers.0.weights={name: ANFTSC, scheme: indirect, controller: [1.0]}"],
+        "controllers.0.weights: controller: 1 numbers given; allowed: 10",
+    ),
+    (
+        ["system=kundur_12_6", "scenario=bus8_fault", "devices=[]", "controllers.0.name=LLC-tuned"],
+        "is not tuned for kundur_12_6",
+    ),
     (["controllers.1.name=LLC"], "controllers.1.devices: 'sssc' given, which is commanded already"),
     (["scenario.0.kind=earthquake"], "scenario.0.kind: 'earthquake' given; allowed: 'fault', 'clear'"),
     (["system.machines.0.H=-6.5"], "system.machines.0.H: -6.5 given; allowed: greater than 0"),
@@ -220,3 +246,34 @@ def test_extends_takes_what_it_does_not_say_from_the_other_file() -> None:
     assert base.exciters == []
     assert len(dc.exciters) == 4
     assert dc.machines == base.machines
+
+
+SENSITIVITY = [
+    (["controllers.0.parameters.sensitivity=1.0"], "sensitivity: 1 given; allowed: -1 (or 0, to take it)"),
+    (["controllers.0.signals=[power]"], "has an angle of 89 degrees, near neither 0 nor 180; allowed: another signal"),
+]
+
+
+@pytest.mark.parametrize("scheme", ["direct", "indirect"])
+@pytest.mark.parametrize(("sets", "said"), SENSITIVITY, ids=["wrong sign", "no sign"])
+def test_a_sensitivity_that_is_not_the_plants_is_refused_with_the_reason(
+    scheme: str, sets: list[str], said: str
+) -> None:
+    own = ["scenario=large", "controllers.0.name=ANFTSC", f"controllers.0.scheme={scheme}"]
+    with pytest.raises(InputError) as caught:
+        loop.build_loop(load_case(None, [*own, *sets]))
+    assert said in str(caught.value)
+    assert "the residue from sssc to" in str(caught.value)
+    assert_one_line(caught.value)
+
+
+def test_parameters_come_from_the_table_the_tuning_and_the_run_in_this_order() -> None:
+    own = ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct"]
+    (found,) = load_case(None, [*own, "controllers.0.parameters.eta=0.5"]).controllers
+    chosen = tuned("two_area")["ANFTSC", "direct"]
+    assert found.parameters["eta"] == 0.5
+    assert found.parameters["scale"] == chosen["scale"]
+    assert found.parameters["projection"] == "on"
+    (raw,) = load_case(None, [*own, "controllers.0.profile=thesis"]).controllers
+    assert raw.parameters["projection"] == "off"
+    assert raw.parameters["scale"] == chosen["scale"]

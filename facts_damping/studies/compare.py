@@ -31,7 +31,8 @@ SYSTEMS = ("two_area", "smib")
 
 def contenders(system: str, names: Sequence[str]) -> list[tuple[str, Scheme]]:
     """No control, LLC and LLC-tuned, and every controller and scheme asked for (no names: all)."""
-    asked = rows(names) if names else rows([])
+    others = [name for name in names if name not in (NONE, "LLC")]
+    asked = rows(others) if others or not names else []
     plain: list[tuple[str, Scheme]] = [(NONE, None), ("LLC", None)]
     known = ("LLC-tuned", None) in tuned(system)
     return plain + [one for one in asked if one not in plain and (one[0] != "LLC-tuned" or known)]
@@ -65,6 +66,7 @@ def compare(
     system: str, names: Sequence[str], sets: Sequence[str], jobs: int, progress: Callable[[int, int], None]
 ) -> list[dict[str, Any]]:
     """A row for each scenario and contender, in this order."""
+    files.find("systems", system)
     todo = [(s, *one) for s in scenarios(system) for one in contenders(system, names)]
     found = []
     with ProcessPoolExecutor(max_workers=jobs) as pool:

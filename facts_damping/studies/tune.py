@@ -21,6 +21,8 @@ from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.configuration import Case, make_case
 from facts_damping.control.table import CONTROLLERS, Kind, kind
+from facts_damping.errors import InputError
+from facts_damping.files import find
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.plant.build import build
 from facts_damping.sensitivity import sensitivities
@@ -95,9 +97,11 @@ class Job(NamedTuple):
 def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
     """Controllers and schemes to be tuned; no names: all that have parameters to choose."""
     asked = list(names) or [name for name in CONTROLLERS if name != "LLC"]
+    if "LLC" in asked:
+        raise InputError("CONTROLLER: 'LLC' given; allowed: LLC-tuned, or a neuro-fuzzy controller")
     found: list[tuple[str, Scheme]] = []
     for name in asked:
-        schemes: tuple[Scheme, ...] = (None,) if kind(name).network is None else ("direct", "indirect")
+        schemes: tuple[Scheme, ...] = (None,) if kind(name, "CONTROLLER").network is None else ("direct", "indirect")
         found += [(name, scheme) for scheme in schemes]
     return found
 
@@ -199,6 +203,7 @@ def tune(
     system: str, names: Sequence[str], budget: int, seed: int, jobs: int, progress: Callable[[int, int], None]
 ) -> Tuned:
     """Search for every controller, several at a time."""
+    find("scenarios", SCENARIO, f"{system}/")
     todo = [Job(system, name, scheme, budget, seed) for name, scheme in rows(names)]
     made = []
     with ProcessPoolExecutor(max_workers=jobs) as pool:

@@ -1,6 +1,8 @@
+"""The lead-lag's step against SciPy's discrete and continuous transfer functions."""
+
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -8,26 +10,32 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import cont2discrete, dlsim, freqs, lsim
 
-from facts_damping.control.bank import parameters
+from facts_damping.control.bank import settings as settings_of
 from facts_damping.control.lead_lag import step
-from facts_damping.control.table import CONTROLLERS
+from facts_damping.control.table import CONTROLLERS, LEAD_LAG_PARAMETERS
 from facts_damping.parameters.run import Controller
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 some = settings(deadline=None, max_examples=40)
-ROW = np.array(parameters(Controller()))
 
 
-def transfer(p: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def row(**parameters: float | str) -> Any:
+    """A record of settings: the thesis's parameters, but for those given."""
+    return settings_of(Controller(parameters=parameters))[()]
+
+
+ROW = row()
+
+
+def transfer(p: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Numerator and denominator of kG s Tw / (1 + s Tw) (1 + s T1) / (1 + s T2) (1 + s T3) / (1 + s T4)."""
-    gain, tw, t1, t2, t3, t4 = p
-    above = np.polymul([gain * tw, 0.0], np.polymul([t1, 1.0], [t3, 1.0]))
-    return above, np.polymul([tw, 1.0], np.polymul([t2, 1.0], [t4, 1.0]))
+    above = np.polymul([p["gain"] * p["Tw"], 0.0], np.polymul([p["T1"], 1.0], [p["T3"], 1.0]))
+    return above, np.polymul([p["Tw"], 1.0], np.polymul([p["T2"], 1.0], [p["T4"], 1.0]))
 
 
-def respond(p: NDArray[np.float64], inputs: NDArray[np.float64], dt: NDArray[np.float64] | float) -> list[float]:
+def respond(p: Any, inputs: NDArray[np.float64], dt: NDArray[np.float64] | float) -> list[float]:
     """Outputs at each input; `dt` before each but the first."""
     state = np.zeros(CONTROLLERS["LLC"].states)
     steps = np.broadcast_to(dt, len(inputs) - 1)
@@ -38,10 +46,11 @@ def respond(p: NDArray[np.float64], inputs: NDArray[np.float64], dt: NDArray[np.
 
 
 def test_parameters_are_those_of_the_thesis() -> None:
-    """Appendix B, in the order in which the step takes them."""
-    assert ROW.tolist() == [10.0, 10.0, 0.0761, 0.3, 0.4272, 0.3]
-    given_some = Controller(parameters={"T4": 0.5, "gain": 3.0})
-    assert parameters(given_some) == [3.0, 10.0, 0.0761, 0.3, 0.4272, 0.5]
+    """Appendix B; those of other kinds of controllers are not set."""
+    names = ["gain", "Tw", "T1", "T2", "T3", "T4"]
+    assert [ROW[name] for name in names] == [10.0, 10.0, 0.0761, 0.3, 0.4272, 0.3]
+    assert [row(T4=0.5, gain=3.0)[name] for name in names] == [3.0, 10.0, 0.0761, 0.3, 0.4272, 0.5]
+    assert not any(ROW[name] for name in ROW.dtype.names if name not in LEAD_LAG_PARAMETERS)
 
 
 positive = st.floats(0.02, 20)
@@ -56,7 +65,7 @@ positive = st.floats(0.02, 20)
 )
 def test_step_is_the_bilinear_transform(gain: float, times: list[float], dt: float, seed: int) -> None:
     """SciPy's cont2discrete of the whole transfer function, driven from rest at the first frame."""
-    p = np.array([gain, *times])
+    p = row(gain=gain, **dict(zip(("Tw", "T1", "T2", "T3", "T4"), times, strict=True)))
     inputs = np.r_[0.0, np.random.default_rng(seed).normal(size=80)]
     discrete = cont2discrete(transfer(p), dt, "bilinear")
     (expected,) = dlsim((discrete[0][0], discrete[1], dt), inputs)[1].T

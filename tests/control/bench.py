@@ -1,0 +1,108 @@
+"""What the tests of controllers share: stations, signals, devices, and controllers that are given entries."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.control.bank import act, bank
+from facts_damping.control.table import defaults, kind
+from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.parameters.run import Controller
+from facts_damping.parameters.system import Signal
+from facts_damping.signals import CHANNELS, DELIVERY, NANOSECONDS, SETPOINT
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+MS = 1_000_000
+FRAMES = 60  # frames/s
+STATIONS = ["A", "B", "C"]
+SIGNALS = {
+    "speed": Signal(channel="speed_deviation", weights={"A": 1.0}),
+    "difference": Signal(channel="speed_deviation", weights={"A": 2.0, "B": -1.0}),
+    "power": Signal(channel="active_power", weights={"C": 1.0}, deviation=True),
+}
+LIMITS = {"first": (0.3, 5.0), "second": (0.1, 10.0)}  # p.u., p.u./s
+SIGN = -1.0  # of dy/du, all signals and devices
+SCALE, CHANGE_SCALE = 0.01, 0.001  # p.u., p.u./frame: defaults of neuro-fuzzy controllers
+
+
+class Entry(NamedTuple):
+    """One PMU entry as a link delivers it; times in ms."""
+
+    station: str
+    measured: float
+    arrival: float
+    speed: float = 0.0
+    power: float = 0.0
+
+
+def frame_ns(k: int) -> int:
+    """Time of frame k, as a plant has it."""
+    return k * NANOSECONDS // FRAMES
+
+
+def delivery(*entries: Entry) -> NDArray[Any]:
+    """The entries of one tick as a table."""
+    delivered = np.zeros(len(entries), DELIVERY)
+    for row, entry in zip(delivered, entries, strict=True):
+        row["station"] = STATIONS.index(entry.station)
+        row["measured_ns"], row["arrival_ns"] = round(entry.measured * MS), round(entry.arrival * MS)
+        row["values"] = np.nan
+        row["values"][list(CHANNELS).index("speed_deviation")] = entry.speed
+        row["values"][list(CHANNELS).index("active_power")] = entry.power
+    return delivered
+
+
+class Bench:
+    """Controllers that are given entries, tick by tick."""
+
+    def __init__(self, *controllers: Controller) -> None:
+        signs = {(signal, device): SIGN for signal in SIGNALS for device in LIMITS}
+        self.bank, self.state = bank(controllers, SIGNALS, STATIONS, LIMITS, FRAMES, signs)
+        self.tick = 0
+
+    def give(self, *entries: Entry, controller: int = 0) -> NDArray[Any]:
+        """The setpoints that a controller issues on the entries of one tick."""
+        out = np.zeros(len(entries) + 2, SETPOINT)
+        out["value"][:2] = 77.0
+        end = act(self.bank, self.state, controller, self.tick, delivery(*entries), len(entries), out, 1)
+        self.tick += 1
+        assert out["value"][0] == 77.0  # what others have issued stays
+        return out[1:end]
+
+    def frame(self, k: int, speed: float, late_ms: float = 0.0) -> float:
+        """The setpoint on frame k of station A, which arrives `late_ms` after its measurement."""
+        measured = frame_ns(k) / MS
+        (made,) = self.give(Entry("A", measured, measured + late_ms, speed))
+        return float(made["value"])
+
+    @property
+    def theta(self) -> NDArray[np.float64]:
+        """Parameters of the first controller's network, now."""
+        return np.array(self.state.learner.theta[0])
+
+
+def controller(name: str, scheme: str, profile: str = "deployed", /, **parameters: float | str) -> Controller:
+    """A neuro-fuzzy controller of the speed with all of its parameters: those of a profile, but for those given."""
+    own = {**defaults(kind(name), profile), **parameters}
+    return Controller.model_validate(
+        {"name": name, "scheme": scheme, "signals": ["speed"], "devices": ["first"], "parameters": own}
+    )
+
+
+def raw(name: str = "ANFTSC", scheme: str = "direct", /, **parameters: float | str) -> Bench:
+    """A controller without guards, but for those given."""
+    return Bench(controller(name, scheme, "thesis", **parameters))
+
+
+def wide(name: str, scheme: str, profile: str = "deployed", /, **parameters: float | str) -> Bench:
+    """A controller whose rules cover the range of its inputs: triangles have to be wider than the table's."""
+    width = {"width": 5.0} if VARIANTS[name].antecedent == "triangular" else {}
+    return Bench(controller(name, scheme, profile, **width, **parameters))
+
+
+def llc(signal: str = "difference", device: str = "first", **parameters: float | str) -> Controller:
+    return Controller(signals=[signal], devices=[device], parameters=parameters)

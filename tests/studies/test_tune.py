@@ -1,0 +1,110 @@
+"""The search of parameters: reproducible, the same for all, and the shipped data are what it chose."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from facts_damping.checking import check
+from facts_damping.cli import main
+from facts_damping.configuration import tuned
+from facts_damping.control.table import CONTROLLERS, kind
+from facts_damping.files import read_table, shipped
+from facts_damping.parameters.run import Tuned, TunedController
+from facts_damping.studies import tune
+from facts_damping.studies.tune import Job, Trainer, objective, parameters, rows, search, space
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SYSTEMS = ("two_area", "smib")
+
+
+def chosen(system: str) -> Tuned:
+    path = shipped("controllers")[system]
+    return check(Tuned, read_table(path), str(path))
+
+
+ROWS = [(system, row) for system in SYSTEMS for row in chosen(system).controllers]
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_every_controller_is_tuned_by_the_same_command(system: str) -> None:
+    found = chosen(system)
+    assert found.command == f"facts-damping tune {system} --budget 600 --seed 1"
+    assert found.scenario == "training"
+    assert [(row.name, row.scheme) for row in found.controllers] == rows([])
+    assert {name for name, _ in rows([])} == set(CONTROLLERS) - {"LLC"}
+    assert len(tuned(system)) == 23
+
+
+@pytest.mark.parametrize(("system", "row"), ROWS, ids=[f"{s}-{r.name}-{r.scheme}" for s, r in ROWS])
+def test_what_was_chosen_reaches_in_training_what_its_row_says(system: str, row: TunedController) -> None:
+    trainer = Trainer(system, row.name, row.scheme)
+    reached = objective(trainer.with_parameters(dict(row.parameters)), trainer.known)
+    assert reached == pytest.approx(row.objective, rel=0.02)
+
+
+@pytest.mark.parametrize(("name", "scheme"), [("LLC-tuned", None), ("HBsWC", "direct"), ("ANFTSC", "indirect")])
+def test_the_space_is_within_what_parameters_may_be(name: str, scheme: Any) -> None:
+    row, random = kind(name), np.random.default_rng(1)
+    size = len(space(row, scheme)) + 1
+    for at in [np.zeros(size), np.ones(size), *random.random((50, size))]:
+        for key, value in parameters(row, scheme, at, 5e-5).items():
+            p = row.parameters[key]
+            assert value in p.choices if p.choices else p.low <= float(value) <= p.high, key
+
+
+def test_a_search_is_reproducible_and_no_worse_than_its_first_points() -> None:
+    job = Job("two_area", "LLC-tuned", None, 48, 3)
+    found = search(job)
+    assert search(job) == found
+    trainer = Trainer("two_area", "LLC-tuned", None)
+    first = tune._population(len(tune.LEAD_LAG), 3)
+    assert first.shape == (24, 5)
+    for column in first.T:  # a Latin hypercube: one point in each stripe
+        assert sorted((column * 24).astype(int)) == list(range(24))
+    assert found.objective <= min(trainer.objective(at) for at in first) * (1 + 1e-4)
+    assert search(job._replace(seed=4)) != found
+
+
+def test_a_lost_run_counts_more_than_any_that_stays() -> None:
+    trainer = Trainer("two_area", "LLC-tuned", None)
+    lost = objective(trainer.with_parameters({"gain": -50.0}), trainer.known)
+    assert 900.0 < lost < 1000.0
+
+
+def test_the_command_writes_a_file_that_runs_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "tuned.yaml"
+    assert main(["tune", "smib", "LLC-tuned", "--budget", "24", "--seed", "2", "--jobs", "1", "--out", str(out)]) == 0
+    found = check(Tuned, read_table(out), str(out))
+    assert found.command == "facts-damping tune smib LLC-tuned --budget 24 --seed 2"
+    assert [row.name for row in found.controllers] == ["LLC-tuned"]
+    assert f"parameters: {out}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["tune", "two_area", "PID"], "'PID' given; allowed: LLC"),
+        (["tune", "kundur_12_6"], "'training' given; allowed: bus8_fault"),
+        (["tune", "two_area", "--budget", "0"], "0 given; allowed: 1 to 1000000"),
+        (["tune", "two_area", "LLC"], "'LLC' given; allowed: LLC-tuned"),
+        (["compare", "two_area", "--controllers", "PID"], "'PID' given; allowed: LLC"),
+        (["compare", "nowhere"], "systems: 'nowhere' given; allowed:"),
+        (["portray", "two_area", "large", "PID"], "'PID' given; allowed: LLC"),
+        (["portray", "two_area", "huge", "HBsWC"], "'huge' given; allowed: large"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    errors = capsys.readouterr().err
+    assert said in errors
+    assert errors.count("\n") == 1
+
+
+def test_portraits_are_drawn(tmp_path: Path) -> None:
+    assert main(["portray", "two_area", "small", "ANFTSC", "gaussian+affine", "--out", str(tmp_path)]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ANFTSC.png", "gaussian+affine.png"]
