@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from facts_damping import configuration, files, loop
+from facts_damping import adapted, configuration, files, loop
 from facts_damping.errors import RunError, check_known
 from facts_damping.terminal import Progress, write_json
 
@@ -89,7 +89,7 @@ def simulate(arguments: argparse.Namespace) -> None:
     folder, saved = None, []
     if arguments.out is not None:
         folder = files.new_folder(Path(arguments.out))
-        for name, weights in loop.all_adapted(case, built).items():
+        for name, weights in adapted.all_adapted(case, built).items():
             saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
             files.write_whole(folder / f"{name}.weights.yaml", files.dump(weights.model_dump()))
     _report(arguments, [(label(case.summary()), record)], [result], folder, *saved)

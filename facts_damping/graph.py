@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, RunError
 from facts_damping.files import dump, new_folder, read_table, write_whole
-from facts_damping.loop import controller_names, identifier_names
+from facts_damping.parts import controller_names, identifier_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -11,7 +11,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from facts_damping.configuration import load_case
-from facts_damping.loop import controller_names, identifier_names
+from facts_damping.parts import controller_names, identifier_names
 from launch import LaunchContext, LaunchDescription
 
 ARGUMENTS = {

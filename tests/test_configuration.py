@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping import loop
+from facts_damping import loop, parts
 from facts_damping.configuration import load_case, load_system, make_case, tuned
 from facts_damping.errors import InputError
 from facts_damping.files import dump, read_table, shipped
@@ -80,9 +80,9 @@ def test_random_mutation_is_refused_in_one_line_or_runs(base: Any, how: str, jun
     """A mutated run, with everything it names inline, is either a run that can be built or a clear error."""
     try:
         case = make_case(mutate(base[0], base[1], how, junk), "mutated")
-        loop.build_plant(case)
-        loop.build_link(case)
-        loop.build_control(case)
+        parts.build_plant(case)
+        parts.build_link(case)
+        parts.build_control(case)
     except InputError as error:
         assert_one_line(error)
 
@@ -132,7 +132,7 @@ def test_shipped_scenarios_build(name: str) -> None:
     system, scenario = name.split("/")
     devices = [d.name for d in load_system(system).devices]
     case = load_case(None, [f"system={system}", f"scenario={scenario}", f"devices={devices}", "controllers=[]"])
-    assert len(loop.build_plant(case).plant.stage_start_ns) >= 2
+    assert len(parts.build_plant(case).plant.stage_start_ns) >= 2
 
 
 REFUSED = [
@@ -201,7 +201,7 @@ def test_bad_setting_is_refused_by_name(sets: list[str], said: str) -> None:
 def test_grid_whose_power_flow_does_not_converge_is_refused() -> None:
     case = load_case(None, ["system.loads.1.P=90000", "system.loads.1.at=solved"])
     with pytest.raises(InputError, match=r"power flow does not converge: mismatch .* allowed"):
-        loop.build_plant(case)
+        parts.build_plant(case)
 
 
 def test_island_without_a_machine_is_refused() -> None:

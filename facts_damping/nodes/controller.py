@@ -7,24 +7,17 @@ from typing import TYPE_CHECKING, Any
 from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, VoltageSetpoints
 from rcl_interfaces.msg import SetParametersResult
 
+from facts_damping.adapted import adapted
 from facts_damping.control.bank import act
 from facts_damping.control.table import kind
-from facts_damping.loop import (
-    adapted,
-    build_control,
-    controller_names,
-    identifier_names,
-    issue_room,
-    rehearse,
-    serve,
-    tick_ns,
-)
+from facts_damping.loop import issue_room, rehearse, serve, tick_ns
 from facts_damping.nodes.messages import Estimates, Inner
 from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import descriptor, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.nodes.tick_before import TickBefore
+from facts_damping.parts import build_control, controller_names, identifier_names
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
+from facts_damping.adapted import adapted
 from facts_damping.control.identifier import identify, remember, tell
-from facts_damping.loop import adapted, build_control, controller_names, identifier_names, rehearse
+from facts_damping.loop import rehearse
 from facts_damping.nodes.messages import Estimates
 from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.nodes.tick_before import TickBefore
+from facts_damping.parts import build_control, controller_names, identifier_names
 from facts_damping.signals import ESTIMATE
 
 if TYPE_CHECKING:

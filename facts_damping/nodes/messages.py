@@ -21,9 +21,9 @@ from rclpy.serialization import deserialize_message
 
 from facts_damping.control.bank import network_of
 from facts_damping.errors import RunError
-from facts_damping.loop import controller_names, identifier_names
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.nodes.cdr import Template, read
+from facts_damping.parts import controller_names, identifier_names
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS
 
 if TYPE_CHECKING:

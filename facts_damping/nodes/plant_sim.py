@@ -11,12 +11,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
 
 from facts_damping.errors import RunError
-from facts_damping.loop import build_plant, grid_events, rehearse, tick_ns
+from facts_damping.loop import rehearse, tick_ns
 from facts_damping.nodes.messages import Truth, diagnostics, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.parts import build_plant, grid_events
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import workspace

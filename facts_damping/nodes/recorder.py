@@ -17,10 +17,10 @@ from rclpy.signals import SignalHandlerOptions
 
 from facts_damping import __version__
 from facts_damping.files import dump
-from facts_damping.loop import controller_names, identifier_names
 from facts_damping.nodes.node import RELIABLE, run_node
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner
+from facts_damping.parts import controller_names, identifier_names
 from facts_damping.recording.writer import RecordingWriter
 
 if TYPE_CHECKING:

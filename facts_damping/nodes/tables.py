@@ -12,8 +12,8 @@ import numpy as np
 from facts_damping_msgs.msg import PmuDataFrame, PmuFrame, VoltageSetpoint, VoltageSetpoints
 from rclpy.serialization import deserialize_message
 
-from facts_damping.loop import controller_names
 from facts_damping.nodes.cdr import Field, Template, read
+from facts_damping.parts import controller_names
 from facts_damping.signals import CHANNELS, DELIVERY, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:

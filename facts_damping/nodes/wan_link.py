@@ -10,12 +10,13 @@ from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, VoltageSetpoint
 
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import downlink, uplink
-from facts_damping.loop import build_link, controller_names, identifier_names, rehearse, tick_ns
+from facts_damping.loop import rehearse, tick_ns
 from facts_damping.nodes.messages import link_statistics
 from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.parts import build_link, controller_names, identifier_names
 from facts_damping.signals import CHANNELS, SETPOINT
 
 if TYPE_CHECKING:

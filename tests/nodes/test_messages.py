@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from facts_damping.configuration import Case, load_case
-from facts_damping.loop import build_control
 from facts_damping.nodes.messages import Inner, Truth
 from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.parts import build_control
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
 
 TIMES = st.integers(0, 2**31 * NANOSECONDS - 1)

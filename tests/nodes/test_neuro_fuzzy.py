@@ -15,7 +15,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.serialization import deserialize_message
 
-from facts_damping import graph, loop
+from facts_damping import adapted, graph, loop
 from facts_damping.configuration import load_case
 from facts_damping.errors import RunError
 from facts_damping.files import read_table
@@ -73,13 +73,13 @@ def test_weights_are_saved_and_a_run_goes_on_from_them(domain: int, tmp_path: Pa
     loop.finish(case, built)
     graph.run(case, "lockstep", tmp_path / "first", quiet)
     (file,) = (tmp_path / "first").glob("*.weights.yaml")
-    (adapted,) = loop.all_adapted(case, built).values()
-    assert read_table(file) == adapted.model_dump()
+    (learnt,) = adapted.all_adapted(case, built).values()
+    assert read_table(file) == learnt.model_dump()
     warm = load_case(None, [*HBSWC, "duration=4", f"controllers.0.weights={file}"])
     graph.run(warm, "lockstep", tmp_path / "second", quiet)
     recorded = load(tmp_path / "second" / "recording")
     assert_same(recorded, loop.run(warm))
-    assert recorded.configuration["controllers"][0]["weights"] == adapted.model_dump()
+    assert recorded.configuration["controllers"][0]["weights"] == learnt.model_dump()
     assert recorded.issued.tobytes() != load(tmp_path / "first" / "recording").issued.tobytes()
 
 
