@@ -109,6 +109,25 @@ def _end(process: Process, number: int) -> None:
             process.popen.wait()
 
 
+def _part(out: Path, name: str) -> Path:
+    """Where a node saves what it has learnt."""
+    return out / f"{name}.part.yaml"
+
+
+def save_weights(case: Case, out: Path) -> None:
+    """Put together what each controller and its identifier have saved, a file a controller."""
+    identifiers = identifier_names(case)
+    for i, name in enumerate(controller_names(case)):
+        nodes = [name, *([identifiers[i]] if i in identifiers else [])]
+        parts = [_part(out, node) for node in nodes if _part(out, node).is_file()]
+        found: dict[str, Any] = {}
+        for path in parts:
+            found.update({key: value for key, value in read_table(path).items() if value is not None})
+            path.unlink(missing_ok=True)
+        if found:
+            write_whole(out / f"{name}.weights.yaml", dump(found))
+
+
 @contextmanager
 def graph(case: Case, mode: str, out: Path, timeout: float) -> Iterator[dict[str, Process]]:
     """The nodes of a case, started; on leaving, the plant is stopped first, then the recorder, then the others."""
@@ -131,25 +150,7 @@ def graph(case: Case, mode: str, out: Path, timeout: float) -> Iterator[dict[str
         for process in running.values():
             process.output.close()
             process.errors.close()
-
-
-def _part(out: Path, name: str) -> Path:
-    """Where a node saves what it has learnt."""
-    return out / f"{name}.part.yaml"
-
-
-def save_weights(case: Case, out: Path) -> None:
-    """Put together what each controller and its identifier have saved, a file a controller."""
-    identifiers = identifier_names(case)
-    for i, name in enumerate(controller_names(case)):
-        nodes = [name, *([identifiers[i]] if i in identifiers else [])]
-        parts = [_part(out, node) for node in nodes if _part(out, node).is_file()]
-        found: dict[str, Any] = {}
-        for path in parts:
-            found.update({key: value for key, value in read_table(path).items() if value is not None})
-            path.unlink(missing_ok=True)
-        if found:
-            write_whole(out / f"{name}.weights.yaml", dump(found))
+        save_weights(case, out)
 
 
 def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], timeout: float = 5.0) -> Outcome:
@@ -186,7 +187,6 @@ def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], 
         if recorder.popen.returncode != 0:
             raise RunError(recorder.reason())
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
-    save_weights(case, out)
     return Outcome(out / "recording", wall, misses, int(lost.group(1)) if lost else 0)
 
 

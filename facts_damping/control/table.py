@@ -104,9 +104,11 @@ CONTROLLERS = {
 
 
 def _neuro_fuzzy(network: Variant) -> Kind:
-    """The row of a network; only where it differs from the others is its identifier."""
-    identifier = NEURO_FUZZY_PARAMETERS["identifier"]._replace(default=network.identifier)
-    own = {**NEURO_FUZZY_PARAMETERS, "identifier": identifier}
+    """The row of a network: its identifier; its inputs within [-1, 1] where B-splines or Legendre polynomials lie."""
+    bounded = network.antecedent.startswith("b-spline") or network.consequent == "legendre"
+    own = dict(NEURO_FUZZY_PARAMETERS)
+    own["identifier"] = own["identifier"]._replace(default=network.identifier)
+    own["range"] = own["range"]._replace(default=1.0 if bounded else 3.0)
     return Kind(f"neuro-fuzzy: {network.antecedent} + {network.consequent}", 1, 1, 0, own, network)
 
 

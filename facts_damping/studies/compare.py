@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from facts_damping import files, loop
 from facts_damping.analysis.summary import summarise
 from facts_damping.configuration import load_case, tuned
+from facts_damping.studies.pool import run_all
 from facts_damping.studies.tune import SCENARIO, Scheme, rows
 
 if TYPE_CHECKING:
@@ -68,13 +68,7 @@ def compare(
     """A row for each scenario and contender, in this order."""
     files.find("systems", system)
     todo = [(s, *one) for s in scenarios(system) for one in contenders(system, names)]
-    found = []
-    with ProcessPoolExecutor(max_workers=jobs) as pool:
-        progress(0, len(todo))
-        for row in pool.map(partial(one_run, system, list(sets)), todo):
-            found.append(row)
-            progress(len(found), len(todo))
-    return found
+    return run_all(partial(one_run, system, list(sets)), todo, jobs, progress)
 
 
 def page(found: Sequence[dict[str, Any]]) -> list[str]:

@@ -10,7 +10,6 @@ synchronism counts 1000 less the time that it lasted.
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ from facts_damping.files import find
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.plant.build import build
 from facts_damping.sensitivity import sensitivities
+from facts_damping.studies.pool import run_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -205,12 +205,7 @@ def tune(
     """Search for every controller, several at a time."""
     find("scenarios", SCENARIO, f"{system}/")
     todo = [Job(system, name, scheme, budget, seed) for name, scheme in rows(names)]
-    made = []
-    with ProcessPoolExecutor(max_workers=jobs) as pool:
-        progress(0, len(todo))
-        for one in pool.map(search, todo):
-            made.append(one)
-            progress(len(made), len(todo))
+    made = run_all(search, todo, jobs, progress)
     command = " ".join(["facts-damping tune", system, *names, f"--budget {budget} --seed {seed}"])
     return Tuned(system=system, scenario=SCENARIO, command=command, controllers=made)
 

@@ -169,3 +169,12 @@ def test_parameters_that_are_safe_to_change_change_while_it_runs(start: Any, cli
     assert "allowed: fixed, lyapunov, lyapunov-groups" in refused.reason
     assert not change("hbar", -1.0).successful
     assert not change("width", 2.0).successful  # where it starts from is past
+
+
+def test_an_unstable_run_with_identifier_ends_where_the_in_process_run_ends(domain: int, tmp_path: Path) -> None:
+    sets = [*HBSWC, "controllers.0.parameters.weight=0", "controllers.0.parameters.eta=0", "frame_rate=30"]
+    case = load_case(None, sets)
+    graph.run(case, "lockstep", tmp_path, quiet)
+    recorded = load(tmp_path / "recording")
+    assert not recorded.in_synchronism[-1]
+    assert_same(recorded, loop.run(case))
