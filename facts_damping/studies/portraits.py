@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -25,19 +26,21 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
     from facts_damping.studies.tune import Scheme
 
-DPI = 110
+DPI = 85
 INPUTS = ("e / scale", "de / change scale")
 BASELINES = {"none": ("#999999", 1.0), "LLC": ("#56B4E9", 1.2), "LLC-tuned": ("#009E73", 1.2)}
+STYLES = ("--", ":", "-")  # before, in the midst, after
+MIDST_S = 2.0  # after the first event
 RULES = ("#0072B2", "#D55E00")  # of the rules, and of direct and indirect
 
 
 class Portrait(NamedTuple):
-    """A run of a controller: its record, and the parameters of its network before and after."""
+    """A run of a controller: its record, and the parameters of its network before, in the midst, and after."""
 
     record: Record
     net: Network
-    before: NDArray[np.float64]
-    after: NDArray[np.float64]
+    moments: dict[str, NDArray[np.float64]]
+    reach: float  # inputs are clipped to it
 
 
 def scene(system: str, scenario: str, name: str, scheme: Scheme) -> Case:
@@ -48,20 +51,31 @@ def scene(system: str, scenario: str, name: str, scheme: Scheme) -> Case:
 
 
 def portrait(case: Case) -> Portrait:
-    """Run a neuro-fuzzy controller and keep what it learnt."""
-    built, net = loop.build_loop(case), network_of(case.controllers[0])
-    before = built.bank_state.learner.theta[0, : net.size].copy()
+    """Run a neuro-fuzzy controller and keep what it learnt: also two seconds after the first event."""
+    net, first = network_of(case.controllers[0]), min([event.time for event in case.scenario.events], default=0.0)
+    built = loop.build_loop(case)
+    theta = built.bank_state.learner.theta[0, : net.size]
+    before = theta.copy()
     record = loop.finish(case, built)
-    return Portrait(record, net, before, built.bank_state.learner.theta[0, : net.size].copy())
+    part = replace(case, run=case.run.model_copy(update={"duration": first + MIDST_S}))
+    midst = loop.build_loop(part)
+    loop.finish(part, midst)
+    moments = {"before": before, f"{MIDST_S:g} s after the event": midst.bank_state.learner.theta[0, : net.size]}
+    reach = float(case.controllers[0].parameters["range"])
+    return Portrait(record, net, {**moments, "after": theta}, reach)
 
 
-def memberships(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Degrees of membership of one input value `x` in all inputs: (values, inputs, rules)."""
-    made, p = np.zeros((len(x), net.inputs, net.rules)), passes(net)
+def surface(
+    net: Network, theta: NDArray[np.float64], x: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Memberships with all inputs at x, (values, inputs, rules); output with e at x and de = 0, (values,)."""
+    degrees, output, p = np.zeros((len(x), net.inputs, net.rules)), np.zeros(len(x)), passes(net)
     for k, value in enumerate(x):
         forward(net, theta, np.full(net.inputs, value), p)
-        made[k] = p.mu
-    return made
+        degrees[k] = p.mu
+        forward(net, theta, np.array([value, *[0.0] * (net.inputs - 1)]), p)
+        output[k] = p.output[0]
+    return degrees, output
 
 
 def draw(system: str, scenario: str, names: Sequence[str], folder: Path, progress: Callable[[int, int], None]) -> None:
@@ -80,19 +94,22 @@ def draw(system: str, scenario: str, names: Sequence[str], folder: Path, progres
 
 
 def _picture(title: str, runs: dict[str, Portrait], baselines: dict[str, Record]) -> Figure:
-    figure = Figure(figsize=(11.0, 5.6), layout="constrained")
-    axes: Any = figure.subplots(len(runs), 3, width_ratios=[1, 1, 1.8], squeeze=False)
+    figure = Figure(figsize=(13.0, 5.8), layout="constrained")
+    axes: Any = figure.subplots(len(runs), 4, width_ratios=[1, 1, 1, 1.8], squeeze=False)
     for row, (scheme, one) in zip(axes, runs.items(), strict=True):
-        x = np.linspace(-3.0, 3.0, 601)
-        before, after = memberships(one.net, one.before, x), memberships(one.net, one.after, x)
+        x = np.linspace(-one.reach, one.reach, 601)
+        for (moment, theta), style in zip(one.moments.items(), STYLES, strict=True):
+            degrees, output = surface(one.net, theta, x)
+            for i in range(len(INPUTS)):
+                for j, colour in enumerate(RULES):
+                    row[i].plot(x, degrees[:, i, j], style, color=colour, lw=1.2)
+            row[2].plot(x, np.clip(output, -1.0, 1.0), style, color="black", lw=1.2, label=moment)
         for i, label in enumerate(INPUTS):
-            for j, colour in enumerate(RULES):
-                row[i].plot(x, before[:, i, j], "--", color=colour, lw=1.0, label=f"rule {j + 1}, before")
-                row[i].plot(x, after[:, i, j], "-", color=colour, lw=1.5, label=f"rule {j + 1}, after")
             row[i].set(xlabel=label, ylim=(-0.05, 1.08))
         row[0].set_ylabel(f"{scheme}\ndegree of membership")
-        _response(row[2], one.record, scheme, baselines)
-    axes[0][0].legend(fontsize="x-small")
+        row[2].set(xlabel=INPUTS[0], ylabel="setpoint / limit, de = 0", ylim=(-1.1, 1.1))
+        _response(row[3], one.record, scheme, baselines)
+    figure.legend(*axes[0][2].get_legend_handles_labels(), loc="outside lower center", ncols=len(STYLES))
     figure.suptitle(title)
     return figure
 
