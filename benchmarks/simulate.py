@@ -18,6 +18,8 @@ RUNS = 7
 OURS = {
     "two_area small, LLC": ["scenario=small"],
     "two_area large, LLC": ["scenario=large"],
+    "two_area large, HBsWC direct": ["scenario=large", "controllers.0.name=HBsWC", "controllers.0.scheme=direct"],
+    "two_area large, HBsWC indirect": ["scenario=large", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"],
     "two_area small, LLC, SSSC and STATCOM": ["scenario=small", "devices=[sssc, statcom]"],
     "two_area large, LLC, SSSC and STATCOM": ["scenario=large", "devices=[sssc, statcom]"],
     "two_area multiple, LLC, 100 ms": ["scenario=multiple", "link=delay_100ms"],

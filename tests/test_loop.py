@@ -11,8 +11,10 @@ from facts_damping import loop
 from facts_damping.configuration import load_case
 from facts_damping.control.bank import act
 from facts_damping.link.transfer import downlink, uplink
+from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
+from facts_damping.signals import NANOSECONDS
 
 ARRAYS = ("time_ns", "frames", "delivered", "issued", "applied", "machines", "devices", "in_synchronism")
 
@@ -89,3 +91,44 @@ def test_setpoints_keep_the_device_s_limit() -> None:
     assert np.max(np.abs(record.devices["reference"])) <= 0.1
     slope = np.abs(np.diff(record.devices["reference"][:, 0])) * 60
     assert np.max(slope) <= 5.0 + 1e-6  # a tick is a whole number of nanoseconds
+
+
+PAIRS = [f"{a}+{c}" for a in ANTECEDENTS for c in CONSEQUENTS]
+
+
+@pytest.mark.parametrize("profile", ["deployed", "thesis"])
+@pytest.mark.parametrize("scheme", ["direct", "indirect"])
+@pytest.mark.parametrize("name", PAIRS)
+def test_every_pair_of_antecedent_and_consequent_runs_within_its_limits(name: str, scheme: str, profile: str) -> None:
+    own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"controllers.0.profile={profile}"]
+    record = loop.run(load_case(None, ["scenario=large", "duration=5", *own]))
+    assert np.isfinite(record.issued["value"]).all()
+    assert np.abs(record.issued["value"]).max() <= 0.1
+    assert np.abs(record.issued["value"]).max() > 1e-3
+    assert len(record.estimates) == (300 if scheme == "indirect" else 0)
+
+
+def test_direct_adaptation_with_the_wrong_sign_loses_synchronism() -> None:
+    """`small` stays in synchronism even without control."""
+    own = ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "scenario=small"]
+    case = load_case(None, own)
+    right, wrong = loop.build_loop(case), loop.build_loop(case)
+    wrong.bank.sensitivity[:] *= -1.0
+    for theta in (wrong.bank_state.learner.theta, wrong.bank_state.learner.start):
+        theta[:, 8:] *= -1.0  # the weights, which start by the sign
+    assert loop.finish(case, right).in_synchronism.all()
+    assert not loop.finish(case, wrong).in_synchronism.all()
+
+
+def test_without_the_delay_an_identifiers_sign_turns_near_half_a_period() -> None:
+    """The interarea mode's period is 1.6 s; with the delay known y(k) is paired with the setpoint that moved it."""
+    delay = 0.75
+    own = ["controllers.0.name=gaussian+singleton", "controllers.0.scheme=indirect", f"link.down.0.delay={delay}"]
+    own.append("controllers.0.parameters.identifier_leakage=0.01")
+    assert load_case(None, own).controllers[0].parameters["lag"] == delay
+    wrong = {}
+    for lag in (delay, 0.0):
+        found = loop.run(load_case(None, [*own, f"controllers.0.parameters.lag={lag}"])).estimates
+        wrong[lag] = float(np.mean(found["jacobian"][found["measured_ns"] > NANOSECONDS] > 0.0))
+    assert wrong[delay] == 0.0
+    assert wrong[0.0] > 0.5

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from facts_damping.control.table import NEURO_FUZZY_PARAMETERS
 from facts_damping.neurofuzzy.network import network
 from facts_damping.neurofuzzy.start import Start, initial
-from facts_damping.neurofuzzy.table import POINTS
+from facts_damping.neurofuzzy.table import NU, POINTS, H, S, Slot, W
 from tests.neurofuzzy.pupil import Pupil, every_pair, looked
 from tests.neurofuzzy.test_network import output
 
@@ -60,6 +60,12 @@ def test_symmetric_rules_answer(antecedent: str, consequent: str) -> None:
     start = Start(0.5, [0.5, 0.5], [2.0, 2.0], [0.3, -0.2], [1.0, 1.0])
     net = network(antecedent, consequent, 2, 2, 1)
     assert abs(output(net, initial(net, start), np.array([0.4, 0.3]))) > 1e-3
+
+
+@pytest.mark.parametrize(("name", "slot"), [("weight", W), ("spread", H), ("width", S), ("dilation", NU)])
+def test_starts_that_users_may_give_are_within_the_bounds_of_learning(name: str, slot: Slot) -> None:
+    parameter = NEURO_FUZZY_PARAMETERS[name]
+    assert slot.low <= parameter.low < parameter.high <= slot.high
 
 
 @pytest.mark.parametrize("antecedent", ["b-spline", "b-spline-interpolated"])
