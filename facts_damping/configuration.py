@@ -235,10 +235,10 @@ def _filled(
     scheme = None if row.network is None else controller.scheme or "indirect"
     for name, value in controller.parameters.items():
         _check_parameter(where(f"parameters.{name}"), name, value, row)
-    known = tuned(system)
+    known = tuned(system, controller.signals, controller.devices)
     if controller.name == "LLC-tuned" and (controller.name, None) not in known and not controller.parameters:
         raise InputError(
-            f"{where('name')}: 'LLC-tuned' given, which is not tuned for {system}; "
+            f"{where('name')}: 'LLC-tuned' given, which is not tuned for {system} with these signals and devices; "
             f"allowed: LLC, or `facts-damping tune {system}` first"
         )
     values = {**defaults(row, controller.profile), **known.get((controller.name, scheme), {}), **controller.parameters}
@@ -288,12 +288,20 @@ def _weights(
     return found
 
 
-def tuned(system: str) -> dict[tuple[str, str | None], dict[str, float | str]]:
-    """Parameters that `facts-damping tune` chose for a system, by controller and scheme."""
+def tuned(
+    system: str, signals: list[str] | None = None, devices: list[str] | None = None
+) -> dict[tuple[str, str | None], dict[str, float | str]]:
+    """Parameters that `facts-damping tune` chose for a system, by controller and scheme.
+
+    None are known for other signals and devices than those they were chosen with.
+    """
     path = files.shipped("controllers").get(system)
     if path is None:
         return {}
-    return {(row.name, row.scheme): row.parameters for row in _read_tuned(path).controllers}
+    found = _read_tuned(path)
+    if (signals or found.signals, devices or found.devices) != (found.signals, found.devices):
+        return {}
+    return {(row.name, row.scheme): row.parameters for row in found.controllers}
 
 
 @cache

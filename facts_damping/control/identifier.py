@@ -1,9 +1,10 @@
 """Identifiers: networks that predict a controller's signals a frame ahead, and so the plant's Jacobian; compiled.
 
-    y_I(k) = f_I(y(k-1), u(k-1-d)),  f_I += -eta_I (y_I - y) dy_I/df_I + momentum,  J = dy_I/du         (5.6), (5.12)
+    y_I(k) = f_I(y(k-1), u(k-1-d)),  f_I += -eta_I (y_I - y) dy_I/df_I + momentum,  J = dy_I/du
 
-d is the known delay from measurement to actuation: setpoints are paired by the measurement that they rest on. All is
-normalised by the controller's `scale` and the devices' limits.
+(5.1), which pairs y with u of the same frame, (5.12) and (5.6). d is the known delay from measurement to actuation:
+setpoints are paired by the measurement that they rest on. All is normalised by the controller's `scale` and the
+devices' limits.
 """
 
 from __future__ import annotations

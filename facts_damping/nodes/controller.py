@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, VoltageSetpoints
-from rcl_interfaces.msg import SetParametersResult
 
 from facts_damping.adapted import adapted
 from facts_damping.control.bank import act
-from facts_damping.control.table import kind
 from facts_damping.loop import issue_room, rehearse, serve, tick_ns
 from facts_damping.nodes.messages import Estimates, Inner
 from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
-from facts_damping.nodes.parameters import descriptor, read_case, read_index, read_options, read_save, save
+from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.nodes.tick_before import TickBefore
@@ -22,7 +20,6 @@ from facts_damping.parts import build_control, controller_names, identifier_name
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rclpy.node import Node
-    from rclpy.parameter import Parameter
 
 
 class ControllerNode:
@@ -34,7 +31,8 @@ class ControllerNode:
         self.index, self.save = read_index(node, range(len(self.case.controllers))), read_save(node)
         self.controller = self.case.controllers[self.index]
         self.bank, self.state, _, _ = build_control(self.case)
-        self.declare(node)
+        names = [name for name in self.controller.parameters if not name.startswith("identifier_")]
+        declare_settings(node, self.controller, names, self.bank.settings[self.index])
         self.name = controller_names(self.case)[self.index]
         identifier = identifier_names(self.case).get(self.index, "")
         self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
@@ -59,29 +57,6 @@ class ControllerNode:
         extra = int(self.options.recorder)
         listeners = {self.to_link: 1 + bool(identifier) + extra, self.to_recorder: extra}
         wait_for_peers(node, listeners, self.options)
-
-    def declare(self, node: Node) -> None:
-        """Declare the kind's parameters; those that are safe to change may change while it runs."""
-        row = self.bank.settings[self.index]
-        for name, p in kind(self.controller.name).parameters.items():
-            text = f"{p.description}: {', '.join(p.choices)}" if p.choices else p.description
-            low, high = (None, None) if p.choices else (p.low, p.high)
-            made = descriptor(text, p.unit, low, high, read_only=not p.live)
-            given: Any = node.declare_parameter(name, self.controller.parameters[name], made).value
-            row[name] = p.number(given)
-        node.add_on_set_parameters_callback(self.on_parameters)
-
-    def on_parameters(self, changed: list[Parameter[Any]]) -> SetParametersResult:
-        """Take changed parameters over; rclpy has checked ranges and what may change."""
-        rows = kind(self.controller.name).parameters
-        own = [p for p in changed if p.name in rows]
-        for p in own:
-            if rows[p.name].choices and p.value not in rows[p.name].choices:
-                allowed = ", ".join(rows[p.name].choices)
-                return SetParametersResult(successful=False, reason=f"{p.name}: {p.value} given; allowed: {allowed}")
-        for p in own:
-            self.bank.settings[self.index][p.name] = rows[p.name].number(p.value)
-        return SetParametersResult(successful=True)
 
     def run(self) -> None:
         """Serve until stopped, then save what was learnt."""

@@ -12,7 +12,7 @@ from facts_damping.control.identifier import identify, remember, tell
 from facts_damping.loop import rehearse
 from facts_damping.nodes.messages import Estimates
 from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
-from facts_damping.nodes.parameters import read_case, read_index, read_options, read_save, save
+from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.nodes.tick_before import TickBefore
@@ -22,6 +22,9 @@ from facts_damping.signals import ESTIMATE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rclpy.node import Node
+
+
+SHARED = ["clip", "projection", "stale"]  # guards that hold for identifiers too
 
 
 class IdentifierNode:
@@ -35,6 +38,8 @@ class IdentifierNode:
         self.controller = self.case.controllers[self.index]
         self.own = list(names).index(self.index)
         _, _, self.identifiers, self.state = build_control(self.case)
+        own = [n for n in self.controller.parameters if n.startswith("identifier_")]
+        declare_settings(node, self.controller, own + SHARED, self.identifiers.settings[self.own])
         sender = controller_names(self.case)[self.index]
         self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
         self.estimates = Estimates(self.case, self.index)

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from annotated_types import Ge, Gt, Le, Lt
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
 from facts_damping.configuration import Case, load_case
-from facts_damping.errors import InputError
+from facts_damping.control.table import kind
+from facts_damping.errors import InputError, check_known
 from facts_damping.files import check_writable, dump, write_whole
-from facts_damping.parameters.run import Run, Weights
+from facts_damping.parameters.run import Controller, Run, Weights
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -99,6 +100,39 @@ def read_options(node: Node) -> Options:
     if options.mode not in ("lockstep", "realtime"):
         raise InputError(f"mode: '{options.mode}' given; allowed: lockstep, realtime")
     return options
+
+
+def declare_settings(node: Node, controller: Controller, names: list[str], row: Any) -> None:
+    """Declare parameters of a controller or its identifier; those that are safe to change may, into `row` (SETTINGS).
+
+    Raises `InputError` where one that shapes the start differs from the run's: other nodes would not know.
+    """
+    rows = kind(controller.name).parameters
+    for name in names:
+        p = rows[name]
+        text = f"{p.description}: {', '.join(p.choices)}" if p.choices else p.description
+        low, high = (None, None) if p.choices else (p.low, p.high)
+        made = descriptor(text, p.unit, low, high, read_only=not p.live)
+        wanted = controller.parameters[name]
+        given: Any = node.declare_parameter(name, wanted, made).value
+        if given != wanted and not p.live:
+            raise InputError(f"{name}: {given} given; allowed: the run's {wanted}, or set: controllers.<i>.parameters")
+        if p.choices:
+            check_known(name, given, p.choices)
+        row[name] = p.number(given)
+
+    def change(changed: list[Parameter[Any]]) -> SetParametersResult:
+        own = [one for one in changed if one.name in names]
+        for one in own:
+            choices = rows[one.name].choices
+            if choices and one.value not in choices:
+                reason = f"{one.name}: {one.value} given; allowed: {', '.join(choices)}"
+                return SetParametersResult(successful=False, reason=reason)
+        for one in own:
+            row[one.name] = rows[one.name].number(one.value)
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(change)
 
 
 def read_index(node: Node, allowed: Iterable[int]) -> int:

@@ -150,6 +150,8 @@ class Tuned(Model):
 
     system: Name
     scenario: Name = Field(..., description="the scenario of training")
+    signals: list[Name] = Field(..., description="the signals that they were given")
+    devices: list[Name] = Field(..., description="the devices that they commanded")
     command: str = Field(..., description="the command that chose them")
     controllers: list[TunedController]
 

@@ -45,8 +45,9 @@ def scenarios(system: str) -> list[str]:
 
 
 def one_run(system: str, sets: Sequence[str], what: tuple[str, str, str | None]) -> dict[str, Any]:
-    """The figures of one run; `what`: scenario, controller, scheme."""
+    """The figures of one run; `what`: scenario, controller, scheme. Changes of `controllers` are for networks only."""
     scenario, name, scheme = what
+    sets = [text for text in sets if scheme is not None or not text.startswith("controllers.")]
     controllers = ["controllers=[]"] if name == NONE else [f"controllers.0.name={name}"]
     if scheme is not None:
         controllers.append(f"controllers.0.scheme={scheme}")

@@ -22,7 +22,7 @@ from facts_damping.configuration import Case, make_case
 from facts_damping.control.table import CONTROLLERS, Kind, kind
 from facts_damping.errors import InputError
 from facts_damping.files import find
-from facts_damping.parameters.run import Tuned, TunedController
+from facts_damping.parameters.run import Controller, Tuned, TunedController
 from facts_damping.plant.build import build
 from facts_damping.sensitivity import sensitivities
 from facts_damping.studies.pool import run_all
@@ -207,7 +207,15 @@ def tune(
     todo = [Job(system, name, scheme, budget, seed) for name, scheme in rows(names)]
     made = run_all(search, todo, jobs, progress)
     command = " ".join(["facts-damping tune", system, *names, f"--budget {budget} --seed {seed}"])
-    return Tuned(system=system, scenario=SCENARIO, command=command, controllers=made)
+    own = Controller()
+    return Tuned(
+        system=system,
+        scenario=SCENARIO,
+        signals=own.signals,
+        devices=own.devices,
+        command=command,
+        controllers=made,
+    )
 
 
 def document(tuned: Tuned) -> dict[str, Any]:

@@ -76,3 +76,11 @@ def test_the_page_in_the_docs_is_what_the_command_gives(rows: list[dict[str, Any
                 assert float(a) == pytest.approx(float(b), rel=0.02, abs=1e-9), (old, new)
             else:
                 assert a == b, (old, new)
+
+
+def test_changes_of_controllers_are_for_networks_only() -> None:
+    changed = compare("smib", ["ANFTSC"], ["controllers.0.parameters.eta=0.0", "duration=3"], 1, lambda _a, _b: None)
+    plain = compare("smib", ["ANFTSC"], ["duration=3"], 1, lambda _a, _b: None)
+    assert len(changed) == len(plain) == 4 * 4
+    same = {(one["controller"], one["scheme"]) for one, other in zip(changed, plain, strict=True) if one == other}
+    assert same == {("none", None), ("LLC", None)}
