@@ -208,7 +208,8 @@ def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: NDArra
             for j in range(net.outputs):
                 own.x[j] = state.before[n, j] / s.scale
             for d in range(net.inputs - net.outputs):
-                u = _given(state, n, d, now - since - ids.lag_ns[n])
+                # In force for most of the time from the frame before to this one.
+                u = _given(state, n, d, now - since + since // 2 - ids.lag_ns[n])
                 own.x[net.outputs + d] = u / ids.limit[n, d]
             _look(net, own, ids, state, n)
             for j in range(net.outputs):

@@ -66,12 +66,12 @@ def step(
     The Jacobian is in `kept.jacobian`; `dt`: s, and `frames` since the frame before, 0 at the first.
     """
     kept.taught[0] = 0.0
-    if frames > 0 and not stale:
+    if frames > 0:
         _follow(net, kept, s, actuators, unlimited, dt)
-        if _errors(net, kept, s, signals, actuators, unlimited):
-            rule = Rule(s.rate, s.eta, s.momentum, s.leakage, s.clip, s.projection)
-            learn(net, own, rule, kept.error, kept.curvature)
-            kept.taught[0] = 1.0
+    if frames > 0 and not stale and _errors(net, kept, s, signals, actuators, unlimited):
+        rule = Rule(s.rate, s.eta, s.momentum, s.leakage, s.clip, s.projection)
+        learn(net, own, rule, kept.error, kept.curvature)
+        kept.taught[0] = 1.0
     for i in range(net.inputs // 2):
         change = 0.0 if frames == 0 else (signals[i] - kept.before[i]) / frames
         own.x[2 * i] = min(max(-signals[i] / s.scale, -s.range), s.range)

@@ -108,6 +108,8 @@ def _neuro_fuzzy(network: Variant) -> Kind:
     bounded = network.antecedent.startswith("b-spline") or network.consequent == "legendre"
     own = dict(NEURO_FUZZY_PARAMETERS)
     own["identifier"] = own["identifier"]._replace(default=network.identifier)
+    if network.antecedent == "triangular":
+        own["width"] = own["width"]._replace(default=3.0)  # of 1 they would not overlap
     own["range"] = own["range"]._replace(default=1.0 if bounded else 3.0)
     return Kind(f"neuro-fuzzy: {network.antecedent} + {network.consequent}", 1, 1, 0, own, network)
 

@@ -121,7 +121,7 @@ def backward(net: Network, p: Pass) -> None:
     p.by_input[:] = 0.0
     first = net.inputs * net.rules * net.stored
     for o in range(net.outputs):
-        if p.total[o] <= FLOOR:
+        if not p.total[o] > FLOOR:  # also where it is not a number
             continue
         for j in range(net.rules):
             share = p.firing[j] * p.volume[j, o] / p.total[o]
