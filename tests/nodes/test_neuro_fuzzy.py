@@ -148,27 +148,29 @@ def test_real_time_with_identifier_loses_nothing(domain: int, tmp_path: Path) ->
 
 
 def test_parameters_that_are_safe_to_change_change_while_it_runs(start: Any, client: Any) -> None:
-    sets = {"set": "[controllers.0.name=HBsWC, controllers.0.scheme=direct]"}
-    start("controller", start_timeout=60.0, **sets)
-    start("wan_link", start_timeout=60.0, **sets)
-    start("plant_sim", mode="realtime", duration=1000.0, start_timeout=60.0, **sets)
+    common = {"set": "[controllers.0.name=HBsWC]", "start_timeout": 60.0}
+    for name in ("controller", "identifier", "wan_link"):
+        start(name, **common)
+    start("plant_sim", mode="realtime", duration=1000.0, **common)
 
-    def change(name: str, value: float | str) -> Any:
+    def change(node: str, name: str, value: float | str) -> Any:
         if isinstance(value, str):
             given = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
         else:
             given = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
         request = SetParameters.Request(parameters=[Parameter(name=name, value=given)])
-        return client(SetParameters, "/controller/set_parameters", request).results[0]
+        return client(SetParameters, f"/{node}/set_parameters", request).results[0]
 
-    assert change("eta", 0.01).successful
-    assert change("rate", "lyapunov").successful
-    assert change("projection", "off").successful
-    refused = change("rate", "fast")
+    assert change("controller", "eta", 0.01).successful
+    assert change("controller", "rate", "lyapunov").successful
+    assert change("identifier", "identifier_eta", 0.01).successful
+    assert change("identifier", "projection", "off").successful
+    refused = change("controller", "rate", "fast")
     assert not refused.successful
     assert "allowed: fixed, lyapunov, lyapunov-groups" in refused.reason
-    assert not change("hbar", -1.0).successful
-    assert not change("width", 2.0).successful  # where it starts from is past
+    assert not change("controller", "hbar", -1.0).successful
+    assert not change("controller", "width", 2.0).successful  # where it starts from is past
+    assert not change("identifier", "identifier_weight", 2.0).successful
 
 
 def test_an_unstable_run_with_identifier_ends_where_the_in_process_run_ends(domain: int, tmp_path: Path) -> None:
