@@ -85,10 +85,10 @@ def measured(name: str, system: dict[str, Any] | str, load: str) -> None:
     setup = time.perf_counter() - began
     times = []
     for _ in range(RUNS + 1):
-        parts = loop.build_loop(case)
-        kept = loop.room(case, parts)
+        whole = loop.build_loop(case)
+        kept = loop.room(case, whole)
         began = time.perf_counter()
-        loop.run_loop(parts, case.run.frame_rate, case.ticks, kept)
+        loop.run_loop(whole, case.run.frame_rate, case.ticks, kept)
         times.append(time.perf_counter() - began)
     took = statistics.median(times[1:]) / SECONDS
     rate = 1e9 / built.plant.step_ns
