@@ -181,6 +181,7 @@ def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], 
         for k, n, late in plant.progress():
             misses = late
             progress(k, n)
+        _check_others(running)  # who ended first knows why: a second graph in the same domain, say
         wall = time.monotonic() - began
         recorder = running["recorder"]
         _end(recorder, signal.SIGINT)

@@ -30,6 +30,9 @@ RCLError = rclpy_implementation.RCLError
 RELIABLE = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
 
 
+COMMON = "/diagnostics"  # everybody's topic
+
+
 def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Options) -> None:
     """Wait until every publisher has its subscribers and every subscription a publisher; name what is missing."""
     deadline = time.monotonic() + options.start_timeout
@@ -44,7 +47,8 @@ def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Opt
             for subscription in node.subscriptions
             if node.count_publishers(subscription.topic_name) < 1
         ]
-        shared = [s.topic_name for s in node.subscriptions if node.count_publishers(s.topic_name) > 1]
+        topics = [s.topic_name for s in node.subscriptions] + [p.topic_name for p in expected]
+        shared = [topic for topic in topics if topic != COMMON and node.count_publishers(topic) > 1]
         if shared:
             raise RunError(f"another graph publishes {shared[0]} too; set another ROS_DOMAIN_ID (0 to 101)")
         if not missing:
