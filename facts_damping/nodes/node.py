@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from facts_damping.errors import FactsDampingError, RunError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from rclpy.node import Node
     from rclpy.publisher import Publisher
@@ -33,6 +33,13 @@ RELIABLE = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabil
 COMMON = "/diagnostics"  # everybody's topic
 
 
+def refuse_others(node: Node, topics: Iterable[str]) -> None:
+    """Raise `RunError` where somebody else publishes topics that have one publisher in a graph."""
+    shared = [topic for topic in topics if topic != COMMON and node.count_publishers(topic) > 1]
+    if shared:
+        raise RunError(f"another graph publishes {shared[0]} too; set another ROS_DOMAIN_ID (0 to 101)")
+
+
 def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Options) -> None:
     """Wait until every publisher has its subscribers and every subscription a publisher; name what is missing."""
     deadline = time.monotonic() + options.start_timeout
@@ -47,10 +54,7 @@ def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Opt
             for subscription in node.subscriptions
             if node.count_publishers(subscription.topic_name) < 1
         ]
-        topics = [s.topic_name for s in node.subscriptions] + [p.topic_name for p in expected]
-        shared = [topic for topic in topics if topic != COMMON and node.count_publishers(topic) > 1]
-        if shared:
-            raise RunError(f"another graph publishes {shared[0]} too; set another ROS_DOMAIN_ID (0 to 101)")
+        refuse_others(node, [topic.topic_name for topic in [*node.subscriptions, *expected]])
         if not missing:
             return
         if time.monotonic() > deadline:

@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from facts_damping import __version__
 from facts_damping.files import dump
-from facts_damping.nodes.node import RELIABLE, run_node
+from facts_damping.nodes.node import RELIABLE, refuse_others, run_node
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.parts import controller_names, identifier_names
@@ -81,6 +81,7 @@ class Recorder:
             self.writer.add_topic(name, f"{package}/{module.split('.')[0]}/{kind.__name__}")
             self.lost[name] = 0
             node.create_subscription(kind, topic, partial(self.on_message, name), RELIABLE, raw=True)
+        self.node = node
         self.spinner = Spinner(node)
 
     def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
@@ -100,7 +101,7 @@ class Recorder:
         sys.stdout.flush()
 
     def drain(self) -> None:
-        """Empty the queues, rest, and flush by the clock."""
+        """Empty the queues, rest, and flush by the clock; where another graph publishes too, nothing would ever end."""
         flushed = heard = time.monotonic()
         while not self.stopped.is_set() or time.monotonic() - heard < QUIET_S:
             while self.spinner.turn(0.0):
@@ -108,6 +109,8 @@ class Recorder:
             if time.monotonic() - flushed > FLUSH_S:
                 self.writer.flush()
                 flushed = time.monotonic()
+            if self.stopped.is_set():
+                refuse_others(self.node, self.lost)
             time.sleep(POLL_S)
 
 
