@@ -72,6 +72,8 @@ def parser() -> argparse.ArgumentParser:
     command = add("tune", commands.tune)
     command.add_argument("system", metavar="SYSTEM", help="a system with a scenario `training`")
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
+    command.add_argument("--devices", default="sssc", metavar="NAME,...", help="commanded devices; default: sssc")
+    command.add_argument("--signals", default="speed", metavar="NAME,...", help="signals given; default: speed")
     command.add_argument("--budget", type=_count, default=600, metavar="N", help="runs for each; default: 600")
     command.add_argument("--seed", type=_seed, default=1, metavar="N", help="seed of the search; default: 1")
     command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")

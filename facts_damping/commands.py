@@ -221,9 +221,9 @@ def tune(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.out, "--out")
     progress = Progress("tune", "controllers")
     try:
-        found = study.tune(
-            arguments.system, arguments.controllers, arguments.budget, arguments.seed, arguments.jobs, progress
-        )
+        devices, signals = arguments.devices.split(","), arguments.signals.split(",")
+        task = study.Task(arguments.system, devices, signals, arguments.budget, arguments.seed)
+        found = study.tune(task, arguments.controllers, arguments.jobs, progress)
     finally:
         progress.close()
     text = files.dump(study.document(found))

@@ -86,11 +86,11 @@ def issue_room(commands: int, entries: int) -> NDArray[Any]:
     return np.zeros(commands * entries, SETPOINT)
 
 
-def build_loop(case: Case, known: dict[tuple[str, str], Sensitivity] | None = None) -> Loop:
-    """All parts of a case, at the start; `known` as for `build_control`."""
+def build_loop(case: Case, sensitivity: Sensitivity | None = None) -> Loop:
+    """All parts of a case, at the start; `sensitivity`: the plant's, as for `build_control`."""
     built = build_plant(case)
     up, down = build_link(case)
-    control = build_control(case, known)
+    control = build_control(case, sensitivity)
     work = workspace(built.plant, built.state)
     issued = issue_room(commands(case), len(up.out))
     return Loop(built.plant, built.state, work, up, down, *control, issued)

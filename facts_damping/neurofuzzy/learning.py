@@ -48,6 +48,7 @@ class Learner(NamedTuple):
     group: NDArray[np.int64]  # (parameters,), index of each parameter's group
     squares: NDArray[np.float64]  # (outputs, groups), squared norms of the gradients
     rate: NDArray[np.float64]  # (outputs, groups), learning rates of the last step
+    moved: NDArray[np.float64]  # (outputs,), what the last step changes the outputs by, to first order
     x: NDArray[np.float64]  # (inputs,)
     passed: Pass
 
@@ -70,6 +71,7 @@ def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> 
         group=room(sizes).astype(np.int64),
         squares=room(kinds),
         rate=room(kinds),
+        moved=room([(net.outputs,) for net in sized]),
         x=room([(net.inputs,) for net in sized]),
         passed=Pass(*(room(shape) for shape in zip(*(shapes(net) for net in sized), strict=True))),
     )
@@ -96,6 +98,7 @@ def one(several: Learner, i: int, net: Network) -> Learner:
         several.group[i, :size],
         several.squares[i],
         several.rate[i],
+        several.moved[i],
         several.x[i, : net.inputs],
         Pass(
             p.mu[i],
@@ -180,3 +183,7 @@ def learn(
             after = min(max(after, own.low[f]), own.high[f])
         own.theta[f] = after
         own.change[f] = after - before
+    for o in range(net.outputs):
+        own.moved[o] = 0.0
+        for f in range(own.theta.size):
+            own.moved[o] += own.passed.by_theta[o, f] * own.change[f]

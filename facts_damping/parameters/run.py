@@ -132,8 +132,15 @@ class Controller(Model):
     devices: list[Name] = Field(["sssc"], min_length=1, description="installed devices that it commands")
     signals: list[Name] = Field(["speed"], min_length=1, description="signals of the system that it is given")
     profile: Literal["deployed", "thesis"] = Field("deployed", description="guards of adaptation: on, or all off")
-    parameters: dict[str, float | str] = Field({}, description="its parameters where they differ from the table's")
+    parameters: dict[str, float | str | list[float]] = Field(
+        {}, description="its parameters where they differ from the table's; a list has an entry a signal or device"
+    )
     weights: str | Weights | None = Field(None, description="file of adapted weights to start from, or these inline")
+
+    def number(self, name: str) -> float:
+        """A parameter that is a number; of a list the first."""
+        value = self.parameters[name]
+        return float(value[0] if isinstance(value, list) else value)
 
 
 class TunedController(Model):
@@ -142,7 +149,7 @@ class TunedController(Model):
     name: Name
     scheme: Literal["direct", "indirect"] | None = None
     objective: float = Field(..., description="what the search made small (docs/controllers.md)")
-    parameters: dict[str, float | str]
+    parameters: dict[str, float | str | list[float]]
 
 
 class Tuned(Model):

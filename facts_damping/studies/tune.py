@@ -19,12 +19,12 @@ from facts_damping import loop
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.configuration import Case, make_case
-from facts_damping.control.table import CONTROLLERS, Kind, kind
+from facts_damping.control.table import CONTROLLERS, Value, kind
 from facts_damping.errors import InputError
 from facts_damping.files import find
 from facts_damping.parameters.run import Controller, Tuned, TunedController
 from facts_damping.plant.build import build
-from facts_damping.sensitivity import sensitivities
+from facts_damping.sensitivity import sensitivity
 from facts_damping.studies.pool import run_all
 
 if TYPE_CHECKING:
@@ -50,8 +50,8 @@ class Range(NamedTuple):
     def value(self, at: float) -> float:
         """The value at a place from 0 to 1, to four digits."""
         if self.logarithmic:
-            return float(f"{self.low * (self.high / self.low) ** at:.4g}")
-        return float(f"{self.low + at * (self.high - self.low):.4g}")
+            return _four(self.low * (self.high / self.low) ** at)
+        return _four(self.low + at * (self.high - self.low))
 
 
 LEAD_LAG = {
@@ -73,6 +73,8 @@ NEURO_FUZZY = {
     "leakage": Range(1e-5, 0.1, logarithmic=True),
 }
 WAVELETS = {"dilation": Range(0.5, 8.0)}
+SHARE = Range(0.1, 10.0, logarithmic=True)  # scales of the second signal and on, by how they swing beside the first
+HORIZON = Range(1.0, 24.0)  # frames, where there are several signals or devices
 INDIRECT = {
     "identifier_eta": Range(0.001, 1.0, logarithmic=True),
     "identifier_leakage": Range(1e-4, 1.0, logarithmic=True),
@@ -84,14 +86,22 @@ RATES = ("fixed", "lyapunov")  # searched too: a place below and above one half
 Scheme = Literal["direct", "indirect"] | None
 
 
-class Job(NamedTuple):
-    """One search: system, controller, scheme, budget (runs) and seed."""
+class Task(NamedTuple):
+    """What controllers are tuned for: a system, the devices that are installed and commanded, signals, budget, seed."""
 
     system: str
-    name: str
-    scheme: Scheme
+    devices: list[str]
+    signals: list[str]
     budget: int
     seed: int
+
+
+class Job(NamedTuple):
+    """One search: a controller and its scheme."""
+
+    task: Task
+    name: str
+    scheme: Scheme
 
 
 def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
@@ -106,65 +116,114 @@ def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
     return found
 
 
-def space(row: Kind, scheme: str | None) -> dict[str, Range]:
-    """What is searched for a controller."""
-    if row.network is None:
-        return LEAD_LAG
-    wavelets = WAVELETS if row.network.consequent in ("mexican-hat", "morlet") else {}
-    return {**NEURO_FUZZY, **wavelets, **(INDIRECT if scheme == "indirect" else {})}
-
-
-def parameters(row: Kind, scheme: str | None, at: NDArray[np.float64], response: float) -> dict[str, float | str]:
-    """Parameters at a point of the search, each coordinate from 0 to 1; the last one is the kind of learning rate.
-
-    The indirect scheme's Jacobian is `response` (p.u. per p.u. within a frame) where the direct one's is 1: its
-    learning rates and penalties are searched in the same multiples.
-    """
-    found: dict[str, float | str] = {
-        name: one.value(float(v)) for (name, one), v in zip(space(row, scheme).items(), at, strict=False)
-    }
-    if row.network is None:
-        return found
-    found["rate"] = RATES[int(at[-1] >= 0.5)]
-    if scheme == "indirect":
-        jacobian = response / float(found["scale"])
-        squared = found["rate"] == "lyapunov"
-        found["hbar"] = float(f"{float(found['hbar']) * (jacobian**2 if squared else jacobian):.4g}")
-        if not squared:
-            found["eta"] = float(f"{float(found['eta']) / jacobian:.4g}")
-    return found
-
-
 class Trainer:
-    """The training scenario of a system, ready to be run with any parameters of a controller."""
+    """The training scenario of a task, ready to be run with a controller at any point of the search."""
 
-    def __init__(self, system: str, name: str, scheme: str | None) -> None:
+    def __init__(self, job: Job) -> None:
         """Build the plant once."""
-        content = {"system": system, "scenario": SCENARIO, "controllers": [{"name": "LLC"}]}
-        self.case = make_case(content, f"tune {system}")
-        case = self.case
+        task, self.name, self.scheme, self.row = job.task, job.name, job.scheme, kind(job.name)
+        self.signals = task.signals[: self.row.signals]
+        content = {"system": task.system, "scenario": SCENARIO, "devices": task.devices, "controllers": []}
+        self.case = case = make_case(content, f"tune {task.system}")
         start = build(case.system, case.run.devices, [])
-        self.known: dict[tuple[str, str], Sensitivity] = sensitivities(
-            start, case.system, case.run.devices, case.run.frame_rate
-        )
-        self.name, self.scheme, self.row = name, scheme, kind(name)
-        limit = next(d.v_max for d in case.system.devices if d.name == case.run.devices[0])
-        self.response = abs(self.known["speed", case.run.devices[0]].frame) * limit
+        found = sensitivity(start, case.system, case.run.devices, case.run.frame_rate)
+        if found is None:
+            raise InputError(f"SYSTEM: {task.system} has no swing mode; allowed: a system whose machines swing")
+        self.sensitivity: Sensitivity = found
+        self.limits = [next(d.v_max for d in case.system.devices if d.name == name) for name in task.devices]
 
-    def with_parameters(self, values: dict[str, float | str]) -> Case:
+    @property
+    def space(self) -> dict[str, Range]:
+        """What is searched: a coordinate for each parameter, `name.i` for that of device or signal i; the last is rate.
+
+        Parameters that a list may give are searched for each device; scales for the first signal, with a share for
+        each of the others.
+        """
+        if self.row.network is None:
+            return self._each(LEAD_LAG)
+        several = len(self.signals) * len(self.limits) > 1
+        wavelets = WAVELETS if self.row.network.consequent in ("mexican-hat", "morlet") else {}
+        made = {**self._each(NEURO_FUZZY), **wavelets, **(INDIRECT if self.scheme == "indirect" else {})}
+        if several and self.scheme == "indirect":
+            made["identifier_horizon"] = HORIZON
+            del made["identifier_weight"]
+        made |= {f"share.{i}": SHARE for i in range(1, len(self.signals))}
+        return {**made, "rate": Range(0.0, 1.0)}
+
+    def _each(self, ranges: dict[str, Range]) -> dict[str, Range]:
+        made: dict[str, Range] = {}
+        for name, one in ranges.items():
+            if self.row.parameters[name].each == "device" and len(self.limits) > 1:
+                made |= {f"{name}.{d}": one for d in range(len(self.limits))}
+            else:
+                made[name] = one
+        return made
+
+    def parameters(self, at: NDArray[np.float64]) -> dict[str, Value]:
+        """Parameters at a point of the search, each coordinate from 0 to 1."""
+        found: dict[str, Value] = {}
+        for (place, one), v in zip(self.space.items(), at, strict=True):
+            name, _, entry = place.partition(".")
+            own = found.setdefault(name, []) if entry else None
+            if own is None:
+                found[name] = one.value(float(v))
+            elif isinstance(own, list):
+                own.append(one.value(float(v)))
+        if self.row.network is None:
+            return found
+        found["rate"] = RATES[int(at[-1] >= 0.5)]
+        shares = found.pop("share", None)
+        if isinstance(shares, list):
+            beside = [abs(self.sensitivity.ratio(signal, self.signals[0])) for signal in self.signals[1:]]
+            for name in ("scale", "change_scale"):
+                first = float(found[name])  # type: ignore[arg-type]
+                found[name] = [first, *[_four(first * s * b) for s, b in zip(shares, beside, strict=True)]]
+        if self.scheme == "indirect":
+            self._in_multiples(found)
+        return found
+
+    def _in_multiples(self, found: dict[str, Value]) -> None:
+        """Learning rate and penalties where the Jacobian is 1 become those of the indirect scheme.
+
+        Its Jacobian is what the first device's limit does to the first signal over the identifier's horizon.
+        """
+        if "identifier_horizon" in found:
+            found["identifier_horizon"] = float(round(float(found["identifier_horizon"])))  # type: ignore[arg-type]
+        horizon = int(float(found.get("identifier_horizon", 1.0)))  # type: ignore[arg-type]
+        answer = self.sensitivity.jacobian(self.signals[:1], [self.case.run.devices[0]], horizon)[0, 0]
+        scale = found["scale"]
+        jacobian = abs(float(answer)) * self.limits[0] / float(scale[0] if isinstance(scale, list) else scale)
+        by = jacobian**2 if found["rate"] == "lyapunov" else jacobian
+        hbar = found["hbar"]
+        found["hbar"] = [_four(float(h) * by) for h in hbar] if isinstance(hbar, list) else _four(float(hbar) * by)
+        if found["rate"] != "lyapunov":
+            found["eta"] = _four(float(found["eta"]) / jacobian)  # type: ignore[arg-type]
+
+    def with_parameters(self, values: dict[str, Value]) -> Case:
         """The training case of the controller with these parameters."""
-        controller = {"name": self.name, "scheme": self.scheme, "parameters": values}
+        controller = {
+            "name": self.name,
+            "scheme": self.scheme,
+            "devices": self.case.run.devices,
+            "signals": self.signals,
+            "parameters": values,
+        }
         content = {**self.case.document(), "controllers": [controller], "asked": None}
         return make_case(content, f"tune {self.case.system.name}")
 
     def objective(self, at: NDArray[np.float64]) -> float:
         """The objective at a point of the search."""
-        return objective(self.with_parameters(parameters(self.row, self.scheme, at, self.response)), self.known)
+        return objective(self.with_parameters(self.parameters(at)), self.sensitivity)
 
 
-def objective(case: Case, known: dict[tuple[str, str], Sensitivity]) -> float:
+def _four(value: float) -> float:
+    """A value to four digits."""
+    return float(f"{value:.4g}")
+
+
+def objective(case: Case, plant: Sensitivity) -> float:
     """ITAE with a price on effort; of a run that loses synchronism 1000 less its duration."""
-    record = loop.finish(case, loop.build_loop(case, known))
+    record = loop.finish(case, loop.build_loop(case, plant))
     t = record.time_s
     if not record.in_synchronism.all():
         return LOST - float(t[-1])
@@ -176,20 +235,20 @@ def objective(case: Case, known: dict[tuple[str, str], Sensitivity]) -> float:
 
 def search(job: Job) -> TunedController:
     """The best of a budget of runs, by differential evolution from a Latin hypercube."""
-    trainer = Trainer(job.system, job.name, job.scheme)
-    row = trainer.row
-    size = len(space(row, job.scheme)) + (row.network is not None)
+    trainer = Trainer(job)
+    size = len(trainer.space)
     found = differential_evolution(
         trainer.objective,
         [(0.0, 1.0)] * size,
-        init=_population(size, job.seed),
-        maxiter=max(0, job.budget // POPULATION - 1),
-        rng=np.random.default_rng(job.seed),
+        init=_population(size, job.task.seed),
+        maxiter=max(0, job.task.budget // POPULATION - 1),
+        rng=np.random.default_rng(job.task.seed),
         tol=0.0,
         polish=False,
     )
-    values = parameters(row, job.scheme, found.x, trainer.response)
-    return TunedController(name=job.name, scheme=job.scheme, objective=float(f"{found.fun:.5g}"), parameters=values)
+    reached = float(f"{found.fun:.5g}")
+    values = trainer.parameters(found.x)
+    return TunedController(name=job.name, scheme=job.scheme, objective=reached, parameters=values)
 
 
 def _population(size: int, seed: int) -> NDArray[np.float64]:
@@ -199,21 +258,21 @@ def _population(size: int, seed: int) -> NDArray[np.float64]:
     return np.asarray((np.array(places).T + random.random((POPULATION, size))) / POPULATION)
 
 
-def tune(
-    system: str, names: Sequence[str], budget: int, seed: int, jobs: int, progress: Callable[[int, int], None]
-) -> Tuned:
+def tune(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> Tuned:
     """Search for every controller, several at a time."""
-    find("scenarios", SCENARIO, f"{system}/")
-    todo = [Job(system, name, scheme, budget, seed) for name, scheme in rows(names)]
-    made = run_all(search, todo, jobs, progress)
-    command = " ".join(["facts-damping tune", system, *names, f"--budget {budget} --seed {seed}"])
+    find("scenarios", SCENARIO, f"{task.system}/")
+    Trainer(Job(task, "ANFTSC", "direct")).with_parameters({})  # devices and signals that it cannot have
+    made = run_all(search, [Job(task, name, scheme) for name, scheme in rows(names)], jobs, progress)
     own = Controller()
+    more = [f"--devices {','.join(task.devices)}"] if task.devices != own.devices else []
+    more += [f"--signals {','.join(task.signals)}"] if task.signals != own.signals else []
+    words = ["facts-damping tune", task.system, *names, *more, f"--budget {task.budget} --seed {task.seed}"]
     return Tuned(
-        system=system,
+        system=task.system,
         scenario=SCENARIO,
-        signals=own.signals,
-        devices=own.devices,
-        command=command,
+        signals=task.signals,
+        devices=task.devices,
+        command=" ".join(words),
         controllers=made,
     )
 

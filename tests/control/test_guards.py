@@ -18,7 +18,7 @@ GUARDS = ("dead_zone", "leakage", "projection", "clip", "anti_windup", "stale", 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_the_profile_thesis_has_no_guard(name: str) -> None:
     """`deployed` has all of them, but for leakage: it would forget what was learnt."""
-    thesis, deployed = (settings_of(controller(name, "direct", p)) for p in ("thesis", "deployed"))
+    thesis, deployed = (settings_of(controller(name, "direct", p))[0] for p in ("thesis", "deployed"))
     assert [float(thesis[guard]) for guard in GUARDS] == [0.0] * len(GUARDS)
     assert [guard for guard in GUARDS if not deployed[guard]] == ["leakage"]
     same = set(defaults(kind(name), "thesis")) - set(GUARDS)

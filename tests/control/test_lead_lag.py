@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 some = settings(deadline=None, max_examples=40)
 
 
-def row(**parameters: float | str) -> Any:
+def row(**parameters: float | str | list[float]) -> Any:
     """A record of settings: the thesis's parameters, but for those given."""
-    return settings_of(Controller(parameters=parameters))[()]
+    return settings_of(Controller(parameters=parameters))[0]
 
 
 ROW = row()
