@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping import files
 from facts_damping.checking import check, origin
 from facts_damping.control import bank, identifier
-from facts_damping.control.table import Kind, Value, defaults, kind
+from facts_damping.control.table import Parameter, Value, defaults, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
 from facts_damping.parameters.placement import place
@@ -236,7 +236,7 @@ def _filled(
     scheme = None if row.network is None else controller.scheme or "indirect"
     counts = {"signal": len(controller.signals), "device": len(controller.devices)}
     for name, value in controller.parameters.items():
-        _check_parameter(where(f"parameters.{name}"), name, value, row, counts)
+        check_parameter(where(f"parameters.{name}"), name, value, row.parameters, counts)
     known = tuned(system, controller.signals, controller.devices)
     if controller.name == "LLC-tuned" and (controller.name, None) not in known and not controller.parameters:
         raise InputError(
@@ -255,10 +255,13 @@ def _filled(
     return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})
 
 
-def _check_parameter(where: str, name: str, value: Value, row: Kind, counts: dict[str, int]) -> None:
-    """A parameter that the row does not have, or a value that it must not have."""
-    check_known(where, name, list(row.parameters))
-    p = row.parameters[name]
+def check_parameter(where: str, name: str, value: Value, table: dict[str, Parameter], counts: dict[str, int]) -> None:
+    """Raise `InputError` for a parameter that is not in a kind's table, or a value that it must not have.
+
+    `counts`: how many signals and devices the controller has.
+    """
+    check_known(where, name, list(table))
+    p = table[name]
     if isinstance(value, list) and len(value) != counts.get(p.each, 0):
         allowed = f"a number, or {counts[p.each]}, one a {p.each}" if p.each else "one value"
         raise InputError(f"{where}: {len(value)} numbers given; allowed: {allowed}")

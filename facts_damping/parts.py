@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.control.bank import Bank, BankState, bank
+from facts_damping.control import identifier
+from facts_damping.control.bank import Bank, BankState, bank, network_of
 from facts_damping.control.identifier import Identified, Identifiers, IdentifierState, identifiers
 from facts_damping.control.known import Known
 from facts_damping.errors import InputError
 from facts_damping.link.transfer import Direction, directions
+from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
@@ -18,6 +20,8 @@ from facts_damping.sensitivity import Sensitivity, sensitivity
 
 if TYPE_CHECKING:
     from facts_damping.configuration import Case
+    from facts_damping.neurofuzzy.network import Network
+    from facts_damping.parameters.run import Controller
 
 
 def commands(case: Case) -> int:
@@ -28,6 +32,19 @@ def commands(case: Case) -> int:
 def derivatives(case: Case) -> int:
     """Number of derivatives that all identifiers of a case estimate."""
     return sum(len(c.devices) * len(c.signals) for c in case.controllers if c.scheme == "indirect")
+
+
+def learning_rates(case: Case) -> int:
+    """Number of learning rates of all networks of a case: one for each output and group of parameters."""
+    nets = [network_of(c) for c in case.controllers if c.scheme is not None]
+    nets += [identifier_network(c) for c in case.controllers if c.scheme == "indirect"]
+    return sum(net.outputs * len(groups(net)) for net in nets)
+
+
+def identifier_network(controller: Controller) -> Network:
+    """The network of a controller's identifier."""
+    kind = str(controller.parameters["identifier"])
+    return identifier.network_of(kind, len(controller.signals), len(controller.devices))
 
 
 def build_plant(case: Case) -> Built:

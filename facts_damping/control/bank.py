@@ -16,9 +16,9 @@ from facts_damping.compiling import compiled
 from facts_damping.control import lead_lag, neuro_fuzzy, table
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.neuro_fuzzy import Actuators, Memory, memories
-from facts_damping.control.table import DIRECT, INDIRECT, LEAD_LAG, SETTINGS, kind
+from facts_damping.control.table import DIRECT, INDIRECT, LEAD_LAG, SETTINGS, Parameter, Value, kind
 from facts_damping.neurofuzzy.learning import Learner, learners, one
-from facts_damping.neurofuzzy.network import Network, network
+from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
 from facts_damping.parameters.run import Weights
 from facts_damping.signals import NANOSECONDS
@@ -41,6 +41,7 @@ class Bank(NamedTuple):
 
     code: NDArray[np.int64]
     settings: NDArray[Any]  # (controllers, most signals or devices) of SETTINGS: the value of each signal or device
+    swing: NDArray[np.float64]  # (controllers, most signals), of each signal beside the first at the mode; 1: unknown
     inputs: Inputs
     shape: NDArray[np.int64]  # (controllers, fields of Network)
     sensitivity: NDArray[np.float64]  # (controllers, most signals, most devices), signs of dy/du; 0: none
@@ -83,6 +84,7 @@ def bank(
     made = Bank(
         code=np.array([SCHEMES[c.scheme] for c in controllers], np.int64),
         settings=np.zeros((n, max(most_signals, most_devices)), SETTINGS),
+        swing=np.ones((n, most_signals)),
         inputs=given,
         shape=np.array(nets, np.int64).reshape(n, len(Network._fields)),
         sensitivity=np.zeros((n, most_signals, most_devices)),
@@ -96,7 +98,9 @@ def bank(
             made.device[c, d] = order.index(device)
             made.actuators.limit[c, d], made.actuators.rate[c, d] = limits[device]
         own = known[c]
-        made.settings[c] = settings(controller, made.settings.shape[1], own)
+        if own is not None:
+            made.swing[c, : len(controller.signals)] = np.abs(own.swing)
+        settings(controller, made.settings[c], made.swing[c])
         if own is not None:
             made.sensitivity[c, : len(controller.signals), : len(controller.devices)] = own.sign
     starts = [_start(nets[c], made.settings[c], controllers[c], known[c]) for c in range(n)]
@@ -112,22 +116,25 @@ def bank(
     return made, state
 
 
-def settings(controller: Controller, most: int = 1, known: Known | None = None) -> NDArray[Any]:
-    """A controller's parameters as records of SETTINGS, (most,): the value of each signal or device.
-
-    A single `scale` is the first signal's; the others' are as they swing beside it.
-    """
-    rows = np.zeros(most, SETTINGS)
+def settings(controller: Controller, rows: NDArray[Any], swing: NDArray[np.float64]) -> NDArray[Any]:
+    """A controller's parameters into records of SETTINGS: the value of each signal or device; returns them."""
     for name, parameter in kind(controller.name).parameters.items():
-        value = controller.parameters.get(name, parameter.default)
-        found = parameter.number(value)
-        if parameter.each == "signal" and known is not None and not isinstance(value, list):
-            found = np.asarray(found) * np.abs(known.swing)
-        if np.ndim(found) == 0:
-            rows[name] = found
-        else:
-            rows[name][: np.size(found)] = found
+        put(rows, name, parameter, controller.parameters.get(name, parameter.default), swing)
     return rows
+
+
+def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing: NDArray[np.float64]) -> None:
+    """A parameter's value into records of SETTINGS. A single one is every device's, and the first signal's.
+
+    The other signals' are then as they swing beside it.
+    """
+    found = parameter.number(value)
+    if parameter.each == "signal" and not isinstance(value, list):
+        found = np.asarray(found) * swing
+    if np.ndim(found) == 0:
+        rows[name] = found
+    else:
+        rows[name][: np.size(found)] = found
 
 
 def network_of(controller: Controller) -> Network:
@@ -175,8 +182,7 @@ def _limit(made: Bank, state: BankState, c: int) -> None:
 @compiled
 def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
     """A neuro-fuzzy controller's step."""
-    shape, s = made.shape[c], made.settings[c]
-    net = Network(shape[0], shape[1], shape[2], shape[3], shape[4], shape[5], shape[6])
+    net, s = shape_of(made.shape[c]), made.settings[c]
     own = one(state.learner, c, net)
     m = state.memory
     kept = Memory(m.before[c], m.applied[c], m.error[c], m.curvature[c], m.lyapunov[c], m.jacobian[c], m.taught[c])

@@ -18,7 +18,7 @@ from facts_damping.compiling import compiled
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.table import SETTINGS
 from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn, learners, one
-from facts_damping.neurofuzzy.network import Network, network
+from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial, slots
 from facts_damping.neurofuzzy.table import IDENTIFIERS, MIMO_FORM
 from facts_damping.signals import NANOSECONDS, to_ns
@@ -185,12 +185,6 @@ def _linear_start(net: Network, slopes: NDArray[np.float64]) -> NDArray[np.float
 
 
 @compiled
-def _net(ids: Identifiers, n: int) -> Network:
-    s = ids.shape[n]
-    return Network(s[0], s[1], s[2], s[3], s[4], s[5], s[6])
-
-
-@compiled
 def _look(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
     """Prediction and Jacobian at `own.x`."""
     infer(net, own)
@@ -203,7 +197,7 @@ def _look(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, 
 @compiled
 def _first(ids: Identifiers, state: IdentifierState, n: int) -> None:
     """The Jacobian that an identifier starts from, at rest."""
-    net = _net(ids, n)
+    net = shape_of(ids.shape[n])
     _look(net, one(state.learner, n, net), ids, state, n)
 
 
@@ -253,7 +247,7 @@ def _mean(ids: Identifiers, state: IdentifierState, n: int, d: int, now: int, el
 @compiled
 def _learn(ids: Identifiers, state: IdentifierState, n: int, before: int) -> None:
     """Predict the newest frame from one before and from the setpoints since, and learn from the error."""
-    net, s, now = _net(ids, n), ids.settings[n], state.held.newest_ns[n]
+    net, s, now = shape_of(ids.shape[n]), ids.settings[n], state.held.newest_ns[n]
     own = one(state.learner, n, net)
     for j in range(net.outputs):
         own.x[j] = state.past[n, before, j] / s[j].scale
@@ -298,7 +292,7 @@ def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: NDArra
 @compiled
 def tell(ids: Identifiers, state: IdentifierState, n: int, tick: int, out: NDArray[Any], first: int) -> int:
     """The estimates of identifier n after a tick (ESTIMATE) into `out` from `first` on; the index after the last."""
-    net = _net(ids, n)
+    net = shape_of(ids.shape[n])
     for i in range(net.outputs):
         for d in range(net.inputs - net.outputs):
             row = out[first]

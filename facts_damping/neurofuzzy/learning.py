@@ -8,7 +8,7 @@ with ec_p the adaptation error of output p. Momentum is for consequents only (4.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -187,3 +187,26 @@ def learn(
         own.moved[o] = 0.0
         for f in range(own.theta.size):
             own.moved[o] += own.passed.by_theta[o, f] * own.change[f]
+
+
+@compiled
+def rates_told(
+    net: Network,
+    own: Learner,
+    lyapunov: NDArray[np.float64],
+    tick: int,
+    controller: int,
+    identifier: int,
+    out: NDArray[Any],
+    first: int,
+) -> int:
+    """Rows of LEARNING into `out` from `first` on; the index after the last. `lyapunov`: the function and its fall."""
+    groups = own.group[own.group.size - 1] + 1  # they are numbered as they appear: the last one's last
+    for o in range(net.outputs):
+        for g in range(groups):
+            row = out[first]
+            row.tick, row.controller, row.identifier = tick, controller, identifier
+            row.output, row.group, row.rate = o, g, own.rate[o, g]
+            row.lyapunov, row.fall = lyapunov[0], lyapunov[1]
+            first += 1
+    return first

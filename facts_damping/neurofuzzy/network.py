@@ -65,6 +65,12 @@ def network(antecedent: str, consequent: str, inputs: int, rules: int, outputs: 
     return Network(first.code, second.code, inputs, rules, outputs, len(first.slots), len(second.slots(inputs)))
 
 
+@compiled
+def shape_of(row: NDArray[np.int64]) -> Network:
+    """A network's shape from a row of numbers."""
+    return Network(row[0], row[1], row[2], row[3], row[4], row[5], row[6])
+
+
 def counted(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> int:
     """Number of parameters that are updated at one step, as in Table 3.1."""
     own = len(CONSEQUENTS[consequent].slots(inputs))

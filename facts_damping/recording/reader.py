@@ -30,12 +30,13 @@ KINDS = {
     "issued": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints"),
     "applied": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints/delivered"),
     "estimates": ("facts_damping_msgs/msg/JacobianEstimate", "/estimate"),
+    "learning": ("facts_damping_msgs/msg/ControllerState", "/state"),
     "state": ("facts_damping_msgs/msg/PlantState", "/plant/state"),
     "events": ("facts_damping_msgs/msg/GridEvent", "/plant/events"),
 }
 REQUIRED = ("frames", "state")  # without these there is no record of a plant
 CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
-SEVERAL = ("issued", "estimates")  # of these each controller or identifier has its own
+SEVERAL = ("issued", "estimates", "learning")  # of these each controller or identifier has its own
 LISTED = 5  # so many lost ticks are named one by one
 
 
@@ -91,6 +92,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         machines=decode.truth(state, "machines", "machine", machines),
         devices=decode.truth(state, "devices", "device", devices),
         estimates=decode.estimates(cut["estimates"], devices),
+        learning=decode.learning(cut["learning"], cut["estimates"]),
         in_synchronism=np.array([message.in_synchronism for message in state.messages], np.bool_),
         events=decode.events(message for topic in topics["events"] for message in messages[topic]),
         notes=notes,

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.control.bank import act, bank
+from facts_damping.control.bank import act, bank, settings
 from facts_damping.control.known import Known
-from facts_damping.control.table import defaults, kind
+from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.parameters.run import Controller
 from facts_damping.parameters.system import Signal
@@ -61,6 +61,11 @@ def known(signals: int = 1, devices: int = 1, jacobian: NDArray[np.float64] | fl
     """A plant whose signals swing alike at 0.6 Hz."""
     many, turn = np.ones((signals, devices)), complex(np.exp(1j * 2 * np.pi * 0.6 / FRAMES))
     return Known(SIGN * many, jacobian * many, np.ones(signals, np.complex128), turn)
+
+
+def settings_of(row: Controller) -> NDArray[Any]:
+    """A controller's parameters as a record of SETTINGS."""
+    return settings(row, np.zeros(1, SETTINGS), np.ones(1))
 
 
 class Bench:

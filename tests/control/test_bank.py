@@ -10,11 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.control.bank import bank
-from facts_damping.control.bank import settings as settings_of
 from facts_damping.control.inputs import IMPLAUSIBLE
 from facts_damping.control.lead_lag import step
 from facts_damping.signals import CHANNELS
-from tests.control.bench import FRAMES, LIMITS, MS, SIGNALS, STATIONS, Bench, Entry, llc
+from tests.control.bench import FRAMES, LIMITS, MS, SIGNALS, STATIONS, Bench, Entry, llc, settings_of
 
 some = settings(deadline=None, max_examples=40)
 

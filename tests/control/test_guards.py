@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facts_damping.control.bank import settings as settings_of
 from facts_damping.control.table import defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
-from tests.control.bench import LIMITS, SCALE, SIGN, controller, frame_ns, raw
+from tests.control.bench import LIMITS, SCALE, SIGN, controller, frame_ns, raw, settings_of
 from tests.control.test_neuro_fuzzy import Reference
 
 LIMIT, RATE = LIMITS["first"]

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import cont2discrete, dlsim, freqs, lsim
 
-from facts_damping.control.bank import settings as settings_of
 from facts_damping.control.lead_lag import step
 from facts_damping.control.table import CONTROLLERS, LEAD_LAG_PARAMETERS
 from facts_damping.parameters.run import Controller
+from tests.control.bench import settings_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
