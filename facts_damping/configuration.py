@@ -262,7 +262,7 @@ def check_parameter(where: str, name: str, value: Value, table: dict[str, Parame
     """
     check_known(where, name, list(table))
     p = table[name]
-    if isinstance(value, list) and len(value) != counts.get(p.each, 0):
+    if isinstance(value, list) and (not p.each or len(value) != counts[p.each]):
         allowed = f"a number, or {counts[p.each]}, one a {p.each}" if p.each else "one value"
         raise InputError(f"{where}: {len(value)} numbers given; allowed: {allowed}")
     for one in value if isinstance(value, list) else [value]:

@@ -18,7 +18,7 @@ from facts_damping.compiling import compiled
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.table import SETTINGS
 from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn, learners, one
-from facts_damping.neurofuzzy.network import Network, network, shape_of
+from facts_damping.neurofuzzy.network import Network, by_inputs, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial, slots
 from facts_damping.neurofuzzy.table import IDENTIFIERS, MIMO_FORM
 from facts_damping.signals import NANOSECONDS, to_ns
@@ -188,6 +188,7 @@ def _linear_start(net: Network, slopes: NDArray[np.float64]) -> NDArray[np.float
 def _look(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
     """Prediction and Jacobian at `own.x`."""
     infer(net, own)
+    by_inputs(net, own.theta, own.passed)
     for i in range(net.outputs):
         for d in range(net.inputs - net.outputs):
             by_u = own.passed.by_input[i, net.outputs + d]
