@@ -19,68 +19,27 @@ from facts_damping import loop
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.configuration import Case, make_case
-from facts_damping.control.table import CONTROLLERS, Value, kind
+from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
 from facts_damping.files import find
 from facts_damping.parameters.run import Controller, Tuned, TunedController
 from facts_damping.plant.build import build
 from facts_damping.sensitivity import sensitivity
 from facts_damping.studies.pool import run_all
+from facts_damping.studies.space import Space
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.control.table import Value
     from facts_damping.sensitivity import Sensitivity
 
 SCENARIO = "training"
 POPULATION = 24
 RHO = 1e-4  # p.u. of speed that the device's limit costs
 LOST = 1000.0  # objective of a run that loses synchronism at once
-
-
-class Range(NamedTuple):
-    """Where a parameter is searched, on a line or by powers of ten."""
-
-    low: float
-    high: float
-    logarithmic: bool = False
-
-    def value(self, at: float) -> float:
-        """The value at a place from 0 to 1, to four digits."""
-        if self.logarithmic:
-            return _four(self.low * (self.high / self.low) ** at)
-        return _four(self.low + at * (self.high - self.low))
-
-
-LEAD_LAG = {
-    "gain": Range(1.0, 200.0, logarithmic=True),
-    "T1": Range(0.01, 1.0, logarithmic=True),
-    "T2": Range(0.01, 1.0, logarithmic=True),
-    "T3": Range(0.01, 1.0, logarithmic=True),
-    "T4": Range(0.01, 1.0, logarithmic=True),
-}
-NEURO_FUZZY = {
-    "scale": Range(0.001, 0.05, logarithmic=True),
-    "change_scale": Range(1e-4, 0.01, logarithmic=True),
-    "weight": Range(0.0, 2.0),
-    "spread": Range(0.1, 1.5),
-    "width": Range(0.4, 3.0),
-    "eta": Range(1e-4, 0.3, logarithmic=True),
-    "momentum": Range(0.0, 0.9),
-    "hbar": Range(0.001, 1.0, logarithmic=True),
-    "leakage": Range(1e-5, 0.1, logarithmic=True),
-}
-WAVELETS = {"dilation": Range(0.5, 8.0)}
-SHARE = Range(0.1, 10.0, logarithmic=True)  # scales of the second signal and on, by how they swing beside the first
-HORIZON = Range(1.0, 24.0)  # frames, where there are several signals or devices
-INDIRECT = {
-    "identifier_eta": Range(0.001, 1.0, logarithmic=True),
-    "identifier_leakage": Range(1e-4, 1.0, logarithmic=True),
-    "identifier_weight": Range(0.5, 4.0),
-}
-RATES = ("fixed", "lyapunov")  # searched too: a place below and above one half
 
 
 Scheme = Literal["direct", "indirect"] | None
@@ -130,74 +89,12 @@ class Trainer:
         if found is None:
             raise InputError(f"SYSTEM: {task.system} has no swing mode; allowed: a system whose machines swing")
         self.sensitivity: Sensitivity = found
-        self.limits = [next(d.v_max for d in case.system.devices if d.name == name) for name in task.devices]
-
-    @property
-    def space(self) -> dict[str, Range]:
-        """What is searched: a coordinate for each parameter, `name.i` for that of device or signal i; the last is rate.
-
-        Parameters that a list may give are searched for each device; scales for the first signal, with a share for
-        each of the others.
-        """
-        if self.row.network is None:
-            return self._each(LEAD_LAG)
-        several = len(self.signals) * len(self.limits) > 1
-        wavelets = WAVELETS if self.row.network.consequent in ("mexican-hat", "morlet") else {}
-        made = {**self._each(NEURO_FUZZY), **wavelets, **(INDIRECT if self.scheme == "indirect" else {})}
-        if several and self.scheme == "indirect":
-            made["identifier_horizon"] = HORIZON
-            del made["identifier_weight"]
-        made |= {f"share.{i}": SHARE for i in range(1, len(self.signals))}
-        return {**made, "rate": Range(0.0, 1.0)}
-
-    def _each(self, ranges: dict[str, Range]) -> dict[str, Range]:
-        made: dict[str, Range] = {}
-        for name, one in ranges.items():
-            if self.row.parameters[name].each == "device" and len(self.limits) > 1:
-                made |= {f"{name}.{d}": one for d in range(len(self.limits))}
-            else:
-                made[name] = one
-        return made
+        self.space = Space(self.row, self.scheme, self.signals, task.devices)
 
     def parameters(self, at: NDArray[np.float64]) -> dict[str, Value]:
         """Parameters at a point of the search, each coordinate from 0 to 1."""
-        found: dict[str, Value] = {}
-        for (place, one), v in zip(self.space.items(), at, strict=True):
-            name, _, entry = place.partition(".")
-            own = found.setdefault(name, []) if entry else None
-            if own is None:
-                found[name] = one.value(float(v))
-            elif isinstance(own, list):
-                own.append(one.value(float(v)))
-        if self.row.network is None:
-            return found
-        found["rate"] = RATES[int(at[-1] >= 0.5)]
-        shares = found.pop("share", None)
-        if isinstance(shares, list):
-            beside = [abs(self.sensitivity.ratio(signal, self.signals[0])) for signal in self.signals[1:]]
-            for name in ("scale", "change_scale"):
-                first = float(found[name])  # type: ignore[arg-type]
-                found[name] = [first, *[_four(first * s * b) for s, b in zip(shares, beside, strict=True)]]
-        if self.scheme == "indirect":
-            self._in_multiples(found)
-        return found
-
-    def _in_multiples(self, found: dict[str, Value]) -> None:
-        """Learning rate and penalties where the Jacobian is 1 become those of the indirect scheme.
-
-        Its Jacobian is what the first device's limit does to the first signal over the identifier's horizon.
-        """
-        if "identifier_horizon" in found:
-            found["identifier_horizon"] = float(round(float(found["identifier_horizon"])))  # type: ignore[arg-type]
-        horizon = int(float(found.get("identifier_horizon", 1.0)))  # type: ignore[arg-type]
-        answer = self.sensitivity.jacobian(self.signals[:1], [self.case.run.devices[0]], horizon)[0, 0]
-        scale = found["scale"]
-        jacobian = abs(float(answer)) * self.limits[0] / float(scale[0] if isinstance(scale, list) else scale)
-        by = jacobian**2 if found["rate"] == "lyapunov" else jacobian
-        hbar = found["hbar"]
-        found["hbar"] = [_four(float(h) * by) for h in hbar] if isinstance(hbar, list) else _four(float(hbar) * by)
-        if found["rate"] != "lyapunov":
-            found["eta"] = _four(float(found["eta"]) / jacobian)  # type: ignore[arg-type]
+        limit = next(d.v_max for d in self.case.system.devices if d.name == self.space.devices[0])
+        return self.space.parameters(at, self.sensitivity, limit)
 
     def with_parameters(self, values: dict[str, Value]) -> Case:
         """The training case of the controller with these parameters."""
@@ -216,11 +113,6 @@ class Trainer:
         return objective(self.with_parameters(self.parameters(at)), self.sensitivity)
 
 
-def _four(value: float) -> float:
-    """A value to four digits."""
-    return float(f"{value:.4g}")
-
-
 def objective(case: Case, plant: Sensitivity) -> float:
     """ITAE with a price on effort; of a run that loses synchronism 1000 less its duration."""
     record = loop.finish(case, loop.build_loop(case, plant))
@@ -236,7 +128,7 @@ def objective(case: Case, plant: Sensitivity) -> float:
 def search(job: Job) -> TunedController:
     """The best of a budget of runs, by differential evolution from a Latin hypercube."""
     trainer = Trainer(job)
-    size = len(trainer.space)
+    size = len(trainer.space.ranges)
     found = differential_evolution(
         trainer.objective,
         [(0.0, 1.0)] * size,

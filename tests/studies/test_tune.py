@@ -14,6 +14,7 @@ from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.files import read_table, shipped
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.studies import tune
+from facts_damping.studies.space import LEAD_LAG
 from facts_damping.studies.tune import Job, Task, Trainer, objective, rows, search
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def test_what_was_chosen_reaches_in_training_what_its_row_says(system: str, row:
 def test_the_space_is_within_what_parameters_may_be(name: str, scheme: Any) -> None:
     row, random = kind(name), np.random.default_rng(1)
     trainer = Trainer(Job(task("two_area"), name, scheme))
-    size = len(trainer.space)
+    size = len(trainer.space.ranges)
     for at in [np.zeros(size), np.ones(size), *random.random((50, size))]:
         for key, value in trainer.parameters(at).items():
             p = row.parameters[key]
@@ -67,7 +68,7 @@ def test_a_search_is_reproducible_and_no_worse_than_its_first_points() -> None:
     found = search(job)
     assert search(job) == found
     trainer = Trainer(job)
-    first = tune._population(len(tune.LEAD_LAG), 3)
+    first = tune._population(len(LEAD_LAG), 3)
     assert first.shape == (24, 5)
     for column in first.T:  # a Latin hypercube: one point in each stripe
         assert sorted((column * 24).astype(int)) == list(range(24))
