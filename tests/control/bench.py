@@ -15,6 +15,8 @@ from facts_damping.parameters.system import Signal
 from facts_damping.signals import CHANNELS, DELIVERY, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
 MS = 1_000_000
@@ -71,14 +73,21 @@ def settings_of(row: Controller) -> NDArray[Any]:
 class Bench:
     """Controllers that are given entries, tick by tick."""
 
-    def __init__(self, *controllers: Controller) -> None:
-        plant = [None if c.scheme is None else known(len(c.signals), len(c.devices)) for c in controllers]
-        self.bank, self.state = bank(controllers, SIGNALS, STATIONS, LIMITS, FRAMES, plant)
+    def __init__(
+        self,
+        *controllers: Controller,
+        signals: Mapping[str, Signal] = SIGNALS,
+        limits: Mapping[str, tuple[float, float]] = LIMITS,
+        plant: Known | None = None,
+    ) -> None:
+        """`plant`: what networks know of it; none: SIGN, and signals that swing alike."""
+        plants = [None if c.scheme is None else plant or known(len(c.signals), len(c.devices)) for c in controllers]
+        self.bank, self.state = bank(controllers, signals, STATIONS, limits, FRAMES, plants)
         self.tick = 0
 
     def give(self, *entries: Entry, controller: int = 0) -> NDArray[Any]:
         """The setpoints that a controller issues on the entries of one tick."""
-        out = np.zeros(len(entries) + 2, SETPOINT)
+        out = np.zeros(4 * len(entries) + 2, SETPOINT)
         out["value"][:2] = 77.0
         end = act(self.bank, self.state, controller, self.tick, delivery(*entries), len(entries), out, 1)
         self.tick += 1

@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.control.bank import bank
+from facts_damping.control.bank import act, bank
 from facts_damping.control.inputs import IMPLAUSIBLE
 from facts_damping.control.lead_lag import step
-from facts_damping.signals import CHANNELS
-from tests.control.bench import FRAMES, LIMITS, MS, SIGNALS, STATIONS, Bench, Entry, llc, settings_of
+from facts_damping.parameters.run import Controller
+from facts_damping.parameters.system import Signal
+from facts_damping.signals import CHANNELS, SETPOINT
+from tests.control.bench import FRAMES, LIMITS, MS, SIGNALS, STATIONS, Bench, Entry, delivery, llc, settings_of
 
 some = settings(deadline=None, max_examples=40)
 
@@ -163,3 +165,40 @@ def test_deviation_is_counted_from_the_first_finite_value() -> None:
     assert len(bench.give(Entry("C", 0, 0, power=float("inf")))) == 0
     assert len(bench.give(Entry("C", 20, 20, power=4.0))) == 1
     assert bench.state.held.baseline[0, 0] == 4.0
+
+
+def test_a_washout_takes_away_what_stays_and_starts_at_rest() -> None:
+    """s T / (1 + s T) by the bilinear transform, whatever the time between frames; an offset of the start is none."""
+    signals = {"washed": Signal(channel="active_power", weights={"C": 1.0}, washout=0.4)}
+    row = Controller(signals=["washed"], devices=["first"])
+    bench, rng = Bench(row, signals=signals), np.random.default_rng(1)
+    x = y = t = before = 0.0
+    for k in range(60):
+        dt = float(rng.integers(10, 40)) * 1e-3 if k else 0.0
+        t, power = t + dt, 4.0 + float(rng.normal()) * (k > 0)
+        bench.give(Entry("C", 1e3 * t, 1e3 * t, power=power))
+        a = 2 * 0.4 / dt if k else 0.0
+        y = (a * (power - before) - (1 - a) * y) / (1 + a) if k else 0.0
+        before = power
+        assert bench.state.held.signal[0, 0] == pytest.approx(y, abs=1e-12)
+        x = max(x, abs(y))
+    assert x > 0.5
+    for k in range(200):
+        bench.give(Entry("C", 1e3 * t + 20 * (k + 1), 1e3 * t + 20 * (k + 1), power=7.0))
+    assert abs(bench.state.held.signal[0, 0]) < 1e-3
+
+
+def test_an_angle_is_the_difference_the_short_way_round() -> None:
+    signals = {"angle": Signal(channel="voltage_angle", weights={"A": 1.0, "B": -1.0})}
+    bench = Bench(Controller(signals=["angle"], devices=["first"]), signals=signals)
+    column = list(CHANNELS).index("voltage_angle")
+    for k, (a, b, expected) in enumerate([(0.3, 0.1, 0.2), (3.1, -3.1, 6.2 - 2 * np.pi), (-3.0, 3.1, 2 * np.pi - 6.1)]):
+        delivered, out = delivery(Entry("A", 20 * k, 20 * k), Entry("B", 20 * k, 20 * k)), np.zeros(4, SETPOINT)
+        delivered["values"][:, column] = [a, b]
+        act(bench.bank, bench.state, 0, k, delivered, 2, out, 0)
+        assert bench.state.held.signal[0, 0] == pytest.approx(expected, abs=1e-12)
+
+
+def test_an_angle_against_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match="must sum to zero"):
+        Signal(channel="voltage_angle", weights={"A": 1.0, "B": -0.5})
