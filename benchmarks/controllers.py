@@ -1,4 +1,7 @@
-"""Cost of one controller step (infer, learn, identify) for every variant, beside the operations of Table 3.1."""
+"""Cost of one controller step (infer, learn, identify) for every variant, beside the operations of Table 3.1.
+
+MISO is one signal and one device, MIMO speed and power and both devices.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from facts_damping.compiling import compiled
 from facts_damping.configuration import load_case
 from facts_damping.control.bank import act
 from facts_damping.control.identifier import identify, remember, tell
+from facts_damping.loop import serve
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.signals import CHANNELS, DELIVERY, ESTIMATE, SETPOINT
 
@@ -21,7 +25,8 @@ if TYPE_CHECKING:
 
 STEPS, RUNS = 20_000, 7
 PERIOD_NS = 16_666_667
-SPEED = list(CHANNELS).index("speed_deviation")
+SPEED, POWER = (list(CHANNELS).index(name) for name in ("speed_deviation", "active_power"))
+MIMO = ["devices=[sssc, statcom]", "controllers.0.devices=[sssc, statcom]"]
 
 
 class Operations(NamedTuple):
@@ -57,22 +62,23 @@ def steps(parts: Any, delivered: NDArray[Any], out: NDArray[Any], estimates: NDA
         for j in range(delivered.size):
             delivered[j].measured_ns = delivered[j].arrival_ns = k * PERIOD_NS
             delivered[j].values[SPEED] = 0.002 * np.sin(0.066 * k + j)
+            delivered[j].values[POWER] = 4.0 + np.cos(0.066 * k + j)
         count = act(parts.bank, parts.bank_state, 0, k, delivered, delivered.size, out, 0)
         for i in range(parts.identifiers.controller.size):
             identify(parts.identifiers, parts.identifier_state, i, delivered, delivered.size)
             remember(parts.identifiers, parts.identifier_state, i, out, count)
             tell(parts.identifiers, parts.identifier_state, i, k, estimates, 0)
-            parts.bank_state.jacobian[0, 0, 0] = parts.identifier_state.jacobian[i, 0, 0]
+            serve(parts.bank_state.jacobian[0], parts.identifier_state.jacobian[i])
 
 
-def step_us(name: str, scheme: str | None) -> float:
+def step_us(name: str, scheme: str | None, *more: str) -> float:
     """Median time of one step, microseconds."""
     own = [f"controllers.0.name={name}", *([f"controllers.0.scheme={scheme}"] if scheme else [])]
-    case = load_case(None, own)
+    case = load_case(None, [*own, *more])
     parts = loop.build_loop(case)
     delivered = np.zeros(len(case.system.stations), DELIVERY)
     delivered["station"] = np.arange(len(delivered))
-    out, estimates = np.zeros(8, SETPOINT), np.zeros(8, ESTIMATE)
+    out, estimates = np.zeros(16, SETPOINT), np.zeros(16, ESTIMATE)
     times = []
     for run in range(RUNS + 1):
         began = time.perf_counter()
@@ -83,14 +89,18 @@ def step_us(name: str, scheme: str | None) -> float:
 
 def main() -> None:
     """A row a variant; LLC's own step is what taking frames and issuing setpoints costs."""
-    lead_lag = step_us("LLC", None)
-    print(f"| controller | direct [us] | indirect [us] | direct / LLC | {' | '.join(Operations._fields)} |")
-    print(f"| --- |{' --: |' * (3 + len(Operations._fields))}")
-    print(f"| LLC | {lead_lag:.2f} | | 1.0 |{' |' * len(Operations._fields)}")
+    lead_lag, both = step_us("LLC", None), step_us("LLC", None, *MIMO)
+    heads = ["MISO direct [us]", "indirect [us]", "direct / LLC", "MIMO direct [us]", "indirect [us]"]
+    print(f"| controller | {' | '.join([*heads, *Operations._fields])} |")
+    print(f"| --- |{' --: |' * (len(heads) + len(Operations._fields))}")
+    print(f"| LLC | {lead_lag:.2f} | | 1.0 | {both:.2f} | |{' |' * len(Operations._fields)}")
     for name in VARIANTS:
         direct, indirect = step_us(name, "direct"), step_us(name, "indirect")
+        more = [*MIMO, "controllers.0.signals=[speed, power]"]
+        several = [step_us(name, scheme, *more) for scheme in ("direct", "indirect")]
         counts = " | ".join(str(count) for count in TABLE_3_1[name])
-        print(f"| {name} | {direct:.2f} | {indirect:.2f} | {direct / lead_lag:.1f} | {counts} |")
+        times = f"{direct:.2f} | {indirect:.2f} | {direct / lead_lag:.1f} | {several[0]:.2f} | {several[1]:.2f}"
+        print(f"| {name} | {times} | {counts} |")
 
 
 if __name__ == "__main__":

@@ -45,9 +45,13 @@ def scenarios(system: str) -> list[str]:
 
 
 def one_run(system: str, sets: Sequence[str], what: tuple[str, str, str | None]) -> dict[str, Any]:
-    """The figures of one run; `what`: scenario, controller, scheme. Changes of `controllers` are for networks only."""
+    """The figures of one run; `what`: scenario, controller, scheme.
+
+    Changes of `controllers` are for networks alone, but for signals and devices.
+    """
     scenario, name, scheme = what
-    sets = [text for text in sets if scheme is not None or not text.startswith("controllers.")]
+    everybody = () if name == NONE else ("controllers.0.signals=", "controllers.0.devices=")
+    sets = [text for text in sets if scheme or not text.startswith("controllers.") or text.startswith(everybody)]
     controllers = ["controllers=[]"] if name == NONE else [f"controllers.0.name={name}"]
     if scheme is not None:
         controllers.append(f"controllers.0.scheme={scheme}")

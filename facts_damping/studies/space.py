@@ -99,6 +99,8 @@ class Space(NamedTuple):
         found: dict[str, list[float]] = {}
         for (place, one), v in zip(self.ranges.items(), at, strict=True):
             found.setdefault(place.partition(".")[0], []).append(one.value(float(v)))
+        for name, by in self._units(plant).items():
+            found[name] = [_four(value * by) for value in found[name]] if by != 1.0 else found[name]
         if self.row.network is None:
             return _plain(found)
         rate = RATES[int(found.pop("rate")[0] >= 0.5)]
@@ -109,6 +111,11 @@ class Space(NamedTuple):
         if self.scheme == "indirect":
             self._in_multiples(found, plant, limit, rate)
         return {**_plain(found), "rate": rate}
+
+    def _units(self, plant: Sensitivity) -> dict[str, float]:
+        """Factors of what has the first signal's unit: ranges are those of `speed`, others' as they swing beside it."""
+        by = abs(plant.ratio(self.signals[0], "speed")) if "speed" in plant.signals else 1.0
+        return {"gain": 1.0 / by} if self.row.network is None else {"scale": by, "change_scale": by}
 
     def _in_multiples(self, found: dict[str, list[float]], plant: Sensitivity, limit: float, rate: str) -> None:
         """Learning rate and penalties where the Jacobian is 1 become those of the indirect scheme.
