@@ -1,7 +1,8 @@
 """Every neuro-fuzzy controller, scheme and scenario as a lockstep graph, compared bit for bit with the in-process run.
 
-`python benchmarks/graphs.py [SECONDS]`: 154 graphs of a few processes each, half an hour on two cores. Says which
-differ, and exits with 1 if any does.
+`python benchmarks/graphs.py [SECONDS]`: 220 graphs of a few processes each, three quarters of an hour on two cores:
+MISO on all scenarios, MIMO on those of two_area. `--mimo` makes the latter alone. Says which differ, and exits with 1
+if any does.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from facts_damping import graph, loop
 from facts_damping.configuration import load_case
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.recording.reader import load
+from facts_damping.studies import architectures
 from facts_damping.studies.compare import SYSTEMS, scenarios
 
 ARRAYS = (
     *("time_ns", "frames", "delivered", "issued", "applied", "machines"),
-    *("devices", "in_synchronism", "estimates"),
+    *("devices", "in_synchronism", "estimates", "learning"),
 )
 
 
@@ -31,20 +33,35 @@ def differing(sets: list[str], folder: Path) -> list[str]:
     return [name for name in ARRAYS if getattr(recorded, name).tobytes() != getattr(computed, name).tobytes()]
 
 
-def main() -> int:
-    """All of them, one after the other."""
-    more = [f"duration={float(sys.argv[1])}"] if len(sys.argv) > 1 else []
-    began, count, bad = time.monotonic(), 0, 0
+def runs(mimo_only: bool) -> list[tuple[str, list[str]]]:
+    """Label and changes of every graph."""
+    found = []
     for system in SYSTEMS:
         for scenario in scenarios(system):
             for name in VARIANTS:
                 for scheme in ("direct", "indirect"):
+                    place = [f"system={system}", f"scenario={scenario}"]
                     own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}"]
-                    with tempfile.TemporaryDirectory() as folder:
-                        found = differing([f"system={system}", f"scenario={scenario}", *own, *more], Path(folder))
-                    count, bad = count + 1, bad + bool(found)
-                    print(f"{system} {scenario} {name} {scheme}: {', '.join(found) or 'identical'}", flush=True)
-    print(f"{count} graphs, {bad} differ, {time.monotonic() - began:.0f} s")
+                    if not mimo_only:
+                        found.append((f"{system} {scenario} {name} {scheme}", [*place, *own]))
+                    if system == architectures.SYSTEM:
+                        both = architectures.controllers("centralised", name, scheme)
+                        found.append((f"{system} {scenario} {name} {scheme} MIMO", [*place, *both]))
+    return found
+
+
+def main() -> int:
+    """All of them, one after the other."""
+    words = [word for word in sys.argv[1:] if word != "--mimo"]
+    more = [f"duration={float(words[0])}"] if words else []
+    began, bad = time.monotonic(), 0
+    asked = runs("--mimo" in sys.argv)
+    for label, sets in asked:
+        with tempfile.TemporaryDirectory() as folder:
+            found = differing([*sets, *more], Path(folder))
+        bad += bool(found)
+        print(f"{label}: {', '.join(found) or 'identical'}", flush=True)
+    print(f"{len(asked)} graphs, {bad} differ, {time.monotonic() - began:.0f} s")
     return int(bad > 0)
 
 

@@ -14,18 +14,16 @@ from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
 from facts_damping.studies import architectures, compare
 from facts_damping.studies.pool import run_all
-from facts_damping.studies.true_jacobian import Followed, follow
+from facts_damping.studies.true_jacobian import figures, follow
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from facts_damping.configuration import Case
     from facts_damping.signals import Record
 
-ROUND = 1e-9  # p.u./p.u.: a true derivative below is taken for zero
+LEAST = 1e-9  # on logarithmic axes
 DRAWN = "large"  # the scenario of the pictures
 HEAD = [
     "# Identified and true Jacobians",
@@ -38,19 +36,6 @@ HEAD = [
 ]
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 DPI = 85
-
-
-def figures(found: Followed) -> dict[str, NDArray[np.float64]]:
-    """Of each derivative, (signals, devices): shares of looks with the right sign, and the median error.
-
-    The error is relative to the true derivative's root mean square over the run.
-    """
-    size = np.sqrt(np.mean(found.true**2, axis=0))
-    return {
-        "right_sign": np.mean(found.estimate * found.true > 0.0, axis=0),
-        "right_sign_stated": np.mean(found.estimate * found.stated > 0.0, axis=0),
-        "error": np.median(np.abs(found.estimate - found.true), axis=0) / np.maximum(size, ROUND),
-    }
 
 
 def names(asked: Sequence[str]) -> list[str]:
@@ -150,10 +135,10 @@ def _learning(rates: Any, lyapunov: Any, record: Record) -> None:
         for output in np.unique(own["output"]):
             rows = own[(own["output"] == output) & (own["group"] == 0)]
             time_s, colour = record.time_s[rows["tick"]], COLOURS[2 * identifier + output % 2]
-            rates.plot(time_s, np.maximum(rows["rate"], ROUND), color=colour, lw=1.0, label=f"{who}, output {output}")
+            rates.plot(time_s, np.maximum(rows["rate"], LEAST), color=colour, lw=1.0, label=f"{who}, output {output}")
         rows = own[(own["output"] == 0) & (own["group"] == 0)]
         lyapunov.plot(
-            record.time_s[rows["tick"]], np.maximum(rows["lyapunov"], ROUND), color=COLOURS[2 * identifier], label=who
+            record.time_s[rows["tick"]], np.maximum(rows["lyapunov"], LEAST), color=COLOURS[2 * identifier], label=who
         )
     rates.set(xlabel="time [s]", ylabel="learning rate", yscale="log")
     lyapunov.set(xlabel="time [s]", ylabel="Lyapunov function [-]", yscale="log")

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 MOVE = 1e-4  # p.u., of a reference
 EVERY = 6  # frames between two looks at the plant
+ROUND = 1e-9  # normalised: a true derivative below is taken for zero
 
 
 class Followed(NamedTuple):
@@ -125,3 +126,16 @@ def follow(case: Case, record: Record, horizon: int) -> Followed:
         for frames in (own, horizon)
     )
     return Followed(record.time_s[ticks], estimates[ticks] * unit, true, stated)
+
+
+def figures(found: Followed) -> dict[str, NDArray[np.float64]]:
+    """Of each derivative, (signals, devices): shares of looks with the right sign, and the median error.
+
+    The error is relative to the true derivative's root mean square over the run.
+    """
+    size = np.sqrt(np.mean(found.true**2, axis=0))
+    return {
+        "right_sign": np.mean(found.estimate * found.true > 0.0, axis=0),
+        "right_sign_stated": np.mean(found.estimate * found.stated > 0.0, axis=0),
+        "error": np.median(np.abs(found.estimate - found.true), axis=0) / np.maximum(size, ROUND),
+    }

@@ -21,6 +21,7 @@ from facts_damping.errors import RunError
 from facts_damping.files import read_table
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.recording.reader import load
+from facts_damping.studies.architectures import controllers
 from tests.nodes.test_graph import assert_same, nodes_left, quiet
 from tests.nodes.test_nodes import PATIENCE_S, client, start
 
@@ -37,6 +38,15 @@ RUNS = [
     (name, ("indirect", "direct")[i % 2], SCENARIOS[i % len(SCENARIOS)], ("ideal", "delay_100ms")[i % 3 == 2])
     for i, name in enumerate([*VARIANTS, "b-spline-interpolated+fourier"])
 ]
+MIMO = [
+    ("LLC", None, "large", "ideal"),
+    ("ANFTSC", "indirect", "large", "delay_100ms"),
+    ("ANFFsC", "direct", "multiple", "ideal"),
+    ("ANFTrMoC", "indirect", "small", "ideal"),
+    ("ANFLeWC", "indirect", "multiple", "ideal"),
+    ("HBsWC", "direct", "large", "ideal"),
+    ("HBsWC", "indirect", "small", "ideal"),
+]
 HBSWC = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "scenario=large"]
 
 
@@ -50,6 +60,20 @@ def test_a_graph_with_identifier_is_the_in_process_run_bit_for_bit(
     recorded, computed = load(tmp_path / "recording"), loop.run(case)
     assert np.any(computed.applied["value"] != 0.0)
     assert len(computed.estimates) == (240 if scheme == "indirect" else 0)
+    assert_same(recorded, computed)
+
+
+@pytest.mark.parametrize(("name", "scheme", "scenario", "link"), MIMO, ids=[f"{n}-{s}" for n, s, _, _ in MIMO])
+def test_a_centralised_graph_is_the_in_process_run_bit_for_bit(
+    domain: int, tmp_path: Path, name: str, scheme: str | None, scenario: str, link: str
+) -> None:
+    """Two signals, two devices; all of them: benchmarks/graphs.py."""
+    own = [*controllers("centralised", name, scheme), f"scenario={scenario}", f"link={link}", "duration=2"]
+    case = load_case(None, own)
+    graph.run(case, "lockstep", tmp_path, quiet)
+    recorded, computed = load(tmp_path / "recording"), loop.run(case)
+    assert {0, 1} == set(computed.issued["device"])
+    assert len(computed.estimates) == (4 * 120 if scheme == "indirect" else 0)
     assert_same(recorded, computed)
 
 
