@@ -81,7 +81,7 @@ def test_random_mutation_is_refused_in_one_line_or_runs(base: Any, how: str, jun
     try:
         case = make_case(mutate(base[0], base[1], how, junk), "mutated")
         parts.build_plant(case)
-        parts.build_link(case)
+        parts.build_links(case)
         parts.build_control(case)
     except InputError as error:
         assert_one_line(error)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from facts_damping import loop
 from facts_damping.configuration import load_case
 from facts_damping.control.bank import act
-from facts_damping.link.transfer import downlink, uplink
+from facts_damping.link.transfer import downlink, merge, uplink
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
@@ -36,10 +36,11 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
     for k in range(case.ticks):
         start, end = loop.tick_ns(k, rate), loop.tick_ns(k + 1, rate)
         measure(parts.plant, parts.plant_state, start, kept.frames[k], kept.machines[k], kept.devices[k], parts.work)
-        delivered = uplink(parts.up, k, start, end, kept.frames[k])
-        issued = act(parts.bank, parts.bank_state, 0, k, parts.up.out, delivered, parts.issued, 0)
-        applied = downlink(parts.down, k, end, parts.issued, issued)
-        advance(parts.plant, parts.plant_state, start, end, parts.down.out, applied, parts.work)
+        delivered = uplink(parts.links, 0, k, start, end, kept.frames[k])
+        issued = act(parts.bank, parts.bank_state, 0, k, parts.links.up.out[0], delivered, parts.issued, 0)
+        arrived = downlink(parts.links, 0, k, end, parts.issued, issued)
+        applied = merge(parts.applied, 0, parts.links.down.out[0], arrived)
+        advance(parts.plant, parts.plant_state, start, end, parts.applied, applied, parts.work)
     assert kept.frames.tobytes() == whole.frames.tobytes()
     assert kept.machines.tobytes() == whole.machines.tobytes()
     assert kept.devices.tobytes() == whole.devices.tobytes()
