@@ -325,6 +325,7 @@ def test_each_controller_uses_its_own_link_or_the_runs(sets: list[str], delays: 
     found = [sum(stage.delay for stage in [*link.up, *link.down]) for link in case.links]
     assert found == pytest.approx(delays)
     assert case.used_links == used
+    assert all(isinstance(c["link"], dict) or c["link"] is None for c in case.document()["controllers"])
     again = make_case(case.document(), "again")
     assert (again.links, again.used_links, again.document()) == (case.links, case.used_links, case.document())
     assert again.summary() == case.summary()

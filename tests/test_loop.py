@@ -142,6 +142,15 @@ def test_links_of_the_same_delays_are_as_good_as_one(scheme: str) -> None:
             assert of_link.tobytes() == one.delivered.tobytes()
 
 
+def test_an_identifier_learns_from_what_its_controllers_own_link_delivers() -> None:
+    own = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "controllers.0.link=delay_100ms"]
+    record = loop.run(load_case(None, two(*own)))
+    assert set(record.delivered["link"]) == {0, 1}
+    late = record.delivered[record.delivered["link"] == 1]
+    newest = [late["measured_ns"][late["tick"] <= tick].max(initial=-1) for tick in record.estimates["tick"]]
+    assert record.estimates["measured_ns"].tolist() == newest
+
+
 PAIRS = [f"{a}+{c}" for a in ANTECEDENTS for c in CONSEQUENTS]
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.run import Stage
 
-MODELS = {"constant": 0}
+MODELS = {"constant": 0}  # chains are filled up with stages of zeros, which must not delay
 
 STAGE = np.dtype([("model", "i8"), ("delay_ns", "i8")])
 
