@@ -5,22 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.control.bank import network_of
-from facts_damping.control.identifier import network_of as identifier_network_of
 from facts_damping.parameters.run import Controller, Weights
-from facts_damping.parts import controller_names
+from facts_damping.parts import controller_names, identifier_network
 
 if TYPE_CHECKING:
     from facts_damping.configuration import Case
     from facts_damping.control.bank import BankState
     from facts_damping.control.identifier import IdentifierState
     from facts_damping.loop import Loop
-    from facts_damping.neurofuzzy.network import Network
-
-
-def identifier_network(controller: Controller) -> Network:
-    """The network of a controller's identifier."""
-    kind = str(controller.parameters["identifier"])
-    return identifier_network_of(kind, len(controller.signals), len(controller.devices))
 
 
 def adapted(

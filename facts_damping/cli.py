@@ -1,4 +1,4 @@
-"""The command `facts-damping`: simulate, run, analyze, modes, validate, tune, compare, portray, list, import."""
+"""The command line of `facts-damping`: what each command takes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import signal
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-from facts_damping import __version__, commands, files
+from facts_damping import __version__, commands, files, study_commands
 from facts_damping.errors import FactsDampingError, InputError, RecordingError
 
 if TYPE_CHECKING:
@@ -69,21 +69,35 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("tables", nargs="*", metavar="TABLE", help="which tables; none: all")
     command.add_argument("--out", metavar="FILE", help="write the tables as a Markdown page")
     _common(command, sets=False, out=False)
-    command = add("tune", commands.tune)
+    command = add("tune", study_commands.tune)
     command.add_argument("system", metavar="SYSTEM", help="a system with a scenario `training`")
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
+    command.add_argument("--devices", default="sssc", metavar="NAME,...", help="commanded devices; default: sssc")
+    command.add_argument("--signals", default="speed", metavar="NAME,...", help="signals given; default: speed")
     command.add_argument("--budget", type=_count, default=600, metavar="N", help="runs for each; default: 600")
     command.add_argument("--seed", type=_seed, default=1, metavar="N", help="seed of the search; default: 1")
     command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
     command.add_argument("--out", metavar="FILE.yaml", help="the file of parameters; none: standard output")
     _common(command, sets=False, out=False)
-    command = add("compare", commands.compare)
+    command = add("compare", study_commands.compare)
     command.add_argument("systems", nargs="*", metavar="SYSTEM", help="which systems; none: two_area and smib")
     command.add_argument("--controllers", nargs="+", default=[], metavar="NAME", help="which; none: all of the table")
     command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
     command.add_argument("--out", metavar="FILE.md", help="write the tables as a Markdown page")
     _common(command, out=False)
-    command = add("portray", commands.portray)
+    command = add("architectures", study_commands.architectures)
+    command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
+    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
+    command.add_argument(
+        "--out", metavar="FILE.md", help="write the tables as a Markdown page, and a picture beside it"
+    )
+    _common(command, out=False)
+    command = add("jacobian", study_commands.jacobian)
+    command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: the eleven")
+    command.add_argument("--horizon", type=_frames, default=10, metavar="N", help="frames, 1 to 60; default: 10")
+    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
+    _common(command)
+    command = add("portray", study_commands.portray)
     command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")
     command.add_argument("scenario", metavar="SCENARIO", help="one of the system's scenarios")
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: the eleven")
@@ -104,6 +118,13 @@ def _count(text: str) -> int:
     """A number of things, one or more."""
     if not text.isdecimal() or not 1 <= int(text) <= 10**6:
         raise argparse.ArgumentTypeError(f"{text} given; allowed: 1 to 1000000")
+    return int(text)
+
+
+def _frames(text: str) -> int:
+    """A number of frames."""
+    if not text.isdecimal() or not 1 <= int(text) <= 60:
+        raise argparse.ArgumentTypeError(f"{text} given; allowed: 1 to 60")
     return int(text)
 
 

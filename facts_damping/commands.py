@@ -1,4 +1,4 @@
-"""What the commands do: simulate, run, analyze, modes, list, import. Each takes the parsed command line."""
+"""What the commands for one run or system do, each from the parsed command line (studies: study_commands.py)."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 
-def _out(arguments: argparse.Namespace, name: str) -> Path:
+def out_folder(arguments: argparse.Namespace, name: str) -> Path:
     """Folder for results: `--out`, or a new one under `results`, named by date and run."""
     if arguments.out is not None:
         return Path(arguments.out)
     return Path("results") / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
 
 
-def _say(arguments: argparse.Namespace, text: str) -> None:
+def say(arguments: argparse.Namespace, text: str) -> None:
     """Tell the user, unless standard output belongs to JSON."""
     if arguments.json != "-":
         sys.stdout.write(text + "\n")
@@ -63,9 +63,9 @@ def _report(
     for name, record in named:
         for note in record.notes:
             sys.stderr.write(f"{name}: {note}\n")
-    _say(arguments, table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
+    say(arguments, table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
     for line in (*(f"plot: {path}" for path in pictures), *more):
-        _say(arguments, line)
+        say(arguments, line)
 
 
 def label(run: dict[str, Any]) -> str:
@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace) -> None:
     case = configuration.load_case(arguments.run, arguments.set)
     loop.build_loop(case)  # bad input is refused before anything starts
     name = label(case.summary())
-    folder = _out(arguments, name)
+    folder = out_folder(arguments, name)
     progress = Progress(name)
     try:
         outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout)
@@ -144,7 +144,7 @@ def modes(arguments: argparse.Namespace) -> None:
     pictures = [] if arguments.out is None else modal.plot(found, files.new_folder(Path(arguments.out)))
     write_json(arguments.json, modal.document(found))
     for line in (*modal.text(found), *(f"plot: {path}" for path in pictures)):
-        _say(arguments, line)
+        say(arguments, line)
 
 
 def validate(arguments: argparse.Namespace) -> None:
@@ -163,11 +163,11 @@ def validate(arguments: argparse.Namespace) -> None:
     if arguments.out is not None:
         Path(arguments.out).write_text(report.page(made), encoding="utf-8")
     for line in (line for one in made for line in [*table.text(one), ""]):
-        _say(arguments, line)
+        say(arguments, line)
     failed = [row.what for one in made for row in one.rows if not row.passed]
     if failed:
         raise RunError(f"validate: {len(failed)} rows fail: {'; '.join(failed)}")
-    _say(arguments, f"{sum(len(one.rows) for one in made)} rows pass")
+    say(arguments, f"{sum(len(one.rows) for one in made)} rows pass")
 
 
 def list_(arguments: argparse.Namespace) -> None:
@@ -186,7 +186,7 @@ def list_(arguments: argparse.Namespace) -> None:
         cells = [[str(row["name"]), row["description"]] for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     for line in cells:
-        _say(arguments, "  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
+        say(arguments, "  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
     write_json(arguments.json, rows)
 
 
@@ -214,62 +214,6 @@ def _controllers() -> list[dict[str, Any]]:
         }
         for name, row in CONTROLLERS.items()
     ]
-
-
-def tune(arguments: argparse.Namespace) -> None:
-    """Choose the controllers' parameters on a system's training scenario, all by the same search and budget."""
-    from facts_damping.studies import tune as study
-
-    files.check_writable(arguments.out, "--out")
-    progress = Progress("tune", "controllers")
-    try:
-        found = study.tune(
-            arguments.system, arguments.controllers, arguments.budget, arguments.seed, arguments.jobs, progress
-        )
-    finally:
-        progress.close()
-    text = files.dump(study.document(found))
-    if arguments.out is not None:
-        files.write_whole(Path(arguments.out), text)
-    write_json(arguments.json, found.model_dump())
-    for row in found.controllers:
-        _say(arguments, f"{row.name:<10} {row.scheme or '':<9} objective {row.objective:g}")
-    _say(arguments, text if arguments.out is None else f"parameters: {arguments.out}")
-
-
-def compare(arguments: argparse.Namespace) -> None:
-    """Every controller, direct and indirect, on every scenario of a system: the table of all indices."""
-    from facts_damping.studies import compare as study
-
-    files.check_writable(arguments.out, "--out")
-    systems = arguments.systems or study.SYSTEMS
-    progress, rows = Progress("compare", "runs"), []
-    try:
-        for system in systems:
-            rows += study.compare(system, arguments.controllers, arguments.set, arguments.jobs, progress)
-    finally:
-        progress.close()
-    write_json(arguments.json, rows)
-    if arguments.out is not None:
-        files.write_whole(Path(arguments.out), "\n".join(study.page(rows)).rstrip() + "\n")
-    for line in study.text(rows):
-        _say(arguments, line)
-
-
-def portray(arguments: argparse.Namespace) -> None:
-    """Pictures of neuro-fuzzy controllers: memberships before and after a run, response beside the baselines."""
-    from facts_damping.control.table import CONTROLLERS, kind
-    from facts_damping.studies import portraits
-
-    names = arguments.controllers or [name for name, row in CONTROLLERS.items() if row.network is not None]
-    for name in names:
-        kind(name, "CONTROLLER")
-    folder, progress = _out(arguments, "portraits"), Progress("portray", "controllers")
-    try:
-        portraits.draw(arguments.system, arguments.scenario, names, folder, progress)
-    finally:
-        progress.close()
-    _say(arguments, f"pictures: {folder}")
 
 
 def import_(arguments: argparse.Namespace) -> None:

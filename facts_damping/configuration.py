@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping import files
 from facts_damping.checking import check, origin
 from facts_damping.control import bank, identifier
-from facts_damping.control.table import Kind, defaults, kind
+from facts_damping.control.table import Parameter, Value, defaults, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
 from facts_damping.linking import open_own, read_links, with_own
@@ -218,11 +218,12 @@ def _check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
             commanded.add(device)
         for signal in controller.signals:
             check_known(where("signals"), signal, list(system.signals))
-        for field, count in (("signals", row.signals), ("devices", row.devices)):
-            if len(getattr(controller, field)) != count:
-                raise InputError(
-                    f"{where(field)}: {len(getattr(controller, field))} given; allowed: {count} for {controller.name}"
-                )
+            if controller.signals.count(signal) > 1:
+                raise InputError(f"{where('signals')}: '{signal}' given twice; allowed: each once")
+        if len(controller.signals) > row.signals:
+            raise InputError(
+                f"{where('signals')}: {len(controller.signals)} given; allowed: {row.signals} for {controller.name}"
+            )
 
 
 def _filled(
@@ -237,34 +238,47 @@ def _filled(
     if row.network is None and controller.scheme is not None:
         raise InputError(f"{where('scheme')}: '{controller.scheme}' given; allowed: none for {controller.name}")
     scheme = None if row.network is None else controller.scheme or "indirect"
+    counts = {"signal": len(controller.signals), "device": len(controller.devices)}
     for name, value in controller.parameters.items():
-        _check_parameter(where(f"parameters.{name}"), name, value, row)
+        check_parameter(where(f"parameters.{name}"), name, value, row.parameters, counts)
     known = tuned(system, controller.signals, controller.devices)
     if controller.name == "LLC-tuned" and (controller.name, None) not in known and not controller.parameters:
         raise InputError(
             f"{where('name')}: 'LLC-tuned' given, which is not tuned for {system} with these signals and devices; "
             f"allowed: LLC, or `facts-damping tune {system}` first"
         )
-    values = {**defaults(row, controller.profile), **known.get((controller.name, scheme), {}), **controller.parameters}
+    own = defaults(row, controller.profile, *counts.values())
+    values = {**own, **known.get((controller.name, scheme), {}), **controller.parameters}
+    if values.get("identifier") == "ANFGuMoI" and max(counts.values()) > 1:
+        raise InputError(
+            f"{where('parameters.identifier')}: 'ANFGuMoI' given; allowed: ANFTSI with several signals or devices"
+        )
     if values.get("lag") == -1.0:
         values["lag"] = sum((stage.delay for stage in [*link.up, *link.down]), 0.0)
     weights = _weights(controller, scheme, values, where)
     return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})
 
 
-def _check_parameter(where: str, name: str, value: float | str, row: Kind) -> None:
-    """A parameter that the row does not have, or a value that it must not have."""
-    check_known(where, name, list(row.parameters))
-    p = row.parameters[name]
-    if p.choices:
-        check_known(where, str(value), p.choices)
-    elif isinstance(value, str) or not p.low <= value <= p.high:
-        shown = value if isinstance(value, str) else f"{value:g}"
-        raise InputError(f"{where}: {shown} given; allowed: {p.low:g} to {p.high:g} {p.unit}")
+def check_parameter(where: str, name: str, value: Value, table: dict[str, Parameter], counts: dict[str, int]) -> None:
+    """Raise `InputError` for a parameter that is not in a kind's table, or a value that it must not have.
+
+    `counts`: how many signals and devices the controller has.
+    """
+    check_known(where, name, list(table))
+    p = table[name]
+    if isinstance(value, list) and (not p.each or len(value) != counts[p.each]):
+        allowed = f"a number, or {counts[p.each]}, one a {p.each}" if p.each else "one value"
+        raise InputError(f"{where}: {len(value)} numbers given; allowed: {allowed}")
+    for one in value if isinstance(value, list) else [value]:
+        if p.choices:
+            check_known(where, str(one), p.choices)
+        elif isinstance(one, str) or not p.low <= one <= p.high:
+            shown = one if isinstance(one, str) else f"{one:g}"
+            raise InputError(f"{where}: {shown} given; allowed: {p.low:g} to {p.high:g} {p.unit}")
 
 
 def _weights(
-    controller: Controller, scheme: str | None, values: dict[str, float | str], where: Callable[[str], str]
+    controller: Controller, scheme: str | None, values: dict[str, Value], where: Callable[[str], str]
 ) -> Weights | None:
     """The weights that a controller starts from, read if they are named by a file."""
     if controller.weights is None:
@@ -294,18 +308,22 @@ def _weights(
 
 def tuned(
     system: str, signals: list[str] | None = None, devices: list[str] | None = None
-) -> dict[tuple[str, str | None], dict[str, float | str]]:
+) -> dict[tuple[str, str | None], dict[str, Value]]:
     """Parameters that `facts-damping tune` chose for a system, by controller and scheme.
 
-    None are known for other signals and devices than those they were chosen with.
+    Known for the signals and devices alone that they were chosen with, by default those of a run; a lead-lag takes
+    the first of the signals.
     """
-    path = files.shipped("controllers").get(system)
-    if path is None:
-        return {}
-    found = _read_tuned(path)
-    if (signals or found.signals, devices or found.devices) != (found.signals, found.devices):
-        return {}
-    return {(row.name, row.scheme): row.parameters for row in found.controllers}
+    own = Controller()
+    signals, devices = signals or own.signals, devices or own.devices
+    found: dict[tuple[str, str | None], dict[str, Value]] = {}
+    for path in files.shipped("controllers").values():
+        file = _read_tuned(path)
+        for row in file.controllers:
+            most = kind(row.name).signals
+            if (file.system, file.devices, file.signals[:most]) == (system, devices, signals):
+                found[row.name, row.scheme] = row.parameters
+    return found
 
 
 @cache

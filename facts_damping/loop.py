@@ -13,8 +13,11 @@ import numpy as np
 from facts_damping.compiling import compiled
 from facts_damping.control.bank import Bank, BankState, act
 from facts_damping.control.identifier import Identifiers, IdentifierState, identify, remember, tell
+from facts_damping.control.table import LEAD_LAG
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import Links, downlink, merge, uplink
+from facts_damping.neurofuzzy.learning import one, rates_told
+from facts_damping.neurofuzzy.network import shape_of
 from facts_damping.parts import (
     build_control,
     build_links,
@@ -23,6 +26,7 @@ from facts_damping.parts import (
     controller_names,
     derivatives,
     grid_events,
+    learning_rates,
 )
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
@@ -32,6 +36,7 @@ from facts_damping.signals import (
     DELIVERY,
     DEVICE_TRUTH,
     ESTIMATE,
+    LEARNING,
     MACHINE_TRUTH,
     NANOSECONDS,
     SETPOINT,
@@ -61,7 +66,7 @@ class Loop(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """Arrays that a run fills: see `signals.Record`; `used` holds ticks, delivered, issued, applied, estimates."""
+    """Arrays that a run fills: see `signals.Record`; `used` holds ticks and the rows of the tables, in this order."""
 
     time_ns: NDArray[np.int64]
     frames: NDArray[np.float64]
@@ -72,6 +77,7 @@ class Signals(NamedTuple):
     issued: NDArray[Any]
     applied: NDArray[Any]
     estimates: NDArray[Any]
+    learning: NDArray[Any]
     used: NDArray[np.int64]
 
 
@@ -86,11 +92,11 @@ def issue_room(commands: int, entries: int) -> NDArray[Any]:
     return np.zeros(commands * entries, SETPOINT)
 
 
-def build_loop(case: Case, known: dict[tuple[str, str], Sensitivity] | None = None) -> Loop:
-    """All parts of a case, at the start; `known` as for `build_control`."""
+def build_loop(case: Case, sensitivity: Sensitivity | None = None) -> Loop:
+    """All parts of a case, at the start; `sensitivity`: the plant's, as for `build_control`."""
     built = build_plant(case)
     links = build_links(case)
-    control = build_control(case, known)
+    control = build_control(case, sensitivity)
     work = workspace(built.plant, built.state)
     issued = issue_room(commands(case), links.up.out.shape[1])
     applied = np.zeros(links.down.out.size, SETPOINT)
@@ -111,7 +117,8 @@ def room(case: Case, loop: Loop, ticks: int | None = None) -> Signals:
         np.zeros(n * setpoints, SETPOINT),
         np.zeros(n * setpoints, SETPOINT),
         np.zeros(n * derivatives(case), ESTIMATE),
-        np.zeros(5, np.int64),
+        np.zeros(n * learning_rates(case), LEARNING),
+        np.zeros(6, np.int64),
     )
 
 
@@ -136,6 +143,21 @@ def learn_tick(loop: Loop, tick: int, issued: int, estimates: NDArray[Any], at: 
         remember(ids, state, n, loop.issued, issued)
         at = tell(ids, state, n, tick, estimates, at)
         serve(loop.bank_state.jacobian[ids.controller[n]], state.jacobian[n])
+    return at
+
+
+@compiled
+def _tell_learning(loop: Loop, tick: int, out: NDArray[Any], at: int) -> int:
+    """How all networks learn, controllers' first, into `out` from `at` on; the index after the last."""
+    bank, state = loop.bank, loop.bank_state
+    for c in range(bank.code.size):
+        if bank.code[c] != LEAD_LAG:
+            net = shape_of(bank.shape[c])
+            at = rates_told(net, one(state.learner, c, net), state.memory.lyapunov[c], tick, c, 0, out, at)
+    ids, learnt = loop.identifiers, loop.identifier_state
+    for n in range(ids.controller.size):
+        net = shape_of(ids.shape[n])
+        at = rates_told(net, one(learnt.learner, n, net), learnt.lyapunov[n], tick, ids.controller[n], 1, out, at)
     return at
 
 
@@ -173,6 +195,7 @@ def run_loop(loop: Loop, frame_rate: int, ticks: int, kept: Signals) -> None:
             applied = merge(loop.applied, applied, loop.links.down.out[link], arrived)
         kept.used[3] = _append(kept.applied, kept.used[3], loop.applied, applied)
         kept.used[4] = learn_tick(loop, k, issued, kept.estimates, kept.used[4])
+        kept.used[5] = _tell_learning(loop, k, kept.learning, kept.used[5])
         if not sound:
             break
         advance(loop.plant, loop.plant_state, start, end, loop.applied, applied, loop.work)
@@ -190,7 +213,7 @@ def finish(case: Case, loop: Loop) -> Record:
     lost = int(loop.links.up.statistics["lost"].sum() + loop.links.down.statistics["lost"].sum())
     if lost:
         raise RunError(f"link: {lost} entries found no room under way; its longest delay is not what was allowed for")
-    ticks, delivered, issued, applied, estimates = (int(n) for n in kept.used)
+    ticks, delivered, issued, applied, estimates, learning = (int(n) for n in kept.used)
     return Record(
         configuration=case.document(),
         stations=[s.name for s in case.system.stations],
@@ -206,6 +229,7 @@ def finish(case: Case, loop: Loop) -> Record:
         devices=kept.devices[:ticks],
         in_synchronism=kept.in_synchronism[:ticks],
         estimates=kept.estimates[:estimates],
+        learning=kept.learning[:learning],
         events=[event for event in grid_events(case) if event["time_ns"] <= kept.time_ns[ticks - 1]],
     )
 

@@ -7,17 +7,22 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.control.bank import Bank, BankState, bank, settings
+from facts_damping.control import identifier
+from facts_damping.control.bank import Bank, BankState, bank, network_of
 from facts_damping.control.identifier import Identified, Identifiers, IdentifierState, identifiers
+from facts_damping.control.known import Known
 from facts_damping.errors import InputError
 from facts_damping.link.transfer import Links, links
+from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
-from facts_damping.sensitivity import Sensitivity, sensitivities
+from facts_damping.sensitivity import Sensitivity, sensitivity
 
 if TYPE_CHECKING:
     from facts_damping.configuration import Case
+    from facts_damping.neurofuzzy.network import Network
+    from facts_damping.parameters.run import Controller
 
 
 def commands(case: Case) -> int:
@@ -28,6 +33,19 @@ def commands(case: Case) -> int:
 def derivatives(case: Case) -> int:
     """Number of derivatives that all identifiers of a case estimate."""
     return sum(len(c.devices) * len(c.signals) for c in case.controllers if c.scheme == "indirect")
+
+
+def learning_rates(case: Case) -> int:
+    """Number of learning rates of all networks of a case: one for each output and group of parameters."""
+    nets = [network_of(c) for c in case.controllers if c.scheme is not None]
+    nets += [identifier_network(c) for c in case.controllers if c.scheme == "indirect"]
+    return sum(net.outputs * len(groups(net)) for net in nets)
+
+
+def identifier_network(controller: Controller) -> Network:
+    """The network of a controller's identifier."""
+    kind = str(controller.parameters["identifier"])
+    return identifier.network_of(kind, len(controller.signals), len(controller.devices))
 
 
 def build_plant(case: Case) -> Built:
@@ -41,60 +59,71 @@ def build_links(case: Case) -> Links:
     return links(case.links, case.used_links, stations, devices, commands(case), case.run.frame_rate)
 
 
-def build_control(
-    case: Case, known: dict[tuple[str, str], Sensitivity] | None = None
-) -> tuple[Bank, BankState, Identifiers, IdentifierState]:
-    """Controllers and identifiers of a case; `known`: its sensitivities, where they are at hand.
+def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:
+    """Controllers and identifiers of a case; `plant`: its sensitivity, where it is at hand.
 
     Raises `InputError` where the sign of a neuro-fuzzy controller's sensitivity is not the plant's.
     """
     devices = [next(d for d in case.system.devices if d.name == name) for name in case.run.devices]
     limits = {d.name: (d.v_max, d.rate_max) for d in devices}
     stations = [station.name for station in case.system.stations]
-    if known is None and any(c.scheme for c in case.controllers):
+    if plant is None and any(c.scheme for c in case.controllers):
         start = build(case.system, case.run.devices, [])
-        known = sensitivities(start, case.system, case.run.devices, case.run.frame_rate)
-    known = known or {}
-    signs = _signs(case, known)
+        plant = sensitivity(start, case.system, case.run.devices, case.run.frame_rate)
+    known = [_known(case, i, plant) for i in range(len(case.controllers))]
     rate = case.run.frame_rate
-    made, state = bank(case.controllers, case.system.signals, stations, limits, rate, signs)
+    made, state = bank(case.controllers, case.system.signals, stations, limits, rate, known)
     rows = [
-        Identified(
-            i,
-            settings(c),
-            str(c.parameters["identifier"]),
-            c.signals,
-            [case.run.devices.index(device) for device in c.devices],
-            [limits[device][0] for device in c.devices],
-            np.array([[known[s, d].sign * abs(known[s, d].frame) for d in c.devices] for s in c.signals]),
-            np.array(c.weights.identifier) if isinstance(c.weights, Weights) and c.weights.identifier else None,
-        )
-        for i, c in enumerate(case.controllers)
-        if c.scheme == "indirect"
+        _identified(case, i, made, own)
+        for i, own in enumerate(known)
+        if own is not None and case.controllers[i].scheme == "indirect"
     ]
     return made, state, *identifiers(rows, case.system.signals, stations, rate)
 
 
-def _signs(case: Case, known: dict[tuple[str, str], Sensitivity]) -> dict[tuple[str, str], float]:
-    """Signs of dy/du for all signals and devices of neuro-fuzzy controllers."""
-    signs = {}
-    for i, c in enumerate(case.controllers):
-        for signal in c.signals if c.scheme else ():
-            for device in c.devices:
-                here = f"controllers.{i}.parameters.sensitivity"
-                if (signal, device) not in known:
-                    raise InputError(f"{here}: the plant has no swing mode; allowed: a controller without adaptation")
-                plant, given = known[signal, device], float(c.parameters["sensitivity"])
-                why = (
-                    f"the residue from {device} to {signal} at the least damped mode ({plant.frequency_hz:.2f} Hz) "
-                    f"has an angle of {plant.angle_deg:.0f} degrees"
-                )
-                if plant.sign == 0.0:
-                    raise InputError(f"{here}: none fits; {why}, near neither 0 nor 180; allowed: another signal")
-                if given not in (0.0, plant.sign):
-                    raise InputError(f"{here}: {given:g} given; allowed: {plant.sign:g} (or 0, to take it): {why}")
-                signs[signal, device] = plant.sign
-    return signs
+def _known(case: Case, i: int, plant: Sensitivity | None) -> Known | None:
+    """What a neuro-fuzzy controller knows of the plant: signs at the mode; else, with an identifier, of the response.
+
+    The first signal needs a sign to every device, and a given one must be the plant's.
+    """
+    c = case.controllers[i]
+    if c.scheme is None:
+        return None
+    here = f"controllers.{i}.parameters.sensitivity"
+    if plant is None:
+        raise InputError(f"{here}: the plant has no swing mode; allowed: a controller without adaptation")
+    sign, given = np.zeros((len(c.signals), len(c.devices))), c.number("sensitivity")
+    for s, signal in enumerate(c.signals):
+        for d, device in enumerate(c.devices):
+            sign[s, d] = plant.sign(signal, device)
+            why = (
+                f"the residue from {device} to {signal} at the least damped mode ({plant.frequency_hz:.2f} Hz) "
+                f"has an angle of {plant.angle_deg(signal, device):.0f} degrees"
+            )
+            if s == 0 and sign[s, d] == 0.0:
+                raise InputError(f"{here}: none fits; {why}, near neither 0 nor 180; allowed: another (first) signal")
+            if given and sign[s, d] and given != sign[s, d]:
+                raise InputError(f"{here}: {given:g} given; allowed: {sign[s, d]:g} (or 0, to take it): {why}")
+    jacobian = plant.jacobian(c.signals, c.devices, int(c.number("identifier_horizon")))
+    swing = np.array([plant.ratio(signal, c.signals[0]) for signal in c.signals])
+    turn = complex(np.exp(plant.eigenvalue / case.run.frame_rate))
+    return Known(np.sign(jacobian) if c.scheme == "indirect" else sign, jacobian, swing, turn)
+
+
+def _identified(case: Case, i: int, made: Bank, known: Known) -> Identified:
+    """What the identifier of controller i belongs to."""
+    c = case.controllers[i]
+    places = [case.run.devices.index(device) for device in c.devices]
+    return Identified(
+        controller=i,
+        settings=made.settings[i],
+        kind=str(c.parameters["identifier"]),
+        signals=c.signals,
+        devices=places,
+        limits=made.actuators.limit[i, : len(places)].tolist(),
+        known=known,
+        weights=np.array(c.weights.identifier) if isinstance(c.weights, Weights) and c.weights.identifier else None,
+    )
 
 
 def controller_names(case: Case) -> list[str]:

@@ -1,4 +1,4 @@
-"""How a signal answers a device's setpoint, as the linearised plant has it: the sign that adaptation needs."""
+"""How signals answer the devices' setpoints, as the linearised plant has it: what adaptation starts from."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from facts_damping.plant import linear
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from facts_damping.parameters.system import System
     from facts_damping.plant.build import Built
 
@@ -19,26 +21,63 @@ CLEAR_DEG = 60.0  # so near 0 or 180 degrees a residue has a sign
 
 
 class Sensitivity(NamedTuple):
-    """Residue of a device and a signal at the least damped swing mode, and the response within one frame."""
+    """Residues at the least damped swing mode, the swing of the signals in it, and responses in time.
 
-    angle_deg: float  # of the residue
-    frequency_hz: float  # of the mode
-    frame: float  # p.u. of the signal per p.u. of a setpoint held for one frame
+    Signals and devices are those of the system and of the run, in their order; signals are behind their washouts.
+    """
+
+    signals: list[str]
+    devices: list[str]
+    eigenvalue: complex  # 1/s, of the mode
+    residue: NDArray[np.complex128]  # (signals, devices), 1/s
+    swing: NDArray[np.complex128]  # (signals,), each signal in the mode's right eigenvector
+    frame_rate: int
+    model: linear.LinearModel
 
     @property
-    def sign(self) -> float:
+    def frequency_hz(self) -> float:
+        """Frequency of the mode."""
+        return float(self.eigenvalue.imag / (2.0 * np.pi))
+
+    def angle_deg(self, signal: str, device: str) -> float:
+        """Angle of a residue."""
+        return float(np.rad2deg(np.angle(self.residue[self.signals.index(signal), self.devices.index(device)])))
+
+    def sign(self, signal: str, device: str) -> float:
         """Sign of dy/du at the mode: +1 for a residue near 0 degrees, -1 near 180, 0 between."""
-        if abs(self.angle_deg) <= CLEAR_DEG:
+        angle = self.angle_deg(signal, device)
+        if abs(angle) <= CLEAR_DEG:
             return 1.0
-        return -1.0 if abs(self.angle_deg) >= 180.0 - CLEAR_DEG else 0.0
+        return -1.0 if abs(angle) >= 180.0 - CLEAR_DEG else 0.0
+
+    def response(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
+        """Signals after a setpoint of one was held for so many frames, p.u./p.u., (signals, devices).
+
+        C int_0^T exp(A t) dt B + D, with the washouts' states in A.
+        """
+        rows, columns = [self.signals.index(s) for s in signals], [self.devices.index(d) for d in devices]
+        A, B, C, D = _with_washouts(self.model, rows)
+        n, inputs = B.shape
+        held = expm(np.block([[A, B], [np.zeros((inputs, n + inputs))]]) * frames / self.frame_rate)
+        return np.asarray((C @ held[:n, n:] + D)[:, columns])
+
+    def jacobian(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
+        """The responses with the signs at the mode, where there are, (signals, devices), p.u./p.u."""
+        found = self.response(signals, devices, frames)
+        sign = np.array([[self.sign(s, d) for d in devices] for s in signals]).reshape(found.shape)
+        return np.where(sign != 0.0, sign * np.abs(found), found)
+
+    def ratio(self, signal: str, to: str) -> complex:
+        """How a signal swings in the mode, beside another one, p.u./p.u."""
+        if signal == to:
+            return 1.0 + 0j  # to the last bit
+        return complex(self.swing[self.signals.index(signal)] / self.swing[self.signals.index(to)])
 
 
-def sensitivities(
-    built: Built, system: System, devices: Sequence[str], frame_rate: int
-) -> dict[tuple[str, str], Sensitivity]:
-    """The sensitivity of each signal to each installed device, by (signal, device).
+def sensitivity(built: Built, system: System, devices: Sequence[str], frame_rate: int) -> Sensitivity | None:
+    """The sensitivities of a system's signals to the installed devices; none without a swing mode.
 
-    The residue is (C v)(w B) (Kundur 1994, 12.3.4); the response within a frame T is C int_0^T exp(A t) dt B + D.
+    Residues are F (C v)(w B), the swing F (C v), F the washouts (Kundur 1994, 12.3.4).
     """
     model = linear.linear_model(built, system.signals, [s.name for s in system.stations])
     swings = [
@@ -47,15 +86,26 @@ def sensitivities(
         if mode.label not in ("common", "control")
     ]
     if not swings:
-        return {}
+        return None
     least = min(swings, key=lambda mode: mode.damping_ratio)
-    n, inputs = model.B.shape
-    held = expm(np.block([[model.A, model.B], [np.zeros((inputs, n + inputs))]]) / frame_rate)
-    frame = model.C @ held[:n, n:] + model.D
-    order = list(system.signals)
-    return {
-        (r.signal, r.device): Sensitivity(
-            r.angle_deg, least.frequency_hz, float(frame[order.index(r.signal), devices.index(r.device)])
-        )
-        for r in least.residues
-    }
+    values, vectors = np.linalg.eig(model.A)
+    v = vectors[:, int(np.argmin(np.abs(values - least.eigenvalue)))]
+    residue = np.zeros((len(system.signals), len(devices)), np.complex128)
+    for r in least.residues:
+        at = list(system.signals).index(r.signal), list(devices).index(r.device)
+        residue[at] = r.magnitude * np.exp(1j * np.deg2rad(r.angle_deg))
+    swing = np.asarray(model.washed(least.eigenvalue) * (model.C @ v))
+    return Sensitivity(list(system.signals), list(devices), least.eigenvalue, residue, swing, frame_rate, model)
+
+
+def _with_washouts(model: linear.LinearModel, signals: Sequence[int]) -> tuple[NDArray[np.float64], ...]:
+    """A, B, C, D to some signals, a state more for each washout: T dx_w/dt = y - x_w, and y - x_w in the place of y."""
+    A, B, C, D = model.A, model.B, model.C[signals], model.D[signals]
+    rows = np.flatnonzero(model.washout[signals] > 0.0)
+    if not len(rows):
+        return A, B, C, D
+    rate = np.diag(1.0 / model.washout[signals][rows])
+    pick = np.zeros((len(signals), len(rows)))
+    pick[rows, np.arange(len(rows))] = 1.0
+    wide = np.block([[A, np.zeros((len(A), len(rows)))], [rate @ C[rows], -rate]])
+    return wide, np.vstack([B, rate @ D[rows]]), np.hstack([C, -pick]), D

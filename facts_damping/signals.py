@@ -70,6 +70,20 @@ ESTIMATE = np.dtype(
     ]
 )
 
+# How a network learns, after a tick: a row for each output and group of parameters (h, s, w and so on).
+LEARNING = np.dtype(
+    [
+        ("tick", "i8"),
+        ("controller", "i8"),  # index of the controller in the run
+        ("identifier", "i8"),  # 0: the controller's own network, 1: its identifier's
+        ("output", "i8"),  # index of the output: a device of the controller, a signal of the identifier
+        ("group", "i8"),  # index of the group, in the order of the network's parameters
+        ("rate", "f8"),  # learning rate of the newest frame that taught
+        ("lyapunov", "f8"),  # Lyapunov function at that frame, normalised (6.15), (6.10)
+        ("fall", "f8"),  # its fall by the step, to first order in the parameters
+    ]
+)
+
 # The truth about a machine, which no PMU sees as a whole.
 MACHINE_TRUTH = np.dtype(
     [
@@ -105,7 +119,8 @@ class Record:
 
     `frames` has shape (ticks, stations, channels), `machines` (ticks, machines) of MACHINE_TRUTH,
     `devices` (ticks, devices) of DEVICE_TRUTH; `delivered` has a row an entry (DELIVERY), `issued`
-    and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE).
+    and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE), `learning` a row a
+    learning rate (LEARNING).
     `in_synchronism` is false at the tick that ended an unstable run. `notes` says what a damaged
     recording lacks.
     """
@@ -124,6 +139,7 @@ class Record:
     devices: NDArray[Any]
     in_synchronism: NDArray[np.bool_]
     estimates: NDArray[Any] = field(default_factory=lambda: np.zeros(0, ESTIMATE))
+    learning: NDArray[Any] = field(default_factory=lambda: np.zeros(0, LEARNING))
     events: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 

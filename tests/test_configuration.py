@@ -273,7 +273,10 @@ def test_extends_takes_what_it_does_not_say_from_the_other_file() -> None:
 
 SENSITIVITY = [
     (["controllers.0.parameters.sensitivity=1.0"], "sensitivity: 1 given; allowed: -1 (or 0, to take it)"),
-    (["controllers.0.signals=[power]"], "has an angle of 89 degrees, near neither 0 nor 180; allowed: another signal"),
+    (
+        ["controllers.0.signals=[power]"],
+        "has an angle of 90 degrees, near neither 0 nor 180; allowed: another (first) signal",
+    ),
 ]
 
 

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.control import lead_lag, neuro_fuzzy
+from facts_damping.control import lead_lag, neuro_fuzzy, table
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.neuro_fuzzy import Actuators, Memory, memories
-from facts_damping.control.table import DIRECT, INDIRECT, LEAD_LAG, SETTINGS, kind
+from facts_damping.control.table import DIRECT, INDIRECT, LEAD_LAG, SETTINGS, Parameter, Value, kind
 from facts_damping.neurofuzzy.learning import Learner, learners, one
-from facts_damping.neurofuzzy.network import Network, network
+from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
 from facts_damping.parameters.run import Weights
 from facts_damping.signals import NANOSECONDS
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.control.known import Known
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.system import Signal
 
@@ -39,10 +40,11 @@ class Bank(NamedTuple):
     """Frozen parameters of all controllers of a run; the first axis is the controller."""
 
     code: NDArray[np.int64]
-    settings: NDArray[Any]  # (controllers,) of SETTINGS
+    settings: NDArray[Any]  # (controllers, most signals or devices) of SETTINGS: the value of each signal or device
+    swing: NDArray[np.float64]  # (controllers, most signals), of each signal beside the first at the mode; 1: unknown
     inputs: Inputs
     shape: NDArray[np.int64]  # (controllers, fields of Network)
-    sensitivity: NDArray[np.float64]  # (controllers, most signals, most devices), signs of dy/du
+    sensitivity: NDArray[np.float64]  # (controllers, most signals, most devices), signs of dy/du; 0: none
     device: NDArray[np.int64]  # (controllers, most devices), UNSET beyond its own
     actuators: Actuators  # (controllers, most devices)
     period_ns: NDArray[np.int64]  # (controllers,), of the frames
@@ -55,7 +57,7 @@ class BankState(NamedTuple):
     jacobian: NDArray[np.float64]  # (controllers, most signals, most devices), p.u./p.u., as last estimated; NaN: never
     unlimited: NDArray[np.float64]  # (controllers, most devices), p.u.
     outputs: NDArray[np.float64]  # (controllers, most devices), p.u.
-    internal: NDArray[np.float64]  # (controllers, most states), of lead-lags
+    internal: NDArray[np.float64]  # (controllers, most devices, most states), of lead-lags
     learner: Learner
     memory: Memory
 
@@ -66,12 +68,12 @@ def bank(
     stations: Sequence[str],
     limits: Mapping[str, tuple[float, float]],
     frame_rate: int,
-    signs: Mapping[tuple[str, str], float],
+    known: Sequence[Known | None],
 ) -> tuple[Bank, BankState]:
     """The controllers of a run as tables.
 
-    `limits`: magnitude (p.u.) and rate (p.u./s) of the installed devices in their order; `signs` of dy/du by
-    (signal, device), for neuro-fuzzy controllers.
+    `limits`: magnitude (p.u.) and rate (p.u./s) of the installed devices in their order; `known` for each controller,
+    none for a lead-lag.
     """
     n = len(controllers)
     kinds = [kind(c.name) for c in controllers]
@@ -81,7 +83,8 @@ def bank(
     given, held = inputs([c.signals for c in controllers], signals, stations)
     made = Bank(
         code=np.array([SCHEMES[c.scheme] for c in controllers], np.int64),
-        settings=np.array([settings(c) for c in controllers], SETTINGS),
+        settings=np.zeros((n, max(most_signals, most_devices)), SETTINGS),
+        swing=np.ones((n, most_signals)),
         inputs=given,
         shape=np.array(nets, np.int64).reshape(n, len(Network._fields)),
         sensitivity=np.zeros((n, most_signals, most_devices)),
@@ -94,48 +97,78 @@ def bank(
         for d, device in enumerate(controller.devices):
             made.device[c, d] = order.index(device)
             made.actuators.limit[c, d], made.actuators.rate[c, d] = limits[device]
-            for i, signal in enumerate(controller.signals):
-                made.sensitivity[c, i, d] = signs.get((signal, device), 0.0)
-    starts = [_start(net, made, c, controllers[c]) for c, net in enumerate(nets)]
+        own = known[c]
+        if own is not None:
+            made.swing[c, : len(controller.signals)] = np.abs(own.swing)
+        settings(controller, made.settings[c], made.swing[c])
+        if own is not None:
+            made.sensitivity[c, : len(controller.signals), : len(controller.devices)] = own.sign
+    starts = [_start(nets[c], made.settings[c], controllers[c], known[c]) for c in range(n)]
     state = BankState(
         held=held,
         jacobian=np.full((n, most_signals, most_devices), np.nan),
         unlimited=np.zeros((n, most_devices)),
         outputs=np.zeros((n, most_devices)),
-        internal=np.zeros((n, max([k.states for k in kinds], default=0))),
+        internal=np.zeros((n, most_devices, max([k.states for k in kinds], default=0))),
         learner=learners(nets, starts),
         memory=memories(n, most_signals, most_devices),
     )
     return made, state
 
 
-def settings(controller: Controller) -> Any:
-    """A controller's parameters as a record of SETTINGS."""
-    row = np.zeros((), SETTINGS)
+def settings(controller: Controller, rows: NDArray[Any], swing: NDArray[np.float64]) -> NDArray[Any]:
+    """A controller's parameters into records of SETTINGS: the value of each signal or device; returns them."""
     for name, parameter in kind(controller.name).parameters.items():
-        row[name] = parameter.number(controller.parameters.get(name, parameter.default))
-    return row
+        put(rows, name, parameter, controller.parameters.get(name, parameter.default), swing)
+    return rows
+
+
+def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing: NDArray[np.float64]) -> None:
+    """A parameter's value into records of SETTINGS. A single one is every device's, and the first signal's.
+
+    The other signals' are then as they swing beside it.
+    """
+    found = parameter.number(value)
+    if parameter.each == "signal" and not isinstance(value, list):
+        found = np.asarray(found) * swing
+    if np.ndim(found) == 0:
+        rows[name] = found
+    else:
+        rows[name][: np.size(found)] = found
 
 
 def network_of(controller: Controller) -> Network:
     """A controller's network; that of a lead-lag has no rules."""
-    shape = kind(controller.name).network
+    shape = table.network_of(kind(controller.name), len(controller.devices))
     if shape is None:
         return network("gaussian", "singleton", 0, 0, 0)
     return network(shape.antecedent, shape.consequent, 2 * len(controller.signals), RULES, len(controller.devices))
 
 
-def _start(net: Network, made: Bank, c: int, controller: Controller) -> NDArray[np.float64]:
+def _start(net: Network, s: NDArray[Any], controller: Controller, known: Known | None) -> NDArray[np.float64]:
     """Parameters of a network at the start: those given, or symmetric rules that damp by the plant's sign."""
-    if net.rules == 0:
+    if known is None:
         return np.zeros(0)
     if isinstance(controller.weights, Weights) and controller.weights.controller is not None:
         return np.array(controller.weights.controller)
-    s = made.settings[c]
-    sign = 1.0 if made.sensitivity[c, 0, 0] >= 0.0 else -1.0
+    weight, spread = known.sign[0] * s["weight"][: net.outputs], pull(known, s[: len(known.swing)]) * s["spread"][0]
     many = np.ones(net.inputs)
-    start = Start(sign * float(s["weight"]), many * s["spread"], many * s["width"], 0.0 * many, many * s["dilation"])
-    return initial(net, start)
+    return initial(net, Start(weight, spread, many * s["width"][0], 0.0 * many, many * s["dilation"][0]))
+
+
+def pull(known: Known, s: NDArray[Any]) -> NDArray[np.float64]:
+    """How far each input of a network pulls at the start, (inputs,): as far as it swings with the first signal's two.
+
+    1 for those; for the others the cosine of the angle, at the least damped mode, between an input and their sum.
+    """
+    change = 1.0 - 1.0 / known.turn
+    swing = known.swing / s["scale"]
+    steps = known.swing * change / s["change_scale"]
+    phasors = np.column_stack([swing, steps]).ravel()
+    aim = phasors[0] + phasors[1]
+    found = np.cos(np.angle(phasors / aim))
+    found[:2] = 1.0
+    return np.asarray(found)
 
 
 @compiled
@@ -147,23 +180,22 @@ def _limit(made: Bank, state: BankState, c: int) -> None:
 
 
 @compiled
-def _learnt(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
+def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
     """A neuro-fuzzy controller's step."""
-    shape, s = made.shape[c], made.settings[c]
-    net = Network(shape[0], shape[1], shape[2], shape[3], shape[4], shape[5], shape[6])
+    net, s = shape_of(made.shape[c]), made.settings[c]
     own = one(state.learner, c, net)
     m = state.memory
-    kept = Memory(m.before[c], m.applied[c], m.error[c], m.curvature[c], m.jacobian[c], m.taught[c])
+    kept = Memory(m.before[c], m.applied[c], m.error[c], m.curvature[c], m.lyapunov[c], m.jacobian[c], m.taught[c])
     actuators = Actuators(made.actuators.limit[c], made.actuators.rate[c])
-    for i in range(made.sensitivity.shape[1]):
-        for d in range(made.sensitivity.shape[2]):
+    for i in range(net.inputs // 2):
+        for d in range(net.outputs):
             sign = made.sensitivity[c, i, d]
-            estimate = state.jacobian[c, i, d] * made.actuators.limit[c, d] / s.scale
-            if s.sign_guard > 0.0 and estimate * sign < 0.0:
+            estimate = state.jacobian[c, i, d] * made.actuators.limit[c, d] / s[i].scale
+            if s[0].sign_guard > 0.0 and estimate * sign < 0.0:
                 estimate = 0.0
             kept.jacobian[i, d] = sign if made.code[c] == DIRECT else estimate
     frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
-    stale = s.stale > 0.0 and age_ns * 1e-9 > s.stale
+    stale = s[0].stale > 0.0 and age_ns * 1e-9 > s[0].stale
     neuro_fuzzy.step(
         net,
         own,
@@ -203,11 +235,13 @@ def act(
             continue
         newest = state.held.newest_ns[c]
         if made.code[c] == LEAD_LAG:
-            state.unlimited[c, 0] = lead_lag.step(
-                made.settings[c], state.internal[c], state.held.signal[c, 0], since * 1e-9
-            )
+            for d in range(made.device.shape[1]):
+                if made.device[c, d] != UNSET:
+                    state.unlimited[c, d] = lead_lag.step(
+                        made.settings[c, d], state.internal[c, d], state.held.signal[c, 0], since * 1e-9
+                    )
         else:
-            _learnt(made, state, c, since, arrival - newest)
+            _neuro_fuzzy(made, state, c, since, arrival - newest)
         _limit(made, state, c)
         for d in range(made.device.shape[1]):
             if made.device[c, d] != UNSET:

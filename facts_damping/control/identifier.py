@@ -1,10 +1,10 @@
-"""Identifiers: networks that predict a controller's signals a frame ahead, and so the plant's Jacobian; compiled.
+"""Identifiers: networks that predict a controller's signals some frames ahead, and so the plant's Jacobian; compiled.
 
-    y_I(k) = f_I(y(k-1), u(k-1-d)),  f_I += -eta_I (y_I - y) dy_I/df_I + momentum,  J = dy_I/du
+    y_I(k) = f_I(y(k-h), mean u(k-h-d .. k-1-d)),  f_I += -eta_I (y_I - y) dy_I/df_I + momentum,  J = dy_I/du
 
-(5.1), which pairs y with u of the same frame, (5.12) and (5.6). d is the known delay from measurement to actuation:
-setpoints are paired by the measurement that they rest on. All is normalised by the controller's `scale` and the
-devices' limits.
+(5.1) and (6.7), which have h = 1 and pair y with u of the same frame, (5.12) and (5.6). d is the known delay from
+measurement to actuation: setpoints are paired by the measurement that they rest on. All is normalised by the
+controller's scales and the devices' limits.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from facts_damping.compiling import compiled
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.table import SETTINGS
 from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn, learners, one
-from facts_damping.neurofuzzy.network import Network, network
-from facts_damping.neurofuzzy.start import Start, initial
-from facts_damping.neurofuzzy.table import IDENTIFIERS
+from facts_damping.neurofuzzy.network import Network, by_inputs, network, shape_of
+from facts_damping.neurofuzzy.start import Start, initial, slots
+from facts_damping.neurofuzzy.table import IDENTIFIERS, MIMO_FORM
 from facts_damping.signals import NANOSECONDS, to_ns
 
 if TYPE_CHECKING:
@@ -28,9 +28,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.control.known import Known
     from facts_damping.parameters.system import Signal
 
 WIDTH = 1.0  # s of the memberships at the start
+SPREAD = 0.5  # memberships at -0.5 and 0.5, where the consequents hold the linear plant
 DILATION = 5.0  # nu of the wavelets at the start
 SPARE = 4  # frames, beyond the lag, for which setpoints are kept
 
@@ -39,12 +41,12 @@ class Identified(NamedTuple):
     """What an identifier belongs to: the controller's place, its settings, signals, devices and their limits."""
 
     controller: int
-    settings: NDArray[Any]  # SETTINGS, one record
+    settings: NDArray[Any]  # (signals or devices,) of SETTINGS
     kind: str  # a row of IDENTIFIERS
     signals: Sequence[str]
     devices: Sequence[int]
     limits: Sequence[float]  # p.u.
-    jacobian: NDArray[np.float64]  # (signals, devices), p.u./p.u.: that of the start
+    known: Known
     weights: NDArray[np.float64] | None  # parameters to start from; none: symmetric rules
 
 
@@ -52,12 +54,13 @@ class Identifiers(NamedTuple):
     """Frozen parameters of all identifiers of a run; the first axis is the identifier."""
 
     controller: NDArray[np.int64]
-    settings: NDArray[Any]  # SETTINGS
+    settings: NDArray[Any]  # (identifiers, most signals or devices) of SETTINGS
     shape: NDArray[np.int64]  # (identifiers, fields of Network)
     inputs: Inputs
     device: NDArray[np.int64]  # (identifiers, most devices); UNSET beyond its own
     limit: NDArray[np.float64]  # (identifiers, most devices), p.u.
     lag_ns: NDArray[np.int64]
+    horizon: NDArray[np.int64]  # frames
     period_ns: NDArray[np.int64]
 
 
@@ -66,20 +69,28 @@ class IdentifierState(NamedTuple):
 
     held: Held
     learner: Learner
-    before: NDArray[np.float64]  # (identifiers, most signals), those of the frame before, p.u.
+    past: NDArray[np.float64]  # (identifiers, kept, most signals), of the newest frames, a ring, p.u.
+    past_ns: NDArray[np.int64]  # (identifiers, kept): their times
+    newest: NDArray[np.int64]  # (identifiers,): place of the newest
     given_ns: NDArray[np.int64]  # (identifiers, most devices, kept): what the newest setpoints rest on, a ring
     given: NDArray[np.float64]  # the same shape: their values, p.u.
     at: NDArray[np.int64]  # (identifiers, most devices): place of the newest
     deviation: NDArray[np.float64]  # (identifiers, most signals): measurement less prediction, normalised
     curvature: NDArray[np.float64]  # (identifiers, most signals): ones
+    lyapunov: NDArray[np.float64]  # (identifiers, 2): half the squared error that taught last, and its fall by the step
     prediction: NDArray[np.float64]  # (identifiers, most signals), p.u.; NaN: none yet
     error: NDArray[np.float64]  # (identifiers, most signals), prediction less measurement, p.u.; NaN: none yet
     jacobian: NDArray[np.float64]  # (identifiers, most signals, most devices), p.u./p.u.
 
 
 def network_of(kind: str, signals: int, devices: int) -> Network:
-    """The network of an identifier: its inputs are signals and setpoints, its outputs the signals."""
-    return network(*IDENTIFIERS[kind], signals + devices, 2, signals)
+    """The network of an identifier: its inputs are signals and setpoints, its outputs the signals.
+
+    With several of them its consequents are affine (6.9).
+    """
+    antecedent, consequent = IDENTIFIERS[kind]
+    own = MIMO_FORM.get(consequent, consequent) if signals * devices > 1 else consequent
+    return network(antecedent, own, signals + devices, 2, signals)
 
 
 def identifiers(
@@ -91,32 +102,40 @@ def identifiers(
     nets = [network_of(row.kind, len(row.signals), len(row.devices)) for row in rows]
     starts = [_start(net, row) if row.weights is None else row.weights for net, row in zip(nets, rows, strict=True)]
     given, held = inputs([row.signals for row in rows], signals, stations)
-    lag_ns = np.array([to_ns(float(row.settings["lag"])) for row in rows], np.int64)
-    kept = int(lag_ns.max(initial=0)) * frame_rate // NANOSECONDS + SPARE
+    lag_ns = np.array([to_ns(float(row.settings["lag"][0])) for row in rows], np.int64)
+    horizon = np.array([int(row.settings["identifier_horizon"][0]) for row in rows], np.int64)
+    ahead = int(horizon.max(initial=1))
+    kept = int(lag_ns.max(initial=0)) * frame_rate // NANOSECONDS + ahead + SPARE
     made = Identifiers(
         controller=np.array([row.controller for row in rows], np.int64),
-        settings=np.array([row.settings for row in rows], SETTINGS),
+        settings=np.zeros((n, max(outputs, most)), SETTINGS),
         shape=np.array(nets, np.int64).reshape(n, len(Network._fields)),
         inputs=given,
         device=np.full((n, most), UNSET, np.int64),
         limit=np.ones((n, most)),
         lag_ns=lag_ns,
+        horizon=horizon,
         period_ns=np.full(n, NANOSECONDS // frame_rate, np.int64),
     )
     state = IdentifierState(
         held=held,
         learner=learners(nets, starts),
-        before=np.zeros((n, outputs)),
+        past=np.zeros((n, ahead + 1, outputs)),
+        past_ns=np.full((n, ahead + 1), UNSET, np.int64),
+        newest=np.zeros(n, np.int64),
         given_ns=np.full((n, most, kept), UNSET, np.int64),
         given=np.zeros((n, most, kept)),
         at=np.zeros((n, most), np.int64),
         deviation=np.zeros((n, outputs)),
         curvature=np.ones((n, outputs)),
+        lyapunov=np.zeros((n, 2)),
         prediction=np.full((n, outputs), np.nan),
         error=np.full((n, outputs), np.nan),
         jacobian=np.full((n, outputs, most), np.nan),
     )
     for i, row in enumerate(rows):
+        size = min(made.settings.shape[1], len(row.settings))
+        made.settings[i, :size] = row.settings[:size]
         made.device[i, : len(row.devices)] = row.devices
         made.limit[i, : len(row.devices)] = row.limits
         _first(made, state, i)
@@ -124,13 +143,18 @@ def identifiers(
 
 
 def _start(net: Network, row: Identified) -> NDArray[np.float64]:
-    """Parameters from which y_I is near y(k-1) + J u for small y and u, J the linear plant's.
+    """Parameters from which y_I is near y(k-h) + J u for small y and u, J the linear plant's.
 
+    Affine consequents hold J as it is, and in the place of y(k-h) what becomes of it in the least damped mode.
     Gaussian rules at -h and h give weight tanh(2 sum_i h_i x_i / s^2); two mirrored wavelets give slopes of
     weight (cos 5q)' about q = 0.
     """
-    weight, scale = float(row.settings["identifier_weight"]), float(row.settings["scale"])
-    by_u = row.jacobian[0] * np.array(row.limits) / scale
+    scale = row.settings["scale"][: len(row.signals)]
+    by_u = row.known.jacobian * np.array(row.limits) / scale[:, None]
+    if net.outputs * len(row.devices) > 1:
+        turn = row.known.turn ** int(row.settings["identifier_horizon"][0])
+        return _linear_start(net, np.hstack([_ahead(row.known.swing / scale, turn), by_u]))
+    weight, by_u = float(row.settings["identifier_weight"][0]), by_u[0]
     slopes = np.concatenate([np.ones(len(row.signals)), by_u])
     width, dilation = np.full(net.inputs, WIDTH), np.full(net.inputs, DILATION)
     spread, shift = np.zeros(net.inputs), np.zeros(net.inputs)
@@ -140,29 +164,41 @@ def _start(net: Network, row: Identified) -> NDArray[np.float64]:
         shift[len(row.signals) :] = by_u * DILATION**2 / (26.0 * weight)
     else:
         spread[:] = slopes * WIDTH**2 / (2.0 * weight)
-    return initial(net, Start(weight, spread, width, shift, dilation))
+    return initial(net, Start([weight], spread, width, shift, dilation))
 
 
-@compiled
-def _net(ids: Identifiers, n: int) -> Network:
-    s = ids.shape[n]
-    return Network(s[0], s[1], s[2], s[3], s[4], s[5], s[6])
+def _ahead(swing: NDArray[np.complex128], turn: complex) -> NDArray[np.float64]:
+    """The smallest real matrix M, (signals, signals), with M v = turn v nearest for the signals' swing v in a mode."""
+    parts = np.column_stack([swing.real, swing.imag])
+    later = np.column_stack([(turn * swing).real, (turn * swing).imag])
+    return np.asarray(np.linalg.lstsq(parts.T, later.T, rcond=1e-9)[0].T)
+
+
+def _linear_start(net: Network, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two rules of equal affine consequents: y_I = slopes x, (outputs, inputs), whatever fires."""
+    many = np.ones(net.inputs)
+    members = initial(net, Start(np.zeros(net.outputs), SPREAD * many, WIDTH * many, 0.0 * many, many))
+    rule = np.column_stack([np.zeros(net.outputs), slopes]).ravel()
+    first = net.size - net.rules * rule.size
+    low, high = np.array([(slot.low, slot.high) for slot in slots(net)[first:]]).T
+    return np.concatenate([members[:first], np.clip(np.tile(rule, net.rules), low, high)])
 
 
 @compiled
 def _look(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
     """Prediction and Jacobian at `own.x`."""
     infer(net, own)
+    by_inputs(net, own.theta, own.passed)
     for i in range(net.outputs):
         for d in range(net.inputs - net.outputs):
             by_u = own.passed.by_input[i, net.outputs + d]
-            state.jacobian[n, i, d] = by_u * ids.settings[n].scale / ids.limit[n, d]
+            state.jacobian[n, i, d] = by_u * ids.settings[n, i].scale / ids.limit[n, d]
 
 
 @compiled
 def _first(ids: Identifiers, state: IdentifierState, n: int) -> None:
     """The Jacobian that an identifier starts from, at rest."""
-    net = _net(ids, n)
+    net = shape_of(ids.shape[n])
     _look(net, one(state.learner, n, net), ids, state, n)
 
 
@@ -190,44 +226,74 @@ def _given(state: IdentifierState, n: int, d: int, until_ns: int) -> float:
 
 
 @compiled
+def _before(ids: Identifiers, state: IdentifierState, n: int, now: int) -> int:
+    """Place of the frame that lies the horizon before `now`, to half a frame; UNSET where it is not kept."""
+    period = ids.period_ns[n]
+    for at in range(state.past_ns.shape[1]):
+        then = state.past_ns[n, at]
+        if then != UNSET and abs(now - then - ids.horizon[n] * period) < period // 2:
+            return at
+    return UNSET
+
+
+@compiled
+def _mean(ids: Identifiers, state: IdentifierState, n: int, d: int, now: int, elapsed: int) -> float:
+    """Mean of the setpoints of device d in force from `elapsed` before `now` on: those at the middle of each frame."""
+    frames, total = ids.horizon[n], 0.0
+    for j in range(frames):
+        total += _given(state, n, d, now - (2 * j + 1) * elapsed // (2 * frames) - ids.lag_ns[n])
+    return total / frames  # type: ignore[no-any-return]
+
+
+@compiled
+def _learn(ids: Identifiers, state: IdentifierState, n: int, before: int) -> None:
+    """Predict the newest frame from one before and from the setpoints since, and learn from the error."""
+    net, s, now = shape_of(ids.shape[n]), ids.settings[n], state.held.newest_ns[n]
+    own = one(state.learner, n, net)
+    for j in range(net.outputs):
+        own.x[j] = state.past[n, before, j] / s[j].scale
+    for d in range(net.inputs - net.outputs):
+        u = _mean(ids, state, n, d, now, now - state.past_ns[n, before])
+        own.x[net.outputs + d] = u / ids.limit[n, d]
+    _look(net, own, ids, state, n)
+    for j in range(net.outputs):
+        state.prediction[n, j] = own.passed.output[j] * s[j].scale
+        state.error[n, j] = state.prediction[n, j] - state.held.signal[n, j]
+        state.deviation[n, j] = -state.error[n, j] / s[j].scale
+    g = s[0]
+    rule = Rule(g.identifier_rate, g.identifier_eta, g.identifier_momentum, g.identifier_leakage, g.clip, g.projection)
+    learn(net, own, rule, state.deviation[n], state.curvature[n])
+    now_is = then = 0.0
+    for j in range(net.outputs):
+        now_is += 0.5 * state.deviation[n, j] ** 2
+        then += 0.5 * (state.deviation[n, j] - own.moved[j]) ** 2
+    state.lyapunov[n, 0], state.lyapunov[n, 1] = now_is, now_is - then
+
+
+@compiled
 def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: NDArray[Any], count: int) -> None:
     """One tick of identifier n: `count` delivered entries in; it learns once per new frame that follows the last."""
-    net = _net(ids, n)
-    own = one(state.learner, n, net)
-    s = ids.settings[n]
+    s = ids.settings[n, 0]
     i = 0
     while i < count:
         arrival = delivered[i].arrival_ns
         i = take(state.held, n, delivered, i, count)
-        since = form(ids.inputs, state.held, n)
-        if since < 0:
+        if form(ids.inputs, state.held, n) < 0:
             continue
         now = state.held.newest_ns[n]
-        fresh = s.stale <= 0.0 or (arrival - now) * 1e-9 <= s.stale
-        if fresh and 0 < since < 1.5 * ids.period_ns[n]:
-            for j in range(net.outputs):
-                own.x[j] = state.before[n, j] / s.scale
-            for d in range(net.inputs - net.outputs):
-                # In force for most of the time from the frame before to this one.
-                u = _given(state, n, d, now - since + since // 2 - ids.lag_ns[n])
-                own.x[net.outputs + d] = u / ids.limit[n, d]
-            _look(net, own, ids, state, n)
-            for j in range(net.outputs):
-                state.prediction[n, j] = own.passed.output[j] * s.scale
-                state.error[n, j] = state.prediction[n, j] - state.held.signal[n, j]
-                state.deviation[n, j] = -state.error[n, j] / s.scale
-            rule = Rule(
-                s.identifier_rate, s.identifier_eta, s.identifier_momentum, s.identifier_leakage, s.clip, s.projection
-            )
-            learn(net, own, rule, state.deviation[n], state.curvature[n])
-        for j in range(net.outputs):
-            state.before[n, j] = state.held.signal[n, j]
+        before = _before(ids, state, n, now)
+        if before != UNSET and (s.stale <= 0.0 or (arrival - now) * 1e-9 <= s.stale):
+            _learn(ids, state, n, before)
+        at = (state.newest[n] + 1) % state.past_ns.shape[1]
+        state.newest[n], state.past_ns[n, at] = at, now
+        for j in range(state.past.shape[2]):
+            state.past[n, at, j] = state.held.signal[n, j]
 
 
 @compiled
 def tell(ids: Identifiers, state: IdentifierState, n: int, tick: int, out: NDArray[Any], first: int) -> int:
     """The estimates of identifier n after a tick (ESTIMATE) into `out` from `first` on; the index after the last."""
-    net = _net(ids, n)
+    net = shape_of(ids.shape[n])
     for i in range(net.outputs):
         for d in range(net.inputs - net.outputs):
             row = out[first]

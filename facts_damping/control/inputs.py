@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.control.lead_lag import section
 from facts_damping.signals import CHANNELS
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 UNSET = -1
 IMPLAUSIBLE = 1e6  # p.u. or rad: a quantity of this size or more counts as not available
+TURN = 2.0 * math.pi  # rad
+ANGLE = list(CHANNELS).index("voltage_angle")
 
 
 class Inputs(NamedTuple):
@@ -28,6 +31,7 @@ class Inputs(NamedTuple):
     channel: NDArray[np.int64]  # (receivers, most signals)
     weight: NDArray[np.float64]  # (receivers, most signals, stations)
     deviation: NDArray[np.bool_]  # (receivers, most signals)
+    washout: NDArray[np.float64]  # (receivers, most signals), s; 0: none
 
 
 class Held(NamedTuple):
@@ -37,6 +41,7 @@ class Held(NamedTuple):
     entry_ns: NDArray[np.int64]  # (receivers, stations): its time of measurement
     newest_ns: NDArray[np.int64]  # (receivers,): newest time of measurement of all; UNSET: none
     baseline: NDArray[np.float64]  # (receivers, most signals): first value of each signal
+    washed: NDArray[np.float64]  # (receivers, most signals, 2): input and output of each washout
     signal: NDArray[np.float64]  # (receivers, most signals): newest signals
 
 
@@ -50,12 +55,14 @@ def inputs(
         channel=np.zeros((n, most), np.int64),
         weight=np.zeros((n, most, len(stations))),
         deviation=np.zeros((n, most), np.bool_),
+        washout=np.zeros((n, most)),
     )
     for r, names in enumerate(given):
         for i, name in enumerate(names):
             signal = signals[name]
             made.channel[r, i] = list(CHANNELS).index(signal.channel)
             made.deviation[r, i] = signal.deviation
+            made.washout[r, i] = signal.washout
             for station, weight in signal.weights.items():
                 made.weight[r, i, stations.index(station)] = weight
     held = Held(
@@ -63,6 +70,7 @@ def inputs(
         entry_ns=np.full((n, len(stations)), UNSET, np.int64),
         newest_ns=np.full(n, UNSET, np.int64),
         baseline=np.full((n, most), np.nan),
+        washed=np.zeros((n, most, 2)),
         signal=np.full((n, most), np.nan),
     )
     return made, held
@@ -95,7 +103,20 @@ def form(given: Inputs, held: Held, r: int) -> int:
     if newest <= before or not _sum(given, held, r):
         return -1
     held.newest_ns[r] = newest
-    return 0 if before == UNSET else newest - before
+    since = 0 if before == UNSET else newest - before
+    _wash(given, held, r, since * 1e-9)
+    return since
+
+
+@compiled
+def _wash(given: Inputs, held: Held, r: int, dt: float) -> None:
+    """The washouts' step of `dt`, s; 0 at the first frame, from which they start at rest."""
+    for i in range(given.signals[r]):
+        tau, value = given.washout[r, i], held.signal[r, i]
+        if tau > 0.0 and dt <= 0.0:
+            held.washed[r, i, 0], held.washed[r, i, 1], held.signal[r, i] = value, 0.0, 0.0
+        elif tau > 0.0:
+            held.signal[r, i] = section(tau, 0.0, tau, dt, held.washed[r, i], 0, value)
 
 
 @compiled
@@ -107,6 +128,8 @@ def _sum(given: Inputs, held: Held, r: int) -> bool:
         for s in range(given.weight.shape[2]):
             if given.weight[r, i, s] != 0.0:
                 total += given.weight[r, i, s] * held.entry[r, s, given.channel[r, i]]
+        if given.channel[r, i] == ANGLE:
+            total -= TURN * math.floor(total / TURN + 0.5)
         if given.deviation[r, i]:
             if math.isnan(held.baseline[r, i]) and math.isfinite(total):
                 held.baseline[r, i] = total

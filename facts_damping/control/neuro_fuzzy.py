@@ -1,7 +1,8 @@
 """A neuro-fuzzy controller's step, direct and indirect; compiled.
 
-    e = y_d - y, y_d = 0;  x = [e_i / scale, de_i / change_scale];  u = u_max net(x)
-    ec_p = sum_i e_i J_ip - hbar u_p                                                             (D.1)
+    e = y_d - y, y_d = 0;  x = [e_i / scale_i, de_i / change_scale_i];  u = u_max net(x)
+    ec_p = sum_i e_i J_ip - hbar_p u_p                                                    (D.1), (6.20)
+    V = (sum_i e_i^2 + sum_p hbar_p u_p^2) / 2                                                   (6.15)
 
 e, u and J are normalised by scale and u_max. J is the constant sign of the plant's sensitivity (direct) or the
 identifier's estimate of the tick before (indirect). The error of a frame teaches the sample that produced the
@@ -30,7 +31,8 @@ class Memory(NamedTuple):
     before: NDArray[np.float64]  # (signals,), signals of the frame before
     applied: NDArray[np.float64]  # (devices,), p.u., setpoint as the device follows it
     error: NDArray[np.float64]  # (devices,), adaptation errors ec
-    curvature: NDArray[np.float64]  # (devices,), sum_i J_ip^2 + hbar
+    curvature: NDArray[np.float64]  # (devices,), sum_i J_ip^2 + hbar_p
+    lyapunov: NDArray[np.float64]  # (2,), V at the newest frame that taught, and its fall by the step, to first order
     jacobian: NDArray[np.float64]  # (signals, devices), dy/du, normalised: 1 = `scale` for the device's limit
     taught: NDArray[np.float64]  # (1,), 1: the newest frame taught
 
@@ -44,7 +46,7 @@ class Actuators(NamedTuple):
 
 def memories(controllers: int, signals: int, devices: int) -> Memory:
     """Memories of several controllers."""
-    sizes = ((signals,), (devices,), (devices,), (devices,), (signals, devices), (1,))
+    sizes = ((signals,), (devices,), (devices,), (devices,), (2,), (signals, devices), (1,))
     return Memory(*(np.zeros((controllers, *size)) for size in sizes))
 
 
@@ -53,7 +55,7 @@ def step(
     net: Network,
     own: Learner,
     kept: Memory,
-    s: Any,
+    s: NDArray[Any],
     signals: NDArray[np.float64],
     actuators: Actuators,
     unlimited: NDArray[np.float64],
@@ -69,13 +71,14 @@ def step(
     if frames > 0:
         _follow(net, kept, s, actuators, unlimited, dt)
     if frames > 0 and not stale and _errors(net, kept, s, signals, actuators, unlimited):
-        rule = Rule(s.rate, s.eta, s.momentum, s.leakage, s.clip, s.projection)
-        learn(net, own, rule, kept.error, kept.curvature)
+        g = s[0]
+        learn(net, own, Rule(g.rate, g.eta, g.momentum, g.leakage, g.clip, g.projection), kept.error, kept.curvature)
+        _fall(net, own, kept, s, signals, actuators)
         kept.taught[0] = 1.0
     for i in range(net.inputs // 2):
         change = 0.0 if frames == 0 else (signals[i] - kept.before[i]) / frames
-        own.x[2 * i] = min(max(-signals[i] / s.scale, -s.range), s.range)
-        own.x[2 * i + 1] = min(max(-change / s.change_scale, -s.range), s.range)
+        own.x[2 * i] = min(max(-signals[i] / s[i].scale, -s[0].range), s[0].range)
+        own.x[2 * i + 1] = min(max(-change / s[i].change_scale, -s[0].range), s[0].range)
         kept.before[i] = signals[i]
     infer(net, own)
     for o in range(net.outputs):
@@ -86,14 +89,14 @@ def step(
 def _follow(
     net: Network,
     kept: Memory,
-    s: Any,
+    s: NDArray[Any],
     actuators: Actuators,
     unlimited: NDArray[np.float64],
     dt: float,
 ) -> None:
     """The setpoint that taught: as the device follows it within limit and rate, or as it was wished for."""
     for o in range(net.outputs):
-        if s.anti_windup > 0.0:
+        if s[0].anti_windup > 0.0:
             limited = min(max(unlimited[o], -actuators.limit[o]), actuators.limit[o])
             reach = actuators.rate[o] * dt
             kept.applied[o] = min(max(limited, kept.applied[o] - reach), kept.applied[o] + reach)
@@ -102,10 +105,42 @@ def _follow(
 
 
 @compiled
+def _seen(s: NDArray[Any], i: int, signals: NDArray[np.float64]) -> float:
+    """Error of signal i, normalised; zero within the dead zone."""
+    e = -signals[i] / s[i].scale
+    return 0.0 if abs(e) <= s[0].dead_zone else e
+
+
+@compiled
+def _fall(
+    net: Network,
+    own: Learner,
+    kept: Memory,
+    s: NDArray[Any],
+    signals: NDArray[np.float64],
+    actuators: Actuators,
+) -> None:
+    """The Lyapunov function, and its fall if the plant answered the step's change of the setpoints by the Jacobian."""
+    now = then = 0.0
+    for i in range(net.inputs // 2):
+        e = after = _seen(s, i, signals)
+        for o in range(net.outputs):
+            after -= kept.jacobian[i, o] * own.moved[o]
+        now += 0.5 * e * e
+        then += 0.5 * after * after
+    for o in range(net.outputs):
+        u = kept.applied[o] / actuators.limit[o]
+        after = u + own.moved[o]
+        now += 0.5 * s[o].hbar * u * u
+        then += 0.5 * s[o].hbar * after * after
+    kept.lyapunov[0], kept.lyapunov[1] = now, now - then
+
+
+@compiled
 def _errors(
     net: Network,
     kept: Memory,
-    s: Any,
+    s: NDArray[Any],
     signals: NDArray[np.float64],
     actuators: Actuators,
     unlimited: NDArray[np.float64],
@@ -115,14 +150,13 @@ def _errors(
     With anti-windup an error that asks a setpoint further beyond its limit counts as zero.
     """
     for o in range(net.outputs):
-        error, curvature = 0.0, s.hbar
+        error, curvature = 0.0, s[o].hbar
         for i in range(net.inputs // 2):
-            e = -signals[i] / s.scale
-            error += (0.0 if abs(e) <= s.dead_zone else e) * kept.jacobian[i, o]
+            error += _seen(s, i, signals) * kept.jacobian[i, o]
             curvature += kept.jacobian[i, o] * kept.jacobian[i, o]
-        error -= s.hbar * kept.applied[o] / actuators.limit[o]
+        error -= s[o].hbar * kept.applied[o] / actuators.limit[o]
         beyond = abs(unlimited[o]) > actuators.limit[o] and error * unlimited[o] > 0.0
-        kept.error[o] = 0.0 if s.anti_windup > 0.0 and beyond else error
+        kept.error[o] = 0.0 if s[0].anti_windup > 0.0 and beyond else error
         kept.curvature[o] = curvature
         if not math.isfinite(error):
             return False

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from facts_damping.errors import check_known
 from facts_damping.neurofuzzy.learning import RATES
-from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, IDENTIFIERS, VARIANTS, Variant
+from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, IDENTIFIERS, MIMO_FORM, VARIANTS, Variant
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 LEAD_LAG, DIRECT, INDIRECT = 0, 1, 2
 OFF_ON = ("off", "on")
+ANY = 16  # signals, of a controller that takes several
+MOST_AHEAD = 60  # frames that an identifier may look ahead
+
+
+Value = float | str | list[float]  # a list has an entry a signal, or a device
 
 
 class Parameter(NamedTuple):
     """A controller's parameter: default, unit, allowed range or choices, meaning."""
 
-    default: float | str
+    default: Value
     unit: str
     low: float
     high: float
@@ -25,53 +33,60 @@ class Parameter(NamedTuple):
     choices: tuple[str, ...] = ()  # of a parameter that is a word
     deployed: float | str | None = None  # default in the profile `deployed`, where it differs
     live: bool = True  # may change while it runs
+    each: str = ""  # `signal` or `device`: may be a list with an entry each
 
-    def number(self, value: float | str) -> float:
+    def number(self, value: Value) -> float | NDArray[np.float64]:
         """A value as the compiled functions take it: a word's place among its choices."""
-        return float(self.choices.index(str(value))) if self.choices else float(value)
+        if self.choices:
+            return float(self.choices.index(str(value)))
+        return np.array(value) if isinstance(value, list) else float(value)
 
 
 class Kind(NamedTuple):
     """A row of the table: what a controller is, shapes, parameters, states."""
 
     description: str
-    signals: int  # how many it takes
-    devices: int  # how many it commands
-    states: int
+    signals: int  # how many it takes at most
+    states: int  # for each device
     parameters: dict[str, Parameter]
     network: Variant | None = None  # none: lead-lag
+    named: bool = True  # one of the thesis's, not a pair of rows
 
 
 def _choice(default: str, choices: tuple[str, ...], text: str, deployed: str | None = None) -> Parameter:
     return Parameter(default, "", 0, len(choices) - 1, text, choices, deployed)
 
 
-def _start(default: float, low: float, high: float, text: str) -> Parameter:
-    return Parameter(default, "-", low, high, text, live=False)
+def _start(default: float, low: float, high: float, text: str, each: str = "") -> Parameter:
+    return Parameter(default, "-", low, high, text, live=False, each=each)
 
 
 LEAD_LAG_PARAMETERS = {
-    "gain": Parameter(10.0, "p.u./p.u.", -1000.0, 1000.0, "gain kG of the washout"),
-    "Tw": Parameter(10.0, "s", 0.01, 1000.0, "time constant of the washout"),
-    "T1": Parameter(0.0761, "s", 0.0, 100.0, "numerator of the first section"),
-    "T2": Parameter(0.3, "s", 0.001, 100.0, "denominator of the first section"),
-    "T3": Parameter(0.4272, "s", 0.0, 100.0, "numerator of the second section"),
-    "T4": Parameter(0.3, "s", 0.001, 100.0, "denominator of the second section"),
+    "gain": Parameter(10.0, "p.u./p.u.", -1000.0, 1000.0, "gain kG of the washout", each="device"),
+    "Tw": Parameter(10.0, "s", 0.01, 1000.0, "time constant of the washout", each="device"),
+    "T1": Parameter(0.0761, "s", 0.0, 100.0, "numerator of the first section", each="device"),
+    "T2": Parameter(0.3, "s", 0.001, 100.0, "denominator of the first section", each="device"),
+    "T3": Parameter(0.4272, "s", 0.0, 100.0, "numerator of the second section", each="device"),
+    "T4": Parameter(0.3, "s", 0.001, 100.0, "denominator of the second section", each="device"),
 }
 
 # Guards are off where the thesis has none; the profile `deployed` turns on what makes adaptation safe.
 NEURO_FUZZY_PARAMETERS = {
-    "scale": Parameter(0.01, "p.u.", 1e-6, 1e3, "signal that counts as one"),
-    "change_scale": Parameter(0.001, "p.u./frame", 1e-8, 1e3, "signal's change from frame to frame that counts as one"),
+    "scale": Parameter(
+        0.01, "p.u.", 1e-6, 1e3, "signal that counts as one; others: as they swing beside the first", each="signal"
+    ),
+    "change_scale": Parameter(
+        0.001, "p.u./frame", 1e-8, 1e3, "the same of a signal's change from frame to frame", each="signal"
+    ),
     "range": Parameter(3.0, "-", 0.1, 3.0, "inputs of the network are clipped to it"),
-    "weight": _start(0.5, -5.0, 5.0, "start of the consequents' weights, 1 = the device's limit"),
+    "weight": _start(0.5, -5.0, 5.0, "start of the consequents' weights, 1 = the device's limit", "device"),
     "spread": _start(0.5, 0.0, 3.0, "start of the memberships' centres, -spread and spread"),
     "width": _start(1.0, 0.2, 5.0, "start of the memberships' widths s"),
     "dilation": _start(1.0, 0.2, 10.0, "start of the wavelets' dilation nu"),
     "rate": _choice("fixed", RATES, "learning rates: fixed, or half of the Lyapunov bound times eta"),
     "eta": Parameter(0.02, "-", 0.0, 1e6, "learning rate, or its share of the best Lyapunov rate"),
     "momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the consequents"),
-    "hbar": Parameter(0.1, "-", 0.0, 100.0, "penalty on effort"),
+    "hbar": Parameter(0.1, "-", 0.0, 100.0, "penalty on effort", each="device"),
     "sensitivity": Parameter(0.0, "-", -1.0, 1.0, "sign of dy/du; 0: the plant's, as linearised", live=False),
     "dead_zone": Parameter(0.0, "-", 0.0, 10.0, "smaller errors (of scale) teach nothing; 0: off", deployed=1e-3),
     "leakage": Parameter(0.0, "1/frame", 0.0, 1.0, "share of the way back to the start each frame; 0: off"),
@@ -81,6 +96,7 @@ NEURO_FUZZY_PARAMETERS = {
     "stale": Parameter(0.0, "s", 0.0, 1e3, "older frames teach nothing; 0: off", deployed=1.0),
     "sign_guard": _choice("off", OFF_ON, "a Jacobian of the wrong sign counts as zero (indirect)", deployed="on"),
     "identifier": Parameter("ANFTSI", "", 0, 1, "network of the identifier", tuple(IDENTIFIERS), live=False),
+    "identifier_horizon": Parameter(1.0, "frames", 1.0, MOST_AHEAD, "how far the identifier looks ahead", live=False),
     "identifier_rate": _choice("lyapunov", RATES, "the identifier's learning rates"),
     "identifier_eta": Parameter(0.1, "-", 0.0, 100.0, "the identifier's learning rate, or share of the best one"),
     "identifier_momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the identifier's consequents"),
@@ -96,7 +112,8 @@ NEURO_FUZZY_PARAMETERS = {
 # What the compiled steps read: a record with a field for each parameter of any kind.
 SETTINGS = np.dtype([(name, "f8") for name in {**LEAD_LAG_PARAMETERS, **NEURO_FUZZY_PARAMETERS}])
 
-LLC = Kind("lead-lag: washout and two lead-lag sections (thesis, appendix B)", 1, 1, 6, LEAD_LAG_PARAMETERS)
+MIMO_GAIN = 5.0  # kG2 of appendix B: of every device but the first
+LLC = Kind("lead-lag: washout and two lead-lag sections (thesis, appendix B)", 1, 6, LEAD_LAG_PARAMETERS)
 CONTROLLERS = {
     "LLC": LLC,
     "LLC-tuned": LLC._replace(description="lead-lag with gain and time constants of an optimiser, one set a system"),
@@ -111,7 +128,7 @@ def _neuro_fuzzy(network: Variant) -> Kind:
     if network.antecedent == "triangular":
         own["width"] = own["width"]._replace(default=3.0)  # of 1 they would not overlap
     own["range"] = own["range"]._replace(default=1.0 if bounded else 3.0)
-    return Kind(f"neuro-fuzzy: {network.antecedent} + {network.consequent}", 1, 1, 0, own, network)
+    return Kind(f"neuro-fuzzy: {network.antecedent} + {network.consequent}", ANY, 0, own, network)
 
 
 CONTROLLERS |= {name: _neuro_fuzzy(variant) for name, variant in VARIANTS.items()}
@@ -126,12 +143,25 @@ def kind(name: str, where: str = "controller") -> Kind:
     check_known(f"{where}: antecedent", antecedent, ANTECEDENTS)
     check_known(f"{where}: consequent", consequent, CONSEQUENTS)
     wavelet = consequent in ("mexican-hat", "morlet")
-    return _neuro_fuzzy(Variant(antecedent, consequent, "ANFGuMoI" if wavelet else "ANFTSI"))
+    found = _neuro_fuzzy(Variant(antecedent, consequent, "ANFGuMoI" if wavelet else "ANFTSI"))
+    return found._replace(named=False)
 
 
-def defaults(kind: Kind, profile: str) -> dict[str, float | str]:
-    """A kind's parameters where nothing else is said."""
-    return {
+def defaults(kind: Kind, profile: str, signals: int = 1, devices: int = 1) -> dict[str, Value]:
+    """A kind's parameters where nothing else is said; of several devices appendix B's gains are 10, 5, 5 and so on."""
+    found: dict[str, Value] = {
         name: p.deployed if profile == "deployed" and p.deployed is not None else p.default
         for name, p in kind.parameters.items()
     }
+    if kind.network is None and devices > 1:
+        found["gain"] = [float(found["gain"]), *[MIMO_GAIN] * (devices - 1)]  # type: ignore[arg-type]
+    if kind.network is not None and signals * devices > 1:
+        found["identifier"] = "ANFTSI"  # the one of chapter 6
+    return found
+
+
+def network_of(kind: Kind, devices: int) -> Variant | None:
+    """A kind's network; with several devices the named ones of the thesis have affine consequents (6.4)."""
+    if kind.network is None or devices == 1 or not kind.named:
+        return kind.network
+    return kind.network._replace(consequent=MIMO_FORM.get(kind.network.consequent, kind.network.consequent))

@@ -19,6 +19,8 @@ from facts_damping.neurofuzzy.table import (
     WAVELETS,
 )
 
+LONG = 64  # entries from which on a sum is formed in parts
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -30,15 +32,16 @@ def consequent(
     theta: NDArray[np.float64],
     x: NDArray[np.float64],
     firing: float,
-    waves: NDArray[np.float64],
+    terms: NDArray[np.float64],
     slope: NDArray[np.float64],
     by_input: NDArray[np.float64],
 ) -> tuple[float, float, float]:
     """Consequent zeta of a rule and output, its weight beside the firing strength, its derivative by that strength.
 
     Derivatives of zeta by `theta` go into `slope` (for `sam` that by the volume is left zero), by the inputs into
-    `by_input`. `waves` are the inputs' harmonics, for `fourier`. Sources: control laws (3.13) to (3.30), (6.4); the
-    derivatives are checked by differences.
+    `by_input`; but for `fourier`, whose derivatives by `theta` are its `terms` (`fourier_terms`), and which has many by
+    the inputs (`fourier_by_input`). Sources: control laws (3.13) to (3.30), (6.4); the derivatives are checked by
+    differences.
     """
     by_input[:] = 0.0
     if kind == SINGLETON:
@@ -54,7 +57,7 @@ def consequent(
         slope[0], slope[1] = 1.0, 0.0
         return theta[0], theta[1], 0.0
     if kind == FOURIER:
-        return _fourier(theta, waves, x.size, slope, by_input), 1.0, 0.0
+        return dot(0.0, theta, terms), 1.0, 0.0
     if kind in (MEXICAN_HAT, MORLET):
         return _wavelets(kind, theta, x, slope, by_input), 1.0, 0.0
     if kind == LEGENDRE:
@@ -76,29 +79,48 @@ def harmonics(x: float, wave: NDArray[np.float64]) -> None:
 
 
 @compiled
-def _fourier(
-    theta: NDArray[np.float64],
-    waves: NDArray[np.float64],
-    inputs: int,
-    slope: NDArray[np.float64],
-    by_input: NDArray[np.float64],
-) -> float:
-    """W . kron_i [1, sin x_i, cos x_i, sin 2 x_i, cos 2 x_i]."""
-    value = 0.0
+def dot(start: float, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """`start` + a . b, in four partial sums where it is long: they need not wait for each other."""
+    if a.size < LONG:
+        for i in range(a.size):
+            start += a[i] * b[i]
+        return start
+    second = third = fourth = 0.0
+    whole = a.size // 4 * 4
+    for i in range(0, whole, 4):
+        start += a[i] * b[i]
+        second += a[i + 1] * b[i + 1]
+        third += a[i + 2] * b[i + 2]
+        fourth += a[i + 3] * b[i + 3]
+    for i in range(whole, a.size):
+        start += a[i] * b[i]
+    return (start + second) + (third + fourth)
+
+
+@compiled
+def fourier_terms(waves: NDArray[np.float64], terms: NDArray[np.float64]) -> None:
+    """kron_i [1, sin x_i, cos x_i, sin 2 x_i, cos 2 x_i] of the inputs' harmonics, (5 ** inputs,)."""
+    terms[0] = 1.0
+    size = 1
+    for i in range(waves.shape[0] - 1, -1, -1):
+        for h in range(HARMONICS - 1, -1, -1):
+            for t in range(size):
+                terms[h * size + t] = terms[t] * waves[i, h, 0]
+        size *= HARMONICS
+
+
+@compiled
+def fourier_by_input(theta: NDArray[np.float64], waves: NDArray[np.float64], by_input: NDArray[np.float64]) -> None:
+    """Derivatives of W . kron_i [...] by the inputs."""
+    inputs = waves.shape[0]
+    by_input[:] = 0.0
     for term in range(theta.size):
-        product, rest = 1.0, term
-        for i in range(inputs - 1, -1, -1):
-            product *= waves[i, rest % HARMONICS, 0]
-            rest //= HARMONICS
-        slope[term] = product
-        value += theta[term] * product
         for k in range(inputs):
             product, rest = theta[term], term
             for i in range(inputs - 1, -1, -1):
                 product *= waves[i, rest % HARMONICS, 1 if i == k else 0]
                 rest //= HARMONICS
             by_input[k] += product
-    return value
 
 
 @compiled

@@ -8,11 +8,12 @@ with ec_p the adaptation error of output p. Momentum is for consequents only (4.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.neurofuzzy.consequent import dot
 from facts_damping.neurofuzzy.network import Network, Pass, backward, forward, network, shapes
 from facts_damping.neurofuzzy.start import groups, slots
 
@@ -48,6 +49,7 @@ class Learner(NamedTuple):
     group: NDArray[np.int64]  # (parameters,), index of each parameter's group
     squares: NDArray[np.float64]  # (outputs, groups), squared norms of the gradients
     rate: NDArray[np.float64]  # (outputs, groups), learning rates of the last step
+    moved: NDArray[np.float64]  # (outputs,), what the last step changes the outputs by, to first order
     x: NDArray[np.float64]  # (inputs,)
     passed: Pass
 
@@ -70,6 +72,7 @@ def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> 
         group=room(sizes).astype(np.int64),
         squares=room(kinds),
         rate=room(kinds),
+        moved=room([(net.outputs,) for net in sized]),
         x=room([(net.inputs,) for net in sized]),
         passed=Pass(*(room(shape) for shape in zip(*(shapes(net) for net in sized), strict=True))),
     )
@@ -96,6 +99,7 @@ def one(several: Learner, i: int, net: Network) -> Learner:
         several.group[i, :size],
         several.squares[i],
         several.rate[i],
+        several.moved[i],
         several.x[i, : net.inputs],
         Pass(
             p.mu[i],
@@ -112,13 +116,14 @@ def one(several: Learner, i: int, net: Network) -> Learner:
             p.by_theta[i],
             p.by_input[i],
             p.harmonics[i],
+            p.terms[i],
         ),
     )
 
 
 @compiled
 def infer(net: Network, own: Learner) -> None:
-    """Output and gradients at the inputs `own.x`, into `own.passed`."""
+    """Output and its gradients by the parameters at the inputs `own.x`, into `own.passed`."""
     forward(net, own.theta, own.x, own.passed)
     backward(net, own.passed)
 
@@ -135,10 +140,17 @@ def _rates(net: Network, own: Learner, rule: Rule, curvature: NDArray[np.float64
         own.rate[:] = rule.eta
         return
     own.squares[:] = 0.0
+    antecedents = net.inputs * net.rules * net.stored
     for o in range(net.outputs):
-        for f in range(own.theta.size):
-            g = own.passed.by_theta[o, f]
-            own.squares[o, own.group[f] if rule.rate == LYAPUNOV_GROUPS else 0] += g * g
+        if rule.rate == LYAPUNOV_GROUPS:
+            for f in range(own.theta.size):
+                own.squares[o, own.group[f]] += own.passed.by_theta[o, f] ** 2
+            continue
+        total = _square(0.0, own.passed.by_theta[o], 0, antecedents)
+        for j in range(net.rules):
+            at = antecedents + (j * net.outputs + o) * net.width
+            total = _square(total, own.passed.by_theta[o], at, at + net.width)
+        own.squares[o, 0] = total
     for g in range(own.rate.shape[1]):
         root = 0.0
         for o in range(net.outputs):
@@ -161,18 +173,38 @@ def learn(
     """
     _rates(net, own, rule, curvature)
     antecedents = net.inputs * net.rules * net.stored
-    total = 0.0
-    for f in range(own.theta.size):
-        step = 0.0
+    for f in range(antecedents):
+        own.change[f] = 0.0
         for o in range(net.outputs):
-            step += own.rate[o, own.group[f]] * error[o] * own.passed.by_theta[o, f]
-        if f >= antecedents:
-            step += rule.momentum * own.change[f]
-        own.change[f] = step
-        total += step * step
+            own.change[f] += own.rate[o, own.group[f]] * error[o] * own.passed.by_theta[o, f]
+    for j in range(net.rules):
+        for o in range(net.outputs):
+            at = antecedents + (j * net.outputs + o) * net.width
+            for f in range(at, at + net.width):
+                by = own.rate[o, own.group[f]] * error[o] * own.passed.by_theta[o, f]
+                own.change[f] = by + rule.momentum * own.change[f]
+    total = _square(0.0, own.change, 0, own.change.size)
     share = 1.0
     if rule.clip > 0.0 and total > rule.clip * rule.clip:
         share = rule.clip / math.sqrt(total)
+    _move(own, rule, share)
+    for o in range(net.outputs):
+        own.moved[o] = dot(0.0, own.passed.by_theta[o, :antecedents], own.change[:antecedents])
+        for j in range(net.rules):
+            at = antecedents + (j * net.outputs + o) * net.width
+            end = at + net.width
+            own.moved[o] = dot(own.moved[o], own.passed.by_theta[o, at:end], own.change[at:end])
+
+
+@compiled
+def _square(start: float, a: NDArray[np.float64], first: int, end: int) -> float:
+    """`start` and the squared norm of a part."""
+    return dot(start, a[first:end], a[first:end])
+
+
+@compiled
+def _move(own: Learner, rule: Rule, share: float) -> None:
+    """Move the parameters by a share of `own.change`, and write there by how much they did."""
     for f in range(own.theta.size):
         before = own.theta[f]
         after = before + share * own.change[f] - rule.leakage * (before - own.start[f])
@@ -180,3 +212,26 @@ def learn(
             after = min(max(after, own.low[f]), own.high[f])
         own.theta[f] = after
         own.change[f] = after - before
+
+
+@compiled
+def rates_told(
+    net: Network,
+    own: Learner,
+    lyapunov: NDArray[np.float64],
+    tick: int,
+    controller: int,
+    identifier: int,
+    out: NDArray[Any],
+    first: int,
+) -> int:
+    """Rows of LEARNING into `out` from `first` on; the index after the last. `lyapunov`: the function and its fall."""
+    groups = own.group[own.group.size - 1] + 1  # they are numbered as they appear: the last one's last
+    for o in range(net.outputs):
+        for g in range(groups):
+            row = out[first]
+            row.tick, row.controller, row.identifier = tick, controller, identifier
+            row.output, row.group, row.rate = o, g, own.rate[o, g]
+            row.lyapunov, row.fall = lyapunov[0], lyapunov[1]
+            first += 1
+    return first

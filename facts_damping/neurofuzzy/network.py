@@ -14,7 +14,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled
 from facts_damping.neurofuzzy.antecedent import membership
-from facts_damping.neurofuzzy.consequent import consequent, harmonics
+from facts_damping.neurofuzzy.consequent import consequent, fourier_by_input, fourier_terms, harmonics
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, FOURIER, HARMONICS, SAM
 
 if TYPE_CHECKING:
@@ -57,12 +57,19 @@ class Pass(NamedTuple):
     by_theta: NDArray[np.float64]  # (outputs, parameters)
     by_input: NDArray[np.float64]  # (outputs, inputs)
     harmonics: NDArray[np.float64]  # (inputs, 5, 2): sines and cosines of the inputs and their derivatives
+    terms: NDArray[np.float64]  # (5 ** inputs,) of `fourier`
 
 
 def network(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> Network:
     """The shape of a network of two rows of the tables."""
     first, second = ANTECEDENTS[antecedent], CONSEQUENTS[consequent]
     return Network(first.code, second.code, inputs, rules, outputs, len(first.slots), len(second.slots(inputs)))
+
+
+@compiled
+def shape_of(row: NDArray[np.int64]) -> Network:
+    """A network's shape from a row of numbers."""
+    return Network(row[0], row[1], row[2], row[3], row[4], row[5], row[6])
 
 
 def counted(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> int:
@@ -74,9 +81,10 @@ def counted(antecedent: str, consequent: str, inputs: int, rules: int, outputs: 
 def shapes(net: Network) -> tuple[tuple[int, ...], ...]:
     """Shapes of the arrays of a pass."""
     m, n, k = net.inputs, net.rules, net.outputs
+    terms = HARMONICS**m if net.consequent == FOURIER else 1
     return (
         *((m, n), (m, n), (m, n, net.stored), (n,), (k,), (n, k), (n, k), (n, k)),
-        *((n, k, net.width), (n, k, m), (k,), (k, net.size), (k, m), (m, HARMONICS, 2)),
+        *((n, k, net.width), (n, k, m), (k,), (k, net.size), (k, m), (m, HARMONICS, 2), (terms,)),
     )
 
 
@@ -98,6 +106,7 @@ def forward(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64], p:
     if net.consequent == FOURIER:
         for i in range(net.inputs):
             harmonics(x[i], p.harmonics[i])
+        fourier_terms(p.harmonics[: net.inputs], p.terms[: net.width])
     first = net.inputs * net.rules * net.stored
     for o in range(net.outputs):
         total = weighted = 0.0
@@ -105,7 +114,7 @@ def forward(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64], p:
             at = first + (j * net.outputs + o) * net.width
             own = theta[at : at + net.width]
             zeta, volume, by_firing = consequent(
-                net.consequent, own, x, p.firing[j], p.harmonics, p.zeta_by_theta[j, o], p.zeta_by_x[j, o]
+                net.consequent, own, x, p.firing[j], p.terms[: net.width], p.zeta_by_theta[j, o], p.zeta_by_x[j, o]
             )
             p.zeta[j, o], p.volume[j, o], p.zeta_by_firing[j, o] = zeta, volume, by_firing
             total += p.firing[j] * volume
@@ -116,28 +125,58 @@ def forward(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64], p:
 
 @compiled
 def backward(net: Network, p: Pass) -> None:
-    """Gradients of all outputs at the last forward pass, into `p.by_theta` and `p.by_input`; zero if nothing fires."""
-    p.by_theta[:] = 0.0
-    p.by_input[:] = 0.0
+    """Gradients of all outputs by the parameters at the last forward pass, into `p.by_theta`; zero if nothing fires.
+
+    What stands there for consequents of other outputs is zero from the beginning.
+    """
     first = net.inputs * net.rules * net.stored
     for o in range(net.outputs):
-        if not p.total[o] > FLOOR:  # also where it is not a number
-            continue
+        p.by_theta[o, :first] = 0.0
+        fires = p.total[o] > FLOOR  # not where it is not a number
         for j in range(net.rules):
-            share = p.firing[j] * p.volume[j, o] / p.total[o]
+            share = p.firing[j] * p.volume[j, o] / p.total[o] if fires else 0.0
             apart = p.zeta[j, o] - p.output[o]
             at = first + (j * net.outputs + o) * net.width
+            slopes = p.terms if net.consequent == FOURIER else p.zeta_by_theta[j, o]
             for w in range(net.width):
-                p.by_theta[o, at + w] = share * p.zeta_by_theta[j, o, w]
+                p.by_theta[o, at + w] = share * slopes[w] if fires else 0.0
+            if not fires:
+                continue
             if net.consequent == SAM:
                 p.by_theta[o, at + 1] = p.firing[j] * apart / p.total[o]
             by_firing = p.volume[j, o] * apart / p.total[o] + share * p.zeta_by_firing[j, o]
             for i in range(net.inputs):
-                others = by_firing  # dF_j / dmu_ij: the product of the rule's other memberships
-                for k in range(net.inputs):
-                    if k != i:
-                        others *= p.mu[k, j]
+                others = by_firing * _others(net, p, i, j)
                 place = (i * net.rules + j) * net.stored
                 for s in range(net.stored):
                     p.by_theta[o, place + s] += others * p.mu_by_theta[i, j, s]
+
+
+@compiled
+def _others(net: Network, p: Pass, i: int, j: int) -> float:
+    """dF_j / dmu_ij: the product of the rule's other memberships."""
+    product = 1.0
+    for k in range(net.inputs):
+        if k != i:
+            product *= p.mu[k, j]
+    return product
+
+
+@compiled
+def by_inputs(net: Network, theta: NDArray[np.float64], p: Pass) -> None:
+    """Derivatives of all outputs by the inputs at the last forward pass, into `p.by_input`; zero if nothing fires."""
+    first = net.inputs * net.rules * net.stored
+    p.by_input[:] = 0.0
+    for o in range(net.outputs):
+        if not p.total[o] > FLOOR:
+            continue
+        for j in range(net.rules):
+            at = first + (j * net.outputs + o) * net.width
+            if net.consequent == FOURIER:
+                waves = p.harmonics[: net.inputs]
+                fourier_by_input(theta[at : at + net.width], waves, p.zeta_by_x[j, o])
+            share = p.firing[j] * p.volume[j, o] / p.total[o]
+            by_firing = p.volume[j, o] * (p.zeta[j, o] - p.output[o]) / p.total[o] + share * p.zeta_by_firing[j, o]
+            for i in range(net.inputs):
+                others = by_firing * _others(net, p, i, j)
                 p.by_input[o, i] += others * p.mu_by_x[i, j] + share * p.zeta_by_x[j, o, i]

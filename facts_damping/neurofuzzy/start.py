@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 class Start(NamedTuple):
     """Where the rules start: an entry an input, but for the weight."""
 
-    weight: float  # of the consequents: -weight in the first rule, weight in the last
+    weight: Sequence[float] | NDArray[np.float64]  # (outputs,), of the consequents: -weight to weight
     spread: Sequence[float] | NDArray[np.float64]  # centres h of the memberships: -spread to spread
     width: Sequence[float] | NDArray[np.float64]  # s of the memberships
     shift: Sequence[float] | NDArray[np.float64]  # tau of wavelets: -shift to shift
@@ -58,7 +58,7 @@ def initial(net: Network, start: Start) -> NDArray[np.float64]:
     """Parameters at the start, shape (net.size,), within their bounds."""
     sides = np.linspace(-1.0, 1.0, net.rules) if net.rules > 1 else np.zeros(1)
     members = [_membership(net, side * start.spread[i], start.width[i]) for i in range(net.inputs) for side in sides]
-    rules = [_consequent(net, side, start) for side in sides for _ in range(net.outputs)]
+    rules = [_consequent(net, side, start, o) for side in sides for o in range(net.outputs)]
     theta = np.concatenate([*members, *rules])
     own = slots(net)
     return np.asarray(np.clip(theta, [slot.low for slot in own], [slot.high for slot in own]))
@@ -72,9 +72,9 @@ def _membership(net: Network, centre: float, width: float) -> NDArray[np.float64
     return np.array([centre, width])
 
 
-def _consequent(net: Network, side: float, start: Start) -> NDArray[np.float64]:
+def _consequent(net: Network, side: float, start: Start, output: int) -> NDArray[np.float64]:
     """Parameters of one rule's consequent for one output."""
-    weight = side * start.weight
+    weight = side * start.weight[output]
     made = np.zeros(net.width)
     made[0] = weight
     if net.consequent == SAM:

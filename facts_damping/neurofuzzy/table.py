@@ -76,6 +76,10 @@ CONSEQUENTS = {
 IDENTIFIERS = {"ANFTSI": ("gaussian", "singleton"), "ANFGuMoI": ("gaussian", "morlet")}
 
 
+# Consequents of the thesis's networks where there are several outputs (6.4), (6.9).
+MIMO_FORM = {"singleton": "affine"}
+
+
 class Variant(NamedTuple):
     """A network of the thesis (tables C.1, C.2): antecedent, consequent, identifier that goes with it."""
 

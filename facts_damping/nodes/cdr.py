@@ -38,11 +38,11 @@ _STAMP, _TICK = struct.Struct("<iI"), struct.Struct("<Q")
 _SEQUENCE = re.compile(r"sequence<(.+)>")
 
 
-def places(message: Any) -> tuple[dict[str, tuple[int, str]], list[int]]:
+def places(message: Any) -> tuple[dict[str, tuple[int, str]], list[int], int]:
     """Where things stand in the stream, after the encapsulation.
 
     Offset and format of every number, by path ("frames.0.tick"); offsets of all bytes that make out the
-    shape: strings, their lengths, and those of sequences. What lies between is padding.
+    shape: strings, their lengths, and those of sequences. What lies between is padding. At last the stream's end.
     """
     numbers: dict[str, tuple[int, str]] = {}
     shape: list[int] = []
@@ -55,7 +55,7 @@ def places(message: Any) -> tuple[dict[str, tuple[int, str]], list[int]]:
             shape += range(start, end)
         else:
             numbers[path] = (start, FORMATS[kind])
-    return numbers, shape
+    return numbers, shape, end
 
 
 def _fields(message: Any, prefix: str) -> Iterator[tuple[str, str, Any]]:
@@ -91,12 +91,13 @@ class Template:
     def __init__(self, message: Any) -> None:
         """Lay out `message`; its numbers may be changed later, its strings and lengths may not."""
         serialised = np.frombuffer(serialize_message(message), np.uint8)
-        self._places, shape = places(message)
+        self._places, shape, end = places(message)
         self._shape = np.array(shape) + HEADER
         self._constant = serialised[self._shape].tobytes()
         self._tick = HEADER + self._places["tick"][0]
         # Padding is zero, between fields and at the end, where DDS fills up a word: equal runs, equal bytes.
-        self._buffer = bytearray(_words(len(serialised)))
+        # (rclpy leaves room after empty sequences that the stream does not need.)
+        self._buffer = bytearray(_words(HEADER + end))
         kept = np.frombuffer(self._buffer, np.uint8)
         used = [np.arange(offset, offset + int(form[1])) + HEADER for offset, form in self._places.values()]
         for part in (np.arange(HEADER), self._shape, *used):
@@ -124,7 +125,7 @@ class Template:
 
     def fits(self, data: bytes) -> bool:
         """Whether `data` is a message of this shape: equal but for its numbers (and what pads it)."""
-        if _words(len(data)) != len(self._buffer):
+        if _words(len(data)) < len(self._buffer):
             return False
         return bool(np.frombuffer(data, np.uint8)[self._shape].tobytes() == self._constant)
 

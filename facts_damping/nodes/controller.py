@@ -32,7 +32,7 @@ class ControllerNode:
         self.controller = self.case.controllers[self.index]
         self.bank, self.state, _, _ = build_control(self.case)
         names = [name for name in self.controller.parameters if not name.startswith("identifier_")]
-        declare_settings(node, self.controller, names, self.bank.settings[self.index])
+        declare_settings(node, self.controller, names, self.bank.settings[self.index], self.bank.swing[self.index])
         address = controller_addresses(self.case)[self.index]
         self.name, graph = address.name, graph_prefix(node, address)
         link = link_addresses(self.case)[self.case.used_links[self.index]]

@@ -39,9 +39,10 @@ class IdentifierNode:
         graph = graph_prefix(node, address)
         self.controller = self.case.controllers[self.index]
         self.own = list(addresses).index(self.index)
-        _, _, self.identifiers, self.state = build_control(self.case)
+        bank, _, self.identifiers, self.state = build_control(self.case)
         own = [n for n in self.controller.parameters if n.startswith("identifier_")]
-        declare_settings(node, self.controller, own + SHARED, self.identifiers.settings[self.own])
+        rows, swing = self.identifiers.settings[self.own], bank.swing[self.index]
+        declare_settings(node, self.controller, own + SHARED, rows, swing)
         sender = str(controller_addresses(self.case)[self.index])
         self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
         self.estimates = Estimates(self.case, self.index)
@@ -78,7 +79,7 @@ class IdentifierNode:
             remember(self.identifiers, self.state, self.own, rows, len(rows))
         identify(self.identifiers, self.state, self.own, delivered, len(delivered))
         tell(self.identifiers, self.state, self.own, tick, self.rows, 0)
-        publish(self.to_controller, self.estimates.fill(tick, self.rows))
+        publish(self.to_controller, self.estimates.fill(tick, self.rows, self.state, self.own))
 
 
 def main() -> None:

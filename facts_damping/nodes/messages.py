@@ -23,7 +23,7 @@ from facts_damping.control.bank import network_of
 from facts_damping.errors import RunError
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.nodes.cdr import Template, read
-from facts_damping.parts import controller_names, identifier_names
+from facts_damping.parts import controller_names, identifier_names, identifier_network
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from facts_damping.configuration import Case
     from facts_damping.control.bank import BankState
+    from facts_damping.control.identifier import IdentifierState
 
 
 class Truth:
@@ -89,6 +90,7 @@ class Inner:
         )
         self._index, self._devices, self._groups = index, devices, len(names)
         self._flags = t.index(["fresh"]), t.index(["learnt"])
+        self._lyapunov = t.index(["lyapunov", "lyapunov_fall"])
         sizes = {
             **dict.fromkeys(("unlimited_outputs", "outputs", "saturated"), devices),
             "inputs": signals,
@@ -116,6 +118,7 @@ class Inner:
             t.write(fields["firing_strengths"], learner.passed.firing[c, : net.rules])
             t.write(fields["parameter_norms"], np.sqrt(squares))
             t.write(fields["learning_rates"], learner.rate[c, : net.outputs, : self._groups].ravel())
+            t.write(self._lyapunov, state.memory.lyapunov[c])
         return t.data()
 
 
@@ -126,6 +129,8 @@ class Estimates:
         """Lay out the signals and devices of the controller that it serves."""
         controller = case.controllers[index]
         self._shape = p, q = len(controller.signals), len(controller.devices)
+        names = groups(identifier_network(controller)) if controller.scheme == "indirect" else []
+        self._groups = len(names)
         self._template = t = Template(
             JacobianEstimate(
                 identifier=identifier_names(case)[index],
@@ -134,18 +139,24 @@ class Estimates:
                 jacobian=[0.0] * (p * q),
                 prediction=[0.0] * p,
                 error=[0.0] * p,
+                parameter_groups=names,
+                learning_rates=[0.0] * (p * len(names)),
             )
         )
+        self._rates = t.index(f"learning_rates.{i}" for i in range(p * len(names)))
+        self._lyapunov = t.index(["lyapunov", "lyapunov_fall"])
         self._jacobian = t.index(f"jacobian.{i}" for i in range(p * q))
         self._prediction, self._error = (t.index(f"{name}.{i}" for i in range(p)) for name in ("prediction", "error"))
 
-    def fill(self, tick: int, rows: NDArray[Any]) -> bytes:
-        """Message of a tick's estimates (ESTIMATE), signal by signal."""
+    def fill(self, tick: int, rows: NDArray[Any], state: IdentifierState, n: int) -> bytes:
+        """Message of a tick's estimates (ESTIMATE), signal by signal, and of how identifier n learns."""
         t = self._template
         t.write_head(int(rows["measured_ns"][0]), tick)
         t.write(self._jacobian, rows["jacobian"])
         t.write(self._prediction, rows["prediction"][:: self._shape[1]])
         t.write(self._error, rows["error"][:: self._shape[1]])
+        t.write(self._rates, state.learner.rate[n, : self._shape[0], : self._groups].ravel())
+        t.write(self._lyapunov, state.lyapunov[n])
         return t.data()
 
     def read(self, data: bytes) -> tuple[int, NDArray[Any]]:

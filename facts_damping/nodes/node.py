@@ -66,7 +66,7 @@ def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Opt
             for subscription in node.subscriptions
             if node.count_publishers(subscription.topic_name) < 1
         ]
-        refuse_others(node, [*(s.topic_name for s in node.subscriptions), *(p.topic_name for p in expected)])
+        refuse_others(node, [s.topic_name for s in node.subscriptions] + [p.topic_name for p in expected])
         if not missing:
             return
         if time.monotonic() > deadline:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,15 +11,18 @@ from annotated_types import Ge, Gt, Le, Lt
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
-from facts_damping.configuration import Case, load_case
+from facts_damping.configuration import Case, check_parameter, load_case
+from facts_damping.control.bank import put
 from facts_damping.control.table import kind
-from facts_damping.errors import InputError, check_known
+from facts_damping.errors import InputError
 from facts_damping.files import check_writable, dump, write_whole
 from facts_damping.parameters.run import Controller, Run, Weights
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    import numpy as np
+    from numpy.typing import NDArray
     from pydantic.fields import FieldInfo
     from rclpy.node import Node
 
@@ -102,37 +106,44 @@ def read_options(node: Node) -> Options:
     return options
 
 
-def declare_settings(node: Node, controller: Controller, names: list[str], row: Any) -> None:
-    """Declare parameters of a controller or its identifier; those that are safe to change may, into `row` (SETTINGS).
+def declare_settings(
+    node: Node, controller: Controller, names: list[str], rows: NDArray[Any], swing: NDArray[np.float64]
+) -> None:
+    """Declare parameters of a controller or its identifier; those that are safe to change may, into `rows` (SETTINGS).
 
-    Raises `InputError` where one that shapes the start differs from the run's: other nodes would not know.
+    `swing` is that of the signals (control/bank.py). Raises `InputError` for a value that is not allowed, and where one
+    that shapes the start differs from the run's: other nodes would not know.
     """
-    rows = kind(controller.name).parameters
+    table = kind(controller.name).parameters
+    counts = {"signal": len(controller.signals), "device": len(controller.devices)}
     for name in names:
-        p = rows[name]
+        p = table[name]
         text = f"{p.description}: {', '.join(p.choices)}" if p.choices else p.description
         low, high = (None, None) if p.choices else (p.low, p.high)
-        made = descriptor(text, p.unit, low, high, read_only=not p.live)
         wanted = controller.parameters[name]
-        given: Any = node.declare_parameter(name, wanted, made).value
+        given = plain(node.declare_parameter(name, wanted, descriptor(text, p.unit, low, high, not p.live)).value)
         if given != wanted and not p.live:
             raise InputError(f"{name}: {given} given; allowed: the run's {wanted}, or set: controllers.<i>.parameters")
-        if p.choices:
-            check_known(name, given, p.choices)
-        row[name] = p.number(given)
+        check_parameter(name, name, given, table, counts)
+        put(rows, name, p, given, swing)
 
     def change(changed: list[Parameter[Any]]) -> SetParametersResult:
-        own = [one for one in changed if one.name in names]
-        for one in own:
-            choices = rows[one.name].choices
-            if choices and one.value not in choices:
-                reason = f"{one.name}: {one.value} given; allowed: {', '.join(choices)}"
-                return SetParametersResult(successful=False, reason=reason)
-        for one in own:
-            row[one.name] = rows[one.name].number(one.value)
+        own = [(one.name, plain(one.value)) for one in changed if one.name in names]
+        try:
+            for name, value in own:
+                check_parameter(name, name, value, table, counts)
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        for name, value in own:
+            put(rows, name, table[name], value, swing)
         return SetParametersResult(successful=True)
 
     node.add_on_set_parameters_callback(change)
+
+
+def plain(value: Any) -> Any:
+    """A parameter's value as YAML has it: rclpy gives numbers of a list in an array."""
+    return value.tolist() if isinstance(value, array) else value
 
 
 def read_index(node: Node, allowed: Iterable[int], what: str = "controllers") -> int:

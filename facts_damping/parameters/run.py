@@ -137,7 +137,9 @@ class Controller(Model):
     devices: list[Name] = Field(["sssc"], min_length=1, description="installed devices that it commands")
     signals: list[Name] = Field(["speed"], min_length=1, description="signals of the system that it is given")
     profile: Literal["deployed", "thesis"] = Field("deployed", description="guards of adaptation: on, or all off")
-    parameters: dict[str, float | str] = Field({}, description="its parameters where they differ from the table's")
+    parameters: dict[str, float | str | list[float]] = Field(
+        {}, description="its parameters where they differ from the table's; a list has an entry a signal or device"
+    )
     weights: str | Weights | None = Field(None, description="file of adapted weights to start from, or these inline")
     link: str | dict[str, Any] | None = Field(
         None, description="a link of its own: name under config/links, path, or a link inline; none: the run's"
@@ -153,6 +155,11 @@ class Controller(Model):
             raise ValueError(f"'{namespace}' given; allowed: one that is not named as a controller, such as area_1")
         return namespace
 
+    def number(self, name: str) -> float:
+        """A parameter that is a number; of a list the first."""
+        value = self.parameters[name]
+        return float(value[0] if isinstance(value, list) else value)
+
 
 class TunedController(Model):
     """Parameters that a search has chosen for a controller, and what they reached in training."""
@@ -160,7 +167,7 @@ class TunedController(Model):
     name: Name
     scheme: Literal["direct", "indirect"] | None = None
     objective: float = Field(..., description="what the search made small (docs/controllers.md)")
-    parameters: dict[str, float | str]
+    parameters: dict[str, float | str | list[float]]
 
 
 class Tuned(Model):

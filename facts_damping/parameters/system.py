@@ -29,11 +29,21 @@ class Station(Model):
 
 
 class Signal(Model):
-    """A measured signal: a weighted sum of one channel over stations, or its deviation from the start."""
+    """A measured signal: a weighted sum of one channel over stations, or its deviation from the start.
+
+    A washout s T / (1 + s T) takes away what stays; with T far below the period of a swing it is its rate of change.
+    """
 
     channel: Literal["voltage_magnitude", "voltage_angle", "speed_deviation", "active_power", "reactive_power"]
     weights: dict[Name, float] = Field(..., min_length=1, description="station: weight")
     deviation: bool = Field(False, description="true: minus the first value that is received")
+    washout: float = quantity(0.0, "s", "time constant of the washout; 0: none", ge=0, le=1e3)
+
+    @model_validator(mode="after")
+    def _angles_differ(self) -> Signal:
+        if self.channel == "voltage_angle" and abs(sum(self.weights.values())) > 1e-9:
+            raise ValueError("angles have a meaning against each other alone: the weights must sum to zero")
+        return self
 
 
 class Measures(Model):

@@ -27,17 +27,25 @@ COMMON_SHARE = 0.2  # the same for one in which all machines move together: gove
 
 
 class LinearModel(NamedTuple):
-    """dx = A x + B u, y = C x + D u, deviations from the start: u the devices' references, y the signals, p.u."""
+    """dx = A x + B u, y = C x + D u, deviations from the start: u the devices' references, y the signals, p.u.
+
+    y is what stands before the signals' washouts.
+    """
 
     A: NDArray[np.float64]  # (states, states), 1/s
     B: NDArray[np.float64]  # (states, devices)
     C: NDArray[np.float64]  # (signals, states)
     D: NDArray[np.float64]  # (signals, devices)
+    washout: NDArray[np.float64]  # (signals,), time constants, s; 0: none
 
     def response(self, s: complex) -> NDArray[np.complex128]:
-        """Transfer function C (s I - A)^-1 B + D at a complex frequency (1/s), shape (signals, devices)."""
+        """Transfer function F (C (s I - A)^-1 B + D) at a complex frequency (1/s), shape (signals, devices)."""
         states = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B)
-        return np.asarray(self.C @ states + self.D)
+        return np.asarray(self.washed(s)[:, None] * (self.C @ states + self.D))
+
+    def washed(self, s: complex) -> NDArray[np.complex128]:
+        """Washouts F = s T / (1 + s T) of all signals at a complex frequency (1/s); 1 where there is none."""
+        return np.where(self.washout > 0.0, s * self.washout / (1.0 + s * self.washout), 1.0 + 0j)
 
 
 class Residue(NamedTuple):
@@ -117,7 +125,7 @@ def linear_model(built: Built, signals: Mapping[str, Signal], stations: Sequence
     A, B = linearise(built)
     C = _central(lambda x: seen(x, state.reference), state.x)
     D = _central(lambda reference: seen(state.x, reference), state.reference)
-    return LinearModel(A, B, C, D)
+    return LinearModel(A, B, C, D, np.array([signal.washout for signal in signals.values()]))
 
 
 def _weights(signal: Signal, stations: Sequence[str]) -> NDArray[np.float64]:
@@ -139,7 +147,7 @@ def modes(
 
     Frequency |Im| / (2 pi), damping ratio -Re / |lambda|; participation |w_k v_k| of state k, left times
     right eigenvector, scaled to sum one (Kundur 1994, 12.2). With a linear model of the system's signals the
-    residues (C v)(w B) of the electromechanical modes too, w scaled to w v = 1 (12.3.4).
+    residues F (C v)(w B) of the electromechanical modes too, w scaled to w v = 1 (12.3.4), F the signals' washouts.
     """
     values, left, right = eig(matrix, left=True, right=True)
     found = []
@@ -156,7 +164,8 @@ def modes(
         label = _label(_swing_share(names, share), shape, system)
         residues = []
         if model is not None and system is not None and label not in ("common", "control"):
-            matrix_of_residues = np.outer(model.C @ v, w @ model.B) / (w @ v)
+            seen = model.washed(values[i]) * (model.C @ v)
+            matrix_of_residues = np.outer(seen, w @ model.B) / (w @ v)
             residues = _residues(matrix_of_residues, list(system.signals), devices)
         frequency = float(values[i].imag / (2 * np.pi))
         found.append(Mode(complex(values[i]), frequency, ratio, listed, label, shape, residues))
@@ -230,7 +239,10 @@ class TransferFunction(NamedTuple):
 
 
 def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequence[str]) -> list[TransferFunction]:
-    """Zeros and gains from each device to each signal: zeros where [A - s I, B; C, D] is singular; poles are A's."""
+    """Zeros and gains from each device to each signal: zeros where [A - s I, B; C, D] is singular; poles are A's.
+
+    A washout adds a zero at 0 and a pole at -1 / T.
+    """
     poles = np.linalg.eigvals(model.A)
     n = len(model.A)
     right = np.diag([1.0] * n + [0.0])
@@ -241,8 +253,10 @@ def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequ
             D = model.D[s, d] if abs(model.D[s, d]) > 1e-7 else 0.0  # below: round-off of the differences
             pencil = np.block([[model.A, model.B[:, [d]]], [model.C[[s]], np.array([[D]])]])
             values = eig(pencil, right, right=False)
-            zeros = values[np.isfinite(values) & (np.abs(values) < 1e6)]
+            zeros, own = values[np.isfinite(values) & (np.abs(values) < 1e6)], poles
+            if model.washout[s] > 0.0:
+                zeros, own = np.append(zeros, 0.0), np.append(poles, -1.0 / model.washout[s])
             value = model.response(probe)[s, d]
-            gain = value * np.prod(probe - poles) / np.prod(probe - zeros)
+            gain = value * np.prod(probe - own) / np.prod(probe - zeros)
             found.append(TransferFunction(device, signal, float(gain.real), [complex(z) for z in zeros], float(D)))
     return found

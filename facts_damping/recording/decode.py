@@ -13,7 +13,16 @@ from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from facts_damping.errors import RecordingError
 from facts_damping.recording.schemas import parse_schema
-from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, ESTIMATE, MACHINE_TRUTH, NANOSECONDS, SETPOINT
+from facts_damping.signals import (
+    CHANNELS,
+    DELIVERY,
+    DEVICE_TRUTH,
+    ESTIMATE,
+    LEARNING,
+    MACHINE_TRUTH,
+    NANOSECONDS,
+    SETPOINT,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -178,7 +187,7 @@ def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]
     index, rows = _index(devices), []
     for source in sources:
         for tick, message in zip(source.ticks, source.messages, strict=True):
-            place = int(re.sub(r"\D*(\d*).*", r"\1", message.identifier) or 0)
+            place = _place(message.identifier)
             measured = time_ns(message.header.stamp)
             known = [_lookup(index, name, source.topic) for name in message.input_names]
             for i, (prediction, error) in enumerate(zip(message.prediction, message.error, strict=True)):
@@ -186,6 +195,26 @@ def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]
                     jacobian = message.jacobian[i * len(known) + j]
                     rows.append((tick, place, i, device, measured, jacobian, prediction, error))
     return np.array(sorted(rows, key=itemgetter(0, 1)), ESTIMATE)
+
+
+def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> NDArray[Any]:
+    """How networks learn, a row (LEARNING) a learning rate, tick by tick: controllers, then identifiers, in order."""
+    rows = []
+    for identifier, sources in enumerate((controllers, identifiers)):
+        for source in sources:
+            for tick, message in zip(source.ticks, source.messages, strict=True):
+                place = _place(message.identifier if identifier else message.controller)
+                groups = len(message.parameter_groups)
+                for k, rate in enumerate(message.learning_rates):
+                    output, group = divmod(k, groups)
+                    head = (tick, place, identifier, output, group)
+                    rows.append((*head, rate, message.lyapunov, message.lyapunov_fall))
+    return np.array(sorted(rows, key=itemgetter(0, 2, 1)), LEARNING)
+
+
+def _place(name: str) -> int:
+    """Place in the run of a controller, or of the one that an identifier serves, which stands in its name."""
+    return int(re.sub(r"\D*(\d*).*", r"\1", name) or 0)
 
 
 def events(messages: Iterable[Any]) -> list[dict[str, Any]]:

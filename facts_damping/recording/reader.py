@@ -31,13 +31,14 @@ KINDS = {
     "issued": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints"),
     "applied": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints/delivered"),
     "estimates": ("facts_damping_msgs/msg/JacobianEstimate", "/estimate"),
+    "learning": ("facts_damping_msgs/msg/ControllerState", "/state"),
     "state": ("facts_damping_msgs/msg/PlantState", "/plant/state"),
     "events": ("facts_damping_msgs/msg/GridEvent", "/plant/events"),
 }
 REQUIRED = ("frames", "state")  # without these there is no record of a plant
 CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
 OF_LINKS = ("delivered", "applied")  # of these each link has its own
-SEVERAL = (*OF_LINKS, "issued", "estimates")  # these are of a link, a controller, an identifier
+SEVERAL = (*OF_LINKS, "issued", "estimates", "learning")  # these are of a link, a controller, an identifier
 LISTED = 5  # so many lost ticks are named one by one
 
 
@@ -94,6 +95,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         machines=decode.truth(state, "machines", "machine", machines),
         devices=decode.truth(state, "devices", "device", devices),
         estimates=decode.estimates(cut["estimates"], devices),
+        learning=decode.learning(cut["learning"], cut["estimates"]),
         in_synchronism=np.array([message.in_synchronism for message in state.messages], np.bool_),
         events=decode.events(message for topic in topics["events"] for message in messages[topic]),
         notes=notes,

@@ -91,8 +91,8 @@ def text(found: Sequence[dict[str, Any]]) -> list[str]:
     for system, scenario in dict.fromkeys((row["system"], row["scenario"]) for row in found):
         own = [row for row in found if (row["system"], row["scenario"]) == (system, scenario)]
         titles = ["controller", "scheme", *(title for title, _, _ in COLUMNS)]
-        lines += [f"### {system}, {scenario}", "", _line(titles), _line(["---"] * 2 + ["--:"] * len(COLUMNS))]
-        lines += [_line([row["controller"], row["scheme"] or "", *_cells(row)]) for row in own]
+        lines += [f"### {system}, {scenario}", "", line(titles), line(["---"] * 2 + ["--:"] * len(COLUMNS))]
+        lines += [line([row["controller"], row["scheme"] or "", *_cells(row)]) for row in own]
         lines.append("")
     return lines
 
@@ -112,5 +112,6 @@ def _cell(row: dict[str, Any], path: Sequence[str], form: str) -> str:
     return ("yes" if value else "no") if isinstance(value, bool) else format(value, form)
 
 
-def _line(cells: Sequence[str]) -> str:
+def line(cells: Sequence[str]) -> str:
+    """A row of a table in Markdown."""
     return f"| {' | '.join(cells)} |"

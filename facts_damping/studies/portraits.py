@@ -61,7 +61,7 @@ def portrait(case: Case) -> Portrait:
     midst = loop.build_loop(part)
     loop.finish(part, midst)
     moments = {"before": before, f"{MIDST_S:g} s after the event": midst.bank_state.learner.theta[0, : net.size]}
-    reach = float(case.controllers[0].parameters["range"])
+    reach = case.controllers[0].number("range")
     return Portrait(record, net, {**moments, "after": theta}, reach)
 
 

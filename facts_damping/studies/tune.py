@@ -19,19 +19,21 @@ from facts_damping import loop
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.configuration import Case, make_case
-from facts_damping.control.table import CONTROLLERS, Kind, kind
+from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
 from facts_damping.files import find
 from facts_damping.parameters.run import Controller, Tuned, TunedController
 from facts_damping.plant.build import build
-from facts_damping.sensitivity import sensitivities
+from facts_damping.sensitivity import sensitivity
 from facts_damping.studies.pool import run_all
+from facts_damping.studies.space import Space
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.control.table import Value
     from facts_damping.sensitivity import Sensitivity
 
 SCENARIO = "training"
@@ -40,58 +42,25 @@ RHO = 1e-4  # p.u. of speed that the device's limit costs
 LOST = 1000.0  # objective of a run that loses synchronism at once
 
 
-class Range(NamedTuple):
-    """Where a parameter is searched, on a line or by powers of ten."""
-
-    low: float
-    high: float
-    logarithmic: bool = False
-
-    def value(self, at: float) -> float:
-        """The value at a place from 0 to 1, to four digits."""
-        if self.logarithmic:
-            return float(f"{self.low * (self.high / self.low) ** at:.4g}")
-        return float(f"{self.low + at * (self.high - self.low):.4g}")
-
-
-LEAD_LAG = {
-    "gain": Range(1.0, 200.0, logarithmic=True),
-    "T1": Range(0.01, 1.0, logarithmic=True),
-    "T2": Range(0.01, 1.0, logarithmic=True),
-    "T3": Range(0.01, 1.0, logarithmic=True),
-    "T4": Range(0.01, 1.0, logarithmic=True),
-}
-NEURO_FUZZY = {
-    "scale": Range(0.001, 0.05, logarithmic=True),
-    "change_scale": Range(1e-4, 0.01, logarithmic=True),
-    "weight": Range(0.0, 2.0),
-    "spread": Range(0.1, 1.5),
-    "width": Range(0.4, 3.0),
-    "eta": Range(1e-4, 0.3, logarithmic=True),
-    "momentum": Range(0.0, 0.9),
-    "hbar": Range(0.001, 1.0, logarithmic=True),
-    "leakage": Range(1e-5, 0.1, logarithmic=True),
-}
-WAVELETS = {"dilation": Range(0.5, 8.0)}
-INDIRECT = {
-    "identifier_eta": Range(0.001, 1.0, logarithmic=True),
-    "identifier_leakage": Range(1e-4, 1.0, logarithmic=True),
-    "identifier_weight": Range(0.5, 4.0),
-}
-RATES = ("fixed", "lyapunov")  # searched too: a place below and above one half
-
-
 Scheme = Literal["direct", "indirect"] | None
 
 
-class Job(NamedTuple):
-    """One search: system, controller, scheme, budget (runs) and seed."""
+class Task(NamedTuple):
+    """What controllers are tuned for: a system, the devices that are installed and commanded, signals, budget, seed."""
 
     system: str
-    name: str
-    scheme: Scheme
+    devices: list[str]
+    signals: list[str]
     budget: int
     seed: int
+
+
+class Job(NamedTuple):
+    """One search: a controller and its scheme."""
+
+    task: Task
+    name: str
+    scheme: Scheme
 
 
 def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
@@ -106,65 +75,47 @@ def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
     return found
 
 
-def space(row: Kind, scheme: str | None) -> dict[str, Range]:
-    """What is searched for a controller."""
-    if row.network is None:
-        return LEAD_LAG
-    wavelets = WAVELETS if row.network.consequent in ("mexican-hat", "morlet") else {}
-    return {**NEURO_FUZZY, **wavelets, **(INDIRECT if scheme == "indirect" else {})}
-
-
-def parameters(row: Kind, scheme: str | None, at: NDArray[np.float64], response: float) -> dict[str, float | str]:
-    """Parameters at a point of the search, each coordinate from 0 to 1; the last one is the kind of learning rate.
-
-    The indirect scheme's Jacobian is `response` (p.u. per p.u. within a frame) where the direct one's is 1: its
-    learning rates and penalties are searched in the same multiples.
-    """
-    found: dict[str, float | str] = {
-        name: one.value(float(v)) for (name, one), v in zip(space(row, scheme).items(), at, strict=False)
-    }
-    if row.network is None:
-        return found
-    found["rate"] = RATES[int(at[-1] >= 0.5)]
-    if scheme == "indirect":
-        jacobian = response / float(found["scale"])
-        squared = found["rate"] == "lyapunov"
-        found["hbar"] = float(f"{float(found['hbar']) * (jacobian**2 if squared else jacobian):.4g}")
-        if not squared:
-            found["eta"] = float(f"{float(found['eta']) / jacobian:.4g}")
-    return found
-
-
 class Trainer:
-    """The training scenario of a system, ready to be run with any parameters of a controller."""
+    """The training scenario of a task, ready to be run with a controller at any point of the search."""
 
-    def __init__(self, system: str, name: str, scheme: str | None) -> None:
+    def __init__(self, job: Job) -> None:
         """Build the plant once."""
-        content = {"system": system, "scenario": SCENARIO, "controllers": [{"name": "LLC"}]}
-        self.case = make_case(content, f"tune {system}")
-        case = self.case
+        task, self.name, self.scheme, self.row = job.task, job.name, job.scheme, kind(job.name)
+        self.signals = task.signals[: self.row.signals]
+        content = {"system": task.system, "scenario": SCENARIO, "devices": task.devices, "controllers": []}
+        self.case = case = make_case(content, f"tune {task.system}")
         start = build(case.system, case.run.devices, [])
-        self.known: dict[tuple[str, str], Sensitivity] = sensitivities(
-            start, case.system, case.run.devices, case.run.frame_rate
-        )
-        self.name, self.scheme, self.row = name, scheme, kind(name)
-        limit = next(d.v_max for d in case.system.devices if d.name == case.run.devices[0])
-        self.response = abs(self.known["speed", case.run.devices[0]].frame) * limit
+        found = sensitivity(start, case.system, case.run.devices, case.run.frame_rate)
+        if found is None:
+            raise InputError(f"SYSTEM: {task.system} has no swing mode; allowed: a system whose machines swing")
+        self.sensitivity: Sensitivity = found
+        self.space = Space(self.row, self.scheme, self.signals, task.devices)
 
-    def with_parameters(self, values: dict[str, float | str]) -> Case:
+    def parameters(self, at: NDArray[np.float64]) -> dict[str, Value]:
+        """Parameters at a point of the search, each coordinate from 0 to 1."""
+        limit = next(d.v_max for d in self.case.system.devices if d.name == self.space.devices[0])
+        return self.space.parameters(at, self.sensitivity, limit)
+
+    def with_parameters(self, values: dict[str, Value]) -> Case:
         """The training case of the controller with these parameters."""
-        controller = {"name": self.name, "scheme": self.scheme, "parameters": values}
+        controller = {
+            "name": self.name,
+            "scheme": self.scheme,
+            "devices": self.case.run.devices,
+            "signals": self.signals,
+            "parameters": values,
+        }
         content = {**self.case.document(), "controllers": [controller], "asked": None}
         return make_case(content, f"tune {self.case.system.name}")
 
     def objective(self, at: NDArray[np.float64]) -> float:
         """The objective at a point of the search."""
-        return objective(self.with_parameters(parameters(self.row, self.scheme, at, self.response)), self.known)
+        return objective(self.with_parameters(self.parameters(at)), self.sensitivity)
 
 
-def objective(case: Case, known: dict[tuple[str, str], Sensitivity]) -> float:
+def objective(case: Case, plant: Sensitivity) -> float:
     """ITAE with a price on effort; of a run that loses synchronism 1000 less its duration."""
-    record = loop.finish(case, loop.build_loop(case, known))
+    record = loop.finish(case, loop.build_loop(case, plant))
     t = record.time_s
     if not record.in_synchronism.all():
         return LOST - float(t[-1])
@@ -176,20 +127,20 @@ def objective(case: Case, known: dict[tuple[str, str], Sensitivity]) -> float:
 
 def search(job: Job) -> TunedController:
     """The best of a budget of runs, by differential evolution from a Latin hypercube."""
-    trainer = Trainer(job.system, job.name, job.scheme)
-    row = trainer.row
-    size = len(space(row, job.scheme)) + (row.network is not None)
+    trainer = Trainer(job)
+    size = len(trainer.space.ranges)
     found = differential_evolution(
         trainer.objective,
         [(0.0, 1.0)] * size,
-        init=_population(size, job.seed),
-        maxiter=max(0, job.budget // POPULATION - 1),
-        rng=np.random.default_rng(job.seed),
+        init=_population(size, job.task.seed),
+        maxiter=max(0, job.task.budget // POPULATION - 1),
+        rng=np.random.default_rng(job.task.seed),
         tol=0.0,
         polish=False,
     )
-    values = parameters(row, job.scheme, found.x, trainer.response)
-    return TunedController(name=job.name, scheme=job.scheme, objective=float(f"{found.fun:.5g}"), parameters=values)
+    reached = float(f"{found.fun:.5g}")
+    values = trainer.parameters(found.x)
+    return TunedController(name=job.name, scheme=job.scheme, objective=reached, parameters=values)
 
 
 def _population(size: int, seed: int) -> NDArray[np.float64]:
@@ -199,21 +150,21 @@ def _population(size: int, seed: int) -> NDArray[np.float64]:
     return np.asarray((np.array(places).T + random.random((POPULATION, size))) / POPULATION)
 
 
-def tune(
-    system: str, names: Sequence[str], budget: int, seed: int, jobs: int, progress: Callable[[int, int], None]
-) -> Tuned:
+def tune(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> Tuned:
     """Search for every controller, several at a time."""
-    find("scenarios", SCENARIO, f"{system}/")
-    todo = [Job(system, name, scheme, budget, seed) for name, scheme in rows(names)]
-    made = run_all(search, todo, jobs, progress)
-    command = " ".join(["facts-damping tune", system, *names, f"--budget {budget} --seed {seed}"])
+    find("scenarios", SCENARIO, f"{task.system}/")
+    Trainer(Job(task, "ANFTSC", "direct")).with_parameters({})  # devices and signals that it cannot have
+    made = run_all(search, [Job(task, name, scheme) for name, scheme in rows(names)], jobs, progress)
     own = Controller()
+    more = [f"--devices {','.join(task.devices)}"] if task.devices != own.devices else []
+    more += [f"--signals {','.join(task.signals)}"] if task.signals != own.signals else []
+    words = ["facts-damping tune", task.system, *names, *more, f"--budget {task.budget} --seed {task.seed}"]
     return Tuned(
-        system=system,
+        system=task.system,
         scenario=SCENARIO,
-        signals=own.signals,
-        devices=own.devices,
-        command=command,
+        signals=task.signals,
+        devices=task.devices,
+        command=" ".join(words),
         controllers=made,
     )
 

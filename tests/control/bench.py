@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.control.bank import act, bank
-from facts_damping.control.table import defaults, kind
+from facts_damping.control.bank import act, bank, settings
+from facts_damping.control.known import Known
+from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.parameters.run import Controller
 from facts_damping.parameters.system import Signal
@@ -56,12 +57,23 @@ def delivery(*entries: Entry) -> NDArray[Any]:
     return delivered
 
 
+def known(signals: int = 1, devices: int = 1, jacobian: NDArray[np.float64] | float = SIGN) -> Known:
+    """A plant whose signals swing alike at 0.6 Hz."""
+    many, turn = np.ones((signals, devices)), complex(np.exp(1j * 2 * np.pi * 0.6 / FRAMES))
+    return Known(SIGN * many, jacobian * many, np.ones(signals, np.complex128), turn)
+
+
+def settings_of(row: Controller) -> NDArray[Any]:
+    """A controller's parameters as a record of SETTINGS."""
+    return settings(row, np.zeros(1, SETTINGS), np.ones(1))
+
+
 class Bench:
     """Controllers that are given entries, tick by tick."""
 
     def __init__(self, *controllers: Controller) -> None:
-        signs = {(signal, device): SIGN for signal in SIGNALS for device in LIMITS}
-        self.bank, self.state = bank(controllers, SIGNALS, STATIONS, LIMITS, FRAMES, signs)
+        plant = [None if c.scheme is None else known(len(c.signals), len(c.devices)) for c in controllers]
+        self.bank, self.state = bank(controllers, SIGNALS, STATIONS, LIMITS, FRAMES, plant)
         self.tick = 0
 
     def give(self, *entries: Entry, controller: int = 0) -> NDArray[Any]:
@@ -85,7 +97,9 @@ class Bench:
         return np.array(self.state.learner.theta[0])
 
 
-def controller(name: str, scheme: str, profile: str = "deployed", /, **parameters: float | str) -> Controller:
+def controller(
+    name: str, scheme: str, profile: str = "deployed", /, **parameters: float | str | list[float]
+) -> Controller:
     """A neuro-fuzzy controller of the speed with all of its parameters: those of a profile, but for those given."""
     own = {**defaults(kind(name), profile), **parameters}
     return Controller.model_validate(
@@ -104,5 +118,5 @@ def wide(name: str, scheme: str, profile: str = "deployed", /, **parameters: flo
     return Bench(controller(name, scheme, profile, **width, **parameters))
 
 
-def llc(signal: str = "difference", device: str = "first", **parameters: float | str) -> Controller:
+def llc(signal: str = "difference", device: str = "first", **parameters: float | str | list[float]) -> Controller:
     return Controller(signals=[signal], devices=[device], parameters=parameters)

@@ -10,11 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.control.bank import bank
-from facts_damping.control.bank import settings as settings_of
 from facts_damping.control.inputs import IMPLAUSIBLE
 from facts_damping.control.lead_lag import step
 from facts_damping.signals import CHANNELS
-from tests.control.bench import FRAMES, LIMITS, MS, SIGNALS, STATIONS, Bench, Entry, llc
+from tests.control.bench import FRAMES, LIMITS, MS, SIGNALS, STATIONS, Bench, Entry, llc, settings_of
 
 some = settings(deadline=None, max_examples=40)
 
@@ -43,7 +42,7 @@ def test_a_setpoint_says_when_and_from_what_it_was_made() -> None:
 def test_output_is_the_lead_lag_of_the_weighted_sum_at_the_times_of_measurement() -> None:
     """Weights 2 and -1; the step is the time between measurements, whatever the arrivals."""
     bench, state = Bench(llc(gain=3.0)), np.zeros(6)
-    p = settings_of(llc(gain=3.0))[()]
+    p = settings_of(llc(gain=3.0))[0]
     rng, measured = np.random.default_rng(1), 0.0
     for k in range(40):
         dt = 0.0 if k == 0 else float(rng.integers(5, 40))
@@ -56,7 +55,7 @@ def test_output_is_the_lead_lag_of_the_weighted_sum_at_the_times_of_measurement(
 
 
 def test_what_was_held_stands_in_for_a_station_that_is_late() -> None:
-    bench, state, p = Bench(llc()), np.zeros(6), settings_of(llc())[()]
+    bench, state, p = Bench(llc()), np.zeros(6), settings_of(llc())[0]
     bench.give(Entry("A", 0, 1, 0.001), Entry("B", 0, 1, 0.002))
     step(p, state, 0.0, 0.0)
     (made,) = bench.give(Entry("A", 20, 21, 0.003))
@@ -66,7 +65,7 @@ def test_what_was_held_stands_in_for_a_station_that_is_late() -> None:
 
 def test_deviation_is_counted_from_the_first_value() -> None:
     bench, state = Bench(llc("power", "second", gain=0.1)), np.zeros(6)
-    p = settings_of(llc("power", gain=0.1))[()]
+    p = settings_of(llc("power", gain=0.1))[0]
     powers = [4.0, 4.1, 3.7]
     for k, power in enumerate(powers):
         (made,) = bench.give(Entry("C", 20 * k, 20 * k, power=power))
@@ -130,7 +129,7 @@ def test_controllers_do_not_see_each_other() -> None:
 
 
 def test_no_controllers_are_no_controllers() -> None:
-    made, state = bank([], SIGNALS, STATIONS, LIMITS, FRAMES, {})
+    made, state = bank([], SIGNALS, STATIONS, LIMITS, FRAMES, [])
     assert made.code.size == state.held.newest_ns.size == 0
 
 

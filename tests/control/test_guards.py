@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facts_damping.control.bank import settings as settings_of
 from facts_damping.control.table import defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
-from tests.control.bench import LIMITS, SCALE, SIGN, controller, frame_ns, raw
+from tests.control.bench import LIMITS, SCALE, SIGN, controller, frame_ns, raw, settings_of
 from tests.control.test_neuro_fuzzy import Reference
 
 LIMIT, RATE = LIMITS["first"]
@@ -18,7 +17,7 @@ GUARDS = ("dead_zone", "leakage", "projection", "clip", "anti_windup", "stale", 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_the_profile_thesis_has_no_guard(name: str) -> None:
     """`deployed` has all of them, but for leakage: it would forget what was learnt."""
-    thesis, deployed = (settings_of(controller(name, "direct", p)) for p in ("thesis", "deployed"))
+    thesis, deployed = (settings_of(controller(name, "direct", p))[0] for p in ("thesis", "deployed"))
     assert [float(thesis[guard]) for guard in GUARDS] == [0.0] * len(GUARDS)
     assert [guard for guard in GUARDS if not deployed[guard]] == ["leakage"]
     same = set(defaults(kind(name), "thesis")) - set(GUARDS)

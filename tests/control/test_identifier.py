@@ -9,11 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.control.bank import settings as settings_of
 from facts_damping.control.identifier import Identified, identifiers, identify, remember, tell
 from facts_damping.neurofuzzy.table import IDENTIFIERS
 from facts_damping.signals import ESTIMATE, NANOSECONDS, SETPOINT, to_ns
-from tests.control.bench import FRAMES, LIMITS, MS, SCALE, SIGNALS, STATIONS, Entry, controller, delivery
+from tests.control.bench import (
+    FRAMES,
+    LIMITS,
+    MS,
+    SCALE,
+    SIGNALS,
+    STATIONS,
+    Entry,
+    controller,
+    delivery,
+    known,
+    settings_of,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,8 +41,7 @@ def asked(
 ) -> Identified:
     """An identifier without guards, but for those given; `jacobian` is normalised."""
     row = settings_of(controller("ANFTSC", "indirect", "thesis", lag=lag, **parameters))
-    J = np.array([[jacobian * UNIT]])
-    return Identified(0, row, kind, ["speed"], [device], [LIMIT], J, None)
+    return Identified(0, row, kind, ["speed"], [device], [LIMIT], known(jacobian=jacobian * UNIT), None)
 
 
 class Observer:

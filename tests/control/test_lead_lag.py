@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import cont2discrete, dlsim, freqs, lsim
 
-from facts_damping.control.bank import settings as settings_of
 from facts_damping.control.lead_lag import step
 from facts_damping.control.table import CONTROLLERS, LEAD_LAG_PARAMETERS
 from facts_damping.parameters.run import Controller
+from tests.control.bench import settings_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 some = settings(deadline=None, max_examples=40)
 
 
-def row(**parameters: float | str) -> Any:
+def row(**parameters: float | str | list[float]) -> Any:
     """A record of settings: the thesis's parameters, but for those given."""
-    return settings_of(Controller(parameters=parameters))[()]
+    return settings_of(Controller(parameters=parameters))[0]
 
 
 ROW = row()

@@ -9,7 +9,7 @@ import pytest
 
 from facts_damping.compiling import compiled
 from facts_damping.neurofuzzy.learning import FIXED, Learner, Rule, infer, learn, learners, one
-from facts_damping.neurofuzzy.network import Network, Pass, backward, forward, network, passes
+from facts_damping.neurofuzzy.network import Network, Pass, backward, by_inputs, forward, network, passes
 from tests.neurofuzzy.test_network import PAIRS, output, random_theta, smooth
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ def looked(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64]) -> 
     p = passes(net)
     forward(net, theta, x, p)
     backward(net, p)
+    by_inputs(net, theta, p)
     return p
 
 

@@ -119,7 +119,7 @@ TROUBLES = {
 def test_an_outlier_breaks_the_raw_rule_and_not_projection(name: str) -> None:
     trouble = TROUBLES[name]
     net = network(trouble.antecedent, trouble.consequent, 1, 2, 1)
-    theta, x = initial(net, Start(0.5, [0.1], [3.0], [0.3], [1.0])), np.array([trouble.x])
+    theta, x = initial(net, Start([0.5], [0.1], [3.0], [0.3], [1.0])), np.array([trouble.x])
     f = [slot.group for slot in slots(net)].index(trouble.group)
     error = (trouble.wanted - theta[f]) / looked(net, theta, x).by_theta[0, f]
     raw, kept = Pupil(net, theta, x), Pupil(net, theta, x)

@@ -15,7 +15,7 @@ from scipy.interpolate import make_interp_spline
 
 from facts_damping.neurofuzzy.antecedent import membership
 from facts_damping.neurofuzzy.consequent import basis
-from facts_damping.neurofuzzy.network import FLOOR, Network, backward, counted, forward, network, passes
+from facts_damping.neurofuzzy.network import FLOOR, Network, backward, by_inputs, counted, forward, network, passes
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, POINTS, SPLINE, SPLINE_NEAREST, VARIANTS, WAVELETS
 
 if TYPE_CHECKING:
@@ -104,6 +104,7 @@ def test_gradients_are_central_differences(antecedent: str, consequent: str, sha
         p = passes(net)
         forward(net, theta, x, p)
         backward(net, p)
+        by_inputs(net, theta, p)
         assert p.total.min() > FLOOR
         scale = max(1.0, np.abs(p.by_theta).max())
         by_theta = differences(partial(at_parameters, net, x), theta)
@@ -130,6 +131,7 @@ def test_output_and_gradients_are_finite_for_any_input(
     theta, p = random_theta(net, np.random.default_rng(seed)), passes(net)
     forward(net, theta, np.array(x), p)
     backward(net, p)
+    by_inputs(net, theta, p)
     assert all(np.isfinite(array).all() for array in (p.firing, p.output, p.by_theta, p.by_input))
     assert ((p.mu >= 0) & (p.mu <= 1)).all()
 
@@ -139,6 +141,7 @@ def test_where_nothing_fires_the_output_is_zero_and_nothing_is_learnt() -> None:
     theta, p = random_theta(net, np.random.default_rng(1)), passes(net)
     forward(net, theta, np.array([50.0, -50.0]), p)
     backward(net, p)
+    by_inputs(net, theta, p)
     assert p.output == 0
     assert not p.by_theta.any()
     assert not p.by_input.any()

@@ -62,7 +62,7 @@ def test_joint_bound_of_shared_antecedents(antecedent: str, eta: float) -> None:
     would let them grow.
     """
     net = network(antecedent, "singleton", 2, 2, 2)
-    theta = initial(net, Start(5.0, [0.5, 0.5], [1.0, 1.0], [0.0, 0.0], [1.0, 1.0]))
+    theta = initial(net, Start([5.0] * net.outputs, [0.5, 0.5], [1.0, 1.0], [0.0, 0.0], [1.0, 1.0]))
     pupil, M = Pupil(net, theta, np.array([0.1, -0.05])), np.array([[1.0, 0.9], [0.5, 0.6], [0.3, 0.3]])
     gradient = looked(net, theta, pupil.learner.x[0]).by_theta
     curvature = (M**2).sum(axis=0)

@@ -33,7 +33,7 @@ def starts(draw: st.DrawFn) -> Start:
         draw(st.lists(numbers, min_size=2, max_size=2))
         for numbers in (declared("spread"), declared("width"), declared("dilation"), st.floats(-10, 10))
     )
-    return Start(draw(declared("weight")), spread, width, shift, dilation)
+    return Start([draw(declared("weight"))] * 3, spread, width, shift, dilation)
 
 
 inputs = st.lists(st.floats(-3, 3), min_size=2, max_size=2).map(np.array)
@@ -57,7 +57,7 @@ def test_symmetric_rules_are_odd_and_start_within_bounds(
 @every_pair
 def test_symmetric_rules_answer(antecedent: str, consequent: str) -> None:
     """What is odd by being zero everywhere would not do."""
-    start = Start(0.5, [0.5, 0.5], [2.0, 2.0], [0.3, -0.2], [1.0, 1.0])
+    start = Start([0.5], [0.5, 0.5], [2.0, 2.0], [0.3, -0.2], [1.0, 1.0])
     net = network(antecedent, consequent, 2, 2, 1)
     assert abs(output(net, initial(net, start), np.array([0.4, 0.3]))) > 1e-3
 
@@ -71,7 +71,7 @@ def test_starts_that_users_may_give_are_within_the_bounds_of_learning(name: str,
 @pytest.mark.parametrize("antecedent", ["b-spline", "b-spline-interpolated"])
 def test_degrees_of_a_spline_start_as_those_of_a_gaussian(antecedent: str) -> None:
     """At its control points, but for the lowest degree allowed."""
-    start = Start(0.5, [0.5, 0.9], [1.0, 0.6], [0.0, 0.0], [1.0, 1.0])
+    start = Start([0.5], [0.5, 0.9], [1.0, 0.6], [0.0, 0.0], [1.0, 1.0])
     nets = [network(kind, "singleton", 2, 2, 1) for kind in (antecedent, "gaussian")]
     for point in np.linspace(-1, 1, POINTS):
         found, expected = (looked(net, initial(net, start), np.full(2, point)).mu for net in nets)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 ARRAYS = (
     *("time_ns", "frames", "delivered", "issued", "applied"),
-    *("machines", "devices", "in_synchronism", "estimates"),
+    *("machines", "devices", "in_synchronism", "estimates", "learning"),
 )
 PATIENCE_S = 60.0
 

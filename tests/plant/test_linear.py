@@ -195,10 +195,10 @@ def test_residue_is_the_eigenvalue_s_slope_by_a_gain_around_the_linear_model(
 ) -> None:
     """u = K y: d lambda / dK = R at K = 0, for each swing mode; with the feed-through u = K (1 - K D)^-1 C x."""
     found = linearised("two_area", devices)
-    A, B, C, D = found.model
+    A, B, C, D, _ = found.model
     row, column = list(found.system.signals).index(signal), devices.index(device)
     for mode in found.swings:
-        r = value(residue(mode, device, signal))
+        r = value(residue(mode, device, signal)) / found.model.washed(mode.eigenvalue)[row]
         K = 1e-4 / abs(r)
         ends = [
             eigenvalue(A + np.outer(B[:, column], C[row]) * k / (1 - k * D[row, column]), mode.eigenvalue)
@@ -223,7 +223,8 @@ def test_residue_is_the_eigenvalue_s_slope_by_a_gain_around_the_plant(device: st
         return dx
 
     mode = interarea(found)
-    r = value(residue(mode, device, signal))
+    row = list(found.system.signals).index(signal)
+    r = value(residue(mode, device, signal)) / found.model.washed(mode.eigenvalue)[row]
     K = 1e-2 / abs(r)
     ends = [
         eigenvalue(jacobian(lambda x, k=k: closed(x, k), built.state.x), mode.eigenvalue)  # type: ignore[misc]
@@ -288,17 +289,19 @@ def test_feedthrough_is_that_of_the_series_voltage_to_the_tie_power() -> None:
 @settings(deadline=None, max_examples=40)
 @given(hertz=st.floats(0.02, 8), sigma=st.floats(-0.5, 3), case=st.sampled_from(CASES))
 def test_zeros_poles_and_gain_give_the_response(hertz: float, sigma: float, case: tuple[str, tuple[str, ...]]) -> None:
-    """gain prod(s - z) / prod(s - p) = C (s I - A)^-1 B + D anywhere in the band of interest."""
+    """gain prod(s - z) / prod(s - p) = F (C (s I - A)^-1 B + D) anywhere in the band of interest, F the washouts."""
     found = linearised(*case)
     poles = np.linalg.eigvals(found.model.A)
     s = complex(sigma, 2 * np.pi * hertz)
     response = found.model.response(s)
-    np.testing.assert_allclose(
-        response, found.model.C @ np.linalg.inv(s * np.eye(len(poles)) - found.model.A) @ found.model.B + found.model.D
-    )
+    plain = found.model.C @ np.linalg.inv(s * np.eye(len(poles)) - found.model.A) @ found.model.B + found.model.D
+    times = np.array([signal.washout for signal in found.system.signals.values()])
+    washouts = np.array([s * T / (1 + s * T) if T else 1.0 for T in times])
+    np.testing.assert_allclose(response, washouts[:, None] * plain)
     for t in factors(case):
         row, column = list(found.system.signals).index(t.signal), case[1].index(t.device)
-        product = t.gain * np.prod(s - np.array(t.zeros)) / np.prod(s - poles)
+        own = np.append(poles, -1 / times[row]) if times[row] else poles
+        product = t.gain * np.prod(s - np.array(t.zeros)) / np.prod(s - own)
         assert product == pytest.approx(response[row, column], rel=1e-4)
 
 

@@ -14,7 +14,8 @@ from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.files import read_table, shipped
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.studies import tune
-from facts_damping.studies.tune import Job, Trainer, objective, parameters, rows, search, space
+from facts_damping.studies.space import LEAD_LAG
+from facts_damping.studies.tune import Job, Task, Trainer, objective, rows, search
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,6 +26,10 @@ SYSTEMS = ("two_area", "smib")
 def chosen(system: str) -> Tuned:
     path = shipped("controllers")[system]
     return check(Tuned, read_table(path), str(path))
+
+
+def task(system: str, seed: int = 3, budget: int = 48) -> Task:
+    return Task(system, ["sssc"], ["speed"], budget, seed)
 
 
 ROWS = [(system, row) for system in SYSTEMS for row in chosen(system).controllers]
@@ -42,37 +47,38 @@ def test_every_controller_is_tuned_by_the_same_command(system: str) -> None:
 
 @pytest.mark.parametrize(("system", "row"), ROWS, ids=[f"{s}-{r.name}-{r.scheme}" for s, r in ROWS])
 def test_what_was_chosen_reaches_in_training_what_its_row_says(system: str, row: TunedController) -> None:
-    trainer = Trainer(system, row.name, row.scheme)
-    reached = objective(trainer.with_parameters(dict(row.parameters)), trainer.known)
+    trainer = Trainer(Job(task(system), row.name, row.scheme))
+    reached = objective(trainer.with_parameters(dict(row.parameters)), trainer.sensitivity)
     assert reached == pytest.approx(row.objective, rel=0.02)
 
 
 @pytest.mark.parametrize(("name", "scheme"), [("LLC-tuned", None), ("HBsWC", "direct"), ("ANFTSC", "indirect")])
 def test_the_space_is_within_what_parameters_may_be(name: str, scheme: Any) -> None:
     row, random = kind(name), np.random.default_rng(1)
-    size = len(space(row, scheme)) + 1
+    trainer = Trainer(Job(task("two_area"), name, scheme))
+    size = len(trainer.space.ranges)
     for at in [np.zeros(size), np.ones(size), *random.random((50, size))]:
-        for key, value in parameters(row, scheme, at, 5e-5).items():
+        for key, value in trainer.parameters(at).items():
             p = row.parameters[key]
-            assert value in p.choices if p.choices else p.low <= float(value) <= p.high, key
+            assert value in p.choices if p.choices else p.low <= float(str(value)) <= p.high, key
 
 
 def test_a_search_is_reproducible_and_no_worse_than_its_first_points() -> None:
-    job = Job("two_area", "LLC-tuned", None, 48, 3)
+    job = Job(task("two_area"), "LLC-tuned", None)
     found = search(job)
     assert search(job) == found
-    trainer = Trainer("two_area", "LLC-tuned", None)
-    first = tune._population(len(tune.LEAD_LAG), 3)
+    trainer = Trainer(job)
+    first = tune._population(len(LEAD_LAG), 3)
     assert first.shape == (24, 5)
     for column in first.T:  # a Latin hypercube: one point in each stripe
         assert sorted((column * 24).astype(int)) == list(range(24))
     assert found.objective <= min(trainer.objective(at) for at in first) * (1 + 1e-4)
-    assert search(job._replace(seed=4)) != found
+    assert search(job._replace(task=task("two_area", seed=4))) != found
 
 
 def test_a_lost_run_counts_more_than_any_that_stays() -> None:
-    trainer = Trainer("two_area", "LLC-tuned", None)
-    lost = objective(trainer.with_parameters({"gain": -50.0}), trainer.known)
+    trainer = Trainer(Job(task("two_area"), "LLC-tuned", None))
+    lost = objective(trainer.with_parameters({"gain": -50.0}), trainer.sensitivity)
     assert 900.0 < lost < 1000.0
 
 

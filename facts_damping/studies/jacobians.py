@@ -1,0 +1,161 @@
+"""How well identifiers know the plant's Jacobian: tables over scenarios and controllers, pictures of runs."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from facts_damping import loop
+from facts_damping.configuration import load_case
+from facts_damping.control.table import CONTROLLERS, kind
+from facts_damping.errors import InputError
+from facts_damping.studies import architectures, compare
+from facts_damping.studies.pool import run_all
+from facts_damping.studies.true_jacobian import Followed, follow
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from facts_damping.configuration import Case
+    from facts_damping.signals import Record
+
+ROUND = 1e-9  # p.u./p.u.: a true derivative below is taken for zero
+DRAWN = "large"  # the scenario of the pictures
+HEAD = [
+    "# Identified and true Jacobians",
+    "",
+    "Made by `facts-damping jacobian`, as it came out (docs/mimo.md). Looks are ten a second. sign: at how many of",
+    "them the estimate has the sign of the true derivative over the identifier's own horizon (frames); error: median",
+    "of the difference between the two, over the true one's root mean square; sign at: against the true one over the",
+    "horizon that was asked for.",
+    "",
+]
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
+DPI = 85
+
+
+def figures(found: Followed) -> dict[str, NDArray[np.float64]]:
+    """Of each derivative, (signals, devices): shares of looks with the right sign, and the median error.
+
+    The error is relative to the true derivative's root mean square over the run.
+    """
+    size = np.sqrt(np.mean(found.true**2, axis=0))
+    return {
+        "right_sign": np.mean(found.estimate * found.true > 0.0, axis=0),
+        "right_sign_stated": np.mean(found.estimate * found.stated > 0.0, axis=0),
+        "error": np.median(np.abs(found.estimate - found.true), axis=0) / np.maximum(size, ROUND),
+    }
+
+
+def names(asked: Sequence[str]) -> list[str]:
+    """The controllers asked for (none: all with a network). Raises `InputError` for one without identifier."""
+    have = [name for name, row in CONTROLLERS.items() if row.network is not None]
+    for name in asked:
+        if kind(name, "CONTROLLER").network is None:
+            raise InputError(f"CONTROLLER: '{name}' given, which has no identifier; allowed: {', '.join(have)}")
+    return list(asked) or have
+
+
+def scene(scenario: str, name: str, sets: Sequence[str]) -> Case:
+    """A run of a centralised controller with an identifier."""
+    own = architectures.controllers("centralised", name, "indirect")
+    return load_case(None, [f"system={architectures.SYSTEM}", f"scenario={scenario}", *own, *sets])
+
+
+def one_run(horizon: int, sets: Sequence[str], what: tuple[str, str]) -> dict[str, Any]:
+    """A row: how the Jacobian was identified in one run; `what`: scenario, controller."""
+    scenario, name = what
+    case = scene(scenario, name, sets)
+    record = loop.run(case)
+    found = figures(follow(case, record, horizon))
+    c = case.controllers[0]
+    return {
+        "system": architectures.SYSTEM,
+        "scenario": scenario,
+        "controller": name,
+        "stable": bool(record.in_synchronism.all()),
+        "horizon": int(c.number("identifier_horizon")),
+        "stated_horizon": horizon,
+        "signals": c.signals,
+        "devices": c.devices,
+        **{key: value.tolist() for key, value in found.items()},
+    }
+
+
+def study(
+    names: Sequence[str],
+    horizon: int,
+    sets: Sequence[str],
+    jobs: int,
+    progress: Callable[[int, int], None],
+) -> list[dict[str, Any]]:
+    """A row for each scenario and controller, in this order."""
+    todo = [(scenario, name) for scenario in compare.scenarios(architectures.SYSTEM) for name in names]
+    return run_all(partial(one_run, horizon, list(sets)), todo, jobs, progress)
+
+
+def text(found: Sequence[dict[str, Any]]) -> list[str]:
+    """Tables in Markdown, one a scenario: a column a derivative, `signal/device`."""
+    lines: list[str] = []
+    for scenario in dict.fromkeys(row["scenario"] for row in found):
+        rows = [row for row in found if row["scenario"] == scenario]
+        first = rows[0]
+        names = [f"{signal}/{device}" for signal in first["signals"] for device in first["devices"]]
+        stated = first["stated_horizon"]
+        heads = [f"{name}: sign, %" for name in names] + [f"{name}: error" for name in names]
+        heads += [f"{name}: sign at {stated}, %" for name in names]
+        lines += [f"### {first['system']}, {scenario}", "", compare.line(["controller", "horizon", *heads])]
+        lines.append(compare.line(["---"] + ["--:"] * (1 + len(heads))))
+        for row in rows:
+            cells = [f"{100 * v:.0f}" for v in np.ravel(row["right_sign"])]
+            cells += [f"{v:.2g}" for v in np.ravel(row["error"])]
+            cells += [f"{100 * v:.0f}" for v in np.ravel(row["right_sign_stated"])]
+            lines.append(compare.line([row["controller"], str(row["horizon"]), *cells]))
+        lines.append("")
+    return lines
+
+
+def draw(case: Case, horizon: int, path: Path) -> None:
+    """One PNG of a run: every derivative with the true one, learning rates, Lyapunov functions."""
+    record = loop.run(case)
+    found, c = follow(case, record, horizon), case.controllers[0]
+    p, q = len(c.signals), len(c.devices)
+    figure = Figure(figsize=(13.0, 2.3 * (p + 1)), layout="constrained")
+    axes: Any = figure.subplots(p + 1, max(q, 2), squeeze=False, sharex=True)
+    for i, signal in enumerate(c.signals):
+        for d, device in enumerate(c.devices):
+            axis = axes[i, d]
+            axis.plot(found.time_s, found.true[:, i, d], color=COLOURS[0], lw=1.4, label="true, same horizon")
+            axis.plot(found.time_s, found.stated[:, i, d], color=COLOURS[2], lw=1.0, label=f"true, {horizon} frames")
+            axis.plot(found.time_s, found.estimate[:, i, d], color=COLOURS[1], lw=1.2, label="identified")
+            axis.axhline(0.0, color="black", lw=0.5)
+            axis.set_ylabel(f"d {signal} / d {device} [-]")
+    _learning(axes[p, 0], axes[p, 1], record)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3, fontsize="small")
+    title = f"{c.name}, {case.scenario.name}: normalised Jacobian {int(c.number('identifier_horizon'))} frames ahead"
+    figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
+    figure.savefig(path, dpi=DPI, metadata={"Software": None})
+
+
+def _learning(rates: Any, lyapunov: Any, record: Record) -> None:
+    """Learning rates and Lyapunov functions of controller and identifier."""
+    for identifier, who in enumerate(("controller", "identifier")):
+        own = record.learning[(record.learning["controller"] == 0) & (record.learning["identifier"] == identifier)]
+        for output in np.unique(own["output"]):
+            rows = own[(own["output"] == output) & (own["group"] == 0)]
+            time_s, colour = record.time_s[rows["tick"]], COLOURS[2 * identifier + output % 2]
+            rates.plot(time_s, np.maximum(rows["rate"], ROUND), color=colour, lw=1.0, label=f"{who}, output {output}")
+        rows = own[(own["output"] == 0) & (own["group"] == 0)]
+        lyapunov.plot(
+            record.time_s[rows["tick"]], np.maximum(rows["lyapunov"], ROUND), color=COLOURS[2 * identifier], label=who
+        )
+    rates.set(xlabel="time [s]", ylabel="learning rate", yscale="log")
+    lyapunov.set(xlabel="time [s]", ylabel="Lyapunov function [-]", yscale="log")
+    for axis in (rates, lyapunov):
+        axis.legend(fontsize="x-small", loc="upper right")

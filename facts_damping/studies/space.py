@@ -1,0 +1,130 @@
+"""What the search of parameters may choose, and how a point of it becomes parameters of a controller."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from facts_damping.control.table import Kind, Value
+    from facts_damping.sensitivity import Sensitivity
+
+
+def _four(value: float) -> float:
+    """A value to four digits."""
+    return float(f"{value:.4g}")
+
+
+class Range(NamedTuple):
+    """Where a parameter is searched, on a line or by powers of ten."""
+
+    low: float
+    high: float
+    logarithmic: bool = False
+
+    def value(self, at: float) -> float:
+        """The value at a place from 0 to 1, to four digits."""
+        if self.logarithmic:
+            return _four(self.low * (self.high / self.low) ** at)
+        return _four(self.low + at * (self.high - self.low))
+
+
+LEAD_LAG = {
+    "gain": Range(1.0, 200.0, logarithmic=True),
+    "T1": Range(0.01, 1.0, logarithmic=True),
+    "T2": Range(0.01, 1.0, logarithmic=True),
+    "T3": Range(0.01, 1.0, logarithmic=True),
+    "T4": Range(0.01, 1.0, logarithmic=True),
+}
+NEURO_FUZZY = {
+    "scale": Range(0.001, 0.05, logarithmic=True),
+    "change_scale": Range(1e-4, 0.01, logarithmic=True),
+    "weight": Range(0.0, 2.0),
+    "spread": Range(0.1, 1.5),
+    "width": Range(0.4, 3.0),
+    "eta": Range(1e-4, 0.3, logarithmic=True),
+    "momentum": Range(0.0, 0.9),
+    "hbar": Range(0.001, 1.0, logarithmic=True),
+    "leakage": Range(1e-5, 0.1, logarithmic=True),
+}
+WAVELETS = {"dilation": Range(0.5, 8.0)}
+SHARE = Range(0.1, 10.0, logarithmic=True)  # scales of the second signal and on, by how they swing beside the first
+HORIZON = Range(1.0, 24.0)  # frames, where there are several signals or devices
+INDIRECT = {
+    "identifier_eta": Range(0.001, 1.0, logarithmic=True),
+    "identifier_leakage": Range(1e-4, 1.0, logarithmic=True),
+    "identifier_weight": Range(0.5, 4.0),
+}
+RATES = ("fixed", "lyapunov")  # searched too: a place below and above one half
+
+
+class Space(NamedTuple):
+    """The search for a kind of controller and a scheme, of some signals and devices."""
+
+    row: Kind
+    scheme: str | None
+    signals: Sequence[str]
+    devices: Sequence[str]
+
+    @property
+    def ranges(self) -> dict[str, Range]:
+        """A coordinate for each parameter, `name.i` for that of device or signal i; of networks the last is the rate.
+
+        Parameters that a list may give are searched for each device; scales for the first signal, with a share for
+        each of the others.
+        """
+        if self.row.network is None:
+            return self._each(LEAD_LAG)
+        wavelets = WAVELETS if self.row.network.consequent in ("mexican-hat", "morlet") else {}
+        made = {**self._each(NEURO_FUZZY), **wavelets, **(INDIRECT if self.scheme == "indirect" else {})}
+        if self.scheme == "indirect" and len(self.signals) * len(self.devices) > 1:
+            made["identifier_horizon"] = HORIZON
+            del made["identifier_weight"]
+        made |= {f"share.{i}": SHARE for i in range(1, len(self.signals))}
+        return {**made, "rate": Range(0.0, 1.0)}
+
+    def _each(self, ranges: dict[str, Range]) -> dict[str, Range]:
+        made: dict[str, Range] = {}
+        for name, one in ranges.items():
+            several = self.row.parameters[name].each == "device" and len(self.devices) > 1
+            made |= {f"{name}.{d}": one for d in range(len(self.devices))} if several else {name: one}
+        return made
+
+    def parameters(self, at: NDArray[np.float64], plant: Sensitivity, limit: float) -> dict[str, Value]:
+        """Parameters at a point, each coordinate from 0 to 1; `limit`: of the first device, p.u."""
+        found: dict[str, list[float]] = {}
+        for (place, one), v in zip(self.ranges.items(), at, strict=True):
+            found.setdefault(place.partition(".")[0], []).append(one.value(float(v)))
+        if self.row.network is None:
+            return _plain(found)
+        rate = RATES[int(found.pop("rate")[0] >= 0.5)]
+        for share, signal in zip(found.pop("share", []), self.signals[1:], strict=True):
+            beside = share * abs(plant.ratio(signal, self.signals[0]))
+            for name in ("scale", "change_scale"):
+                found[name].append(_four(found[name][0] * beside))
+        if self.scheme == "indirect":
+            self._in_multiples(found, plant, limit, rate)
+        return {**_plain(found), "rate": rate}
+
+    def _in_multiples(self, found: dict[str, list[float]], plant: Sensitivity, limit: float, rate: str) -> None:
+        """Learning rate and penalties where the Jacobian is 1 become those of the indirect scheme.
+
+        Its Jacobian is what the first device's limit does to the first signal over the identifier's horizon.
+        """
+        horizon = found.get("identifier_horizon", [1.0])
+        horizon[0] = float(round(horizon[0]))
+        answer = plant.jacobian(self.signals[:1], self.devices[:1], int(horizon[0]))[0, 0]
+        jacobian = abs(float(answer)) * limit / found["scale"][0]
+        squared = rate == "lyapunov"
+        found["hbar"] = [_four(one * (jacobian**2 if squared else jacobian)) for one in found["hbar"]]
+        if not squared:
+            found["eta"] = [_four(found["eta"][0] / jacobian)]
+
+
+def _plain(found: dict[str, list[float]]) -> dict[str, Value]:
+    """Lists of one as numbers."""
+    return {name: values[0] if len(values) == 1 else values for name, values in found.items()}

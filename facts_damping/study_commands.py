@@ -1,0 +1,115 @@
+"""What the commands that make many runs do: tune, compare, architectures, jacobian, portray."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from facts_damping import files
+from facts_damping.commands import out_folder, say
+from facts_damping.terminal import Progress, write_json
+
+if TYPE_CHECKING:
+    import argparse
+
+
+def tune(arguments: argparse.Namespace) -> None:
+    """Choose the controllers' parameters on a system's training scenario, all by the same search and budget."""
+    from facts_damping.studies import tune as study
+
+    files.check_writable(arguments.out, "--out")
+    progress = Progress("tune", "controllers")
+    try:
+        devices, signals = arguments.devices.split(","), arguments.signals.split(",")
+        task = study.Task(arguments.system, devices, signals, arguments.budget, arguments.seed)
+        found = study.tune(task, arguments.controllers, arguments.jobs, progress)
+    finally:
+        progress.close()
+    text = files.dump(study.document(found))
+    if arguments.out is not None:
+        files.write_whole(Path(arguments.out), text)
+    write_json(arguments.json, found.model_dump())
+    for row in found.controllers:
+        say(arguments, f"{row.name:<10} {row.scheme or '':<9} objective {row.objective:g}")
+    say(arguments, text if arguments.out is None else f"parameters: {arguments.out}")
+
+
+def compare(arguments: argparse.Namespace) -> None:
+    """Every controller, direct and indirect, on every scenario of a system: the table of all indices."""
+    from facts_damping.studies import compare as study
+
+    files.check_writable(arguments.out, "--out")
+    systems = arguments.systems or study.SYSTEMS
+    progress, rows = Progress("compare", "runs"), []
+    try:
+        for system in systems:
+            rows += study.compare(system, arguments.controllers, arguments.set, arguments.jobs, progress)
+    finally:
+        progress.close()
+    write_json(arguments.json, rows)
+    if arguments.out is not None:
+        files.write_whole(Path(arguments.out), "\n".join(study.page(rows)).rstrip() + "\n")
+    for line in study.text(rows):
+        say(arguments, line)
+
+
+def architectures(arguments: argparse.Namespace) -> None:
+    """Centralised MIMO, decentralised MISO and single devices on two_area, and how the devices interact."""
+    from facts_damping.studies import architectures as study
+    from facts_damping.studies import interaction
+
+    files.check_writable(arguments.out, "--out")
+    progress = Progress("architectures", "runs")
+    try:
+        rows = study.study(arguments.controllers, arguments.set, arguments.jobs, progress)
+    finally:
+        progress.close()
+    found = interaction.interactions()
+    write_json(arguments.json, rows)
+    tables = [*study.text(rows), "### Relative gains", "", *interaction.text(found)]
+    if arguments.out is not None:
+        page = Path(arguments.out)
+        files.write_whole(page, "\n".join([*study.HEAD, *tables]).rstrip() + "\n")
+        study.draw(rows, page.with_suffix(".png"))
+    for line in tables:
+        say(arguments, line)
+
+
+def jacobian(arguments: argparse.Namespace) -> None:
+    """What identifiers estimate of the plant's Jacobian beside the true one, over runs of a centralised controller."""
+    from facts_damping.studies import jacobians as study
+
+    folder = None if arguments.out is None else Path(arguments.out)
+    names = study.names(arguments.controllers)
+    progress = Progress("jacobian", "runs")
+    try:
+        rows = study.study(names, arguments.horizon, arguments.set, arguments.jobs, progress)
+        if folder is not None:
+            files.new_folder(folder)
+            for name in names:
+                case = study.scene(study.DRAWN, name, arguments.set)
+                study.draw(case, arguments.horizon, folder / f"{name}.png")
+    finally:
+        progress.close()
+    write_json(arguments.json, rows)
+    tables = study.text(rows)
+    if folder is not None:
+        files.write_whole(folder / "jacobians.md", "\n".join([*study.HEAD, *tables]).rstrip() + "\n")
+    for line in tables:
+        say(arguments, line)
+
+
+def portray(arguments: argparse.Namespace) -> None:
+    """Pictures of neuro-fuzzy controllers: memberships before and after a run, response beside the baselines."""
+    from facts_damping.control.table import CONTROLLERS, kind
+    from facts_damping.studies import portraits
+
+    names = arguments.controllers or [name for name, row in CONTROLLERS.items() if row.network is not None]
+    for name in names:
+        kind(name, "CONTROLLER")
+    folder, progress = out_folder(arguments, "portraits"), Progress("portray", "controllers")
+    try:
+        portraits.draw(arguments.system, arguments.scenario, names, folder, progress)
+    finally:
+        progress.close()
+    say(arguments, f"pictures: {folder}")
