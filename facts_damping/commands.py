@@ -69,14 +69,16 @@ def _report(
 
 
 def label(run: dict[str, Any]) -> str:
-    """A short name of a run: system, scenario, controllers, link."""
+    """A short name of a run: system, scenario, controllers, links."""
+    links = [run["link"] if c.get("link") is None else c["link"] for c in run["controllers"]] or [run["link"]]
     parts = [
-        run["system"],
-        run["scenario"],
-        "+".join(c["name"] for c in run["controllers"]) or "none",
-        run["link"],
+        [run["system"]],
+        [run["scenario"]],
+        [c["name"] for c in run["controllers"]] or ["none"],
+        links if any(c.get("link") is not None for c in run["controllers"]) else links[:1],
     ]
-    return "-".join(part if isinstance(part, str) else "custom" for part in parts).replace("/", "_")
+    named = ("+".join(one if isinstance(one, str) else "custom" for one in part) for part in parts)
+    return "-".join(named).replace("/", "_")
 
 
 def simulate(arguments: argparse.Namespace) -> None:

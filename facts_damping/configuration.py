@@ -13,6 +13,7 @@ from facts_damping.control import bank, identifier
 from facts_damping.control.table import Parameter, Value, defaults, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
+from facts_damping.linking import open_own, read_links, with_own
 from facts_damping.parameters.placement import place
 from facts_damping.parameters.run import Controller, Link, Run, Scenario, Tuned, Weights
 from facts_damping.parameters.system import System
@@ -28,7 +29,8 @@ MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
 class Case:
     """A checked run: what the user asked for, and the files it names, read.
 
-    `controllers` are the run's with scheme, all parameters and weights filled in.
+    `controllers` are the run's with scheme, all parameters, weights and own link filled in. `links` are the run's,
+    where it is used, then each controller's own; `used_links` says which one each controller uses.
     """
 
     run: Run
@@ -36,6 +38,8 @@ class Case:
     system: System
     scenario: Scenario
     link: Link
+    links: list[Link]
+    used_links: list[int]
 
     @property
     def duration(self) -> float:
@@ -111,6 +115,7 @@ def _open_name(content: dict[str, Any], key: str) -> None:
         return
     if top == "controllers":
         content.setdefault(top, [{}])
+        open_own(content, below)
     if top not in ("system", "scenario", "link"):
         return
     named = content.get(top, Run.model_fields[top].default)
@@ -143,15 +148,14 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
         scenario = check(Scenario, read_table(path), str(path))
     else:
         scenario = check(Scenario, {"name": "inline", "events": run.scenario}, source, sets, "scenario")
-    if isinstance(run.link, str):
-        link_path = find("links", run.link)
-        link = check(Link, read_table(link_path), str(link_path))
-    else:
-        link = check(Link, run.link, source, sets, "link")
+    link, links, used = read_links(run, source, sets)
     scenario_file = str(path) if isinstance(run.scenario, str) else ""
     placed = place(_dispatched(system, scenario, scenario_file))
-    rows = [_filled(c, f"controllers.{i}", system.name, link, source, sets) for i, c in enumerate(run.controllers)]
-    case = Case(run, rows, placed, scenario, link)
+    rows = [
+        _filled(with_own(c, links[used[i]]), f"controllers.{i}", system.name, links[used[i]], source, sets)
+        for i, c in enumerate(run.controllers)
+    ]
+    case = Case(run, rows, placed, scenario, link, links, used)
     _check_case(case, source, sets)
     _check_events(case, scenario_file, source, sets)
     return case

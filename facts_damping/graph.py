@@ -16,7 +16,13 @@ from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, RunError
 from facts_damping.files import dump, new_folder, read_table, write_whole
-from facts_damping.parts import controller_names, identifier_names
+from facts_damping.parts import (
+    controller_addresses,
+    controller_names,
+    identifier_addresses,
+    identifier_names,
+    link_addresses,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -81,8 +87,10 @@ def _die_with_parent() -> None:
 
 
 def start(name: str, module: str, parameters: dict[str, Any]) -> Process:
-    """Start a node as a process of its own session."""
-    arguments = [sys.executable, "-m", f"facts_damping.nodes.{module}", "--ros-args", "-r", f"__node:={name}"]
+    """Start a node, named by its place in the graph, as a process of its own session."""
+    namespace, _, own = name.rpartition("/")
+    arguments = [sys.executable, "-m", f"facts_damping.nodes.{module}", "--ros-args", "-r", f"__node:={own}"]
+    arguments += ["-r", f"__ns:=/{namespace}"] if namespace else []
     for key, value in parameters.items():
         arguments += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
     output, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in `graph`)
@@ -137,11 +145,14 @@ def graph(case: Case, mode: str, out: Path, timeout: float) -> Iterator[dict[str
     running: dict[str, Process] = {}
     try:
         running["recorder"] = start("recorder", "recorder", {**common, "output": out / "recording"})
-        running["wan_link"] = start("wan_link", "wan_link", common)
-        for i, name in enumerate(controller_names(case)):
-            running[name] = start(name, "controller", {**common, "index": i, "save": _part(out, name)})
-        for i, name in identifier_names(case).items():
-            running[name] = start(name, "identifier", {**common, "index": i, "save": _part(out, name)})
+        for module, nodes in (
+            ("wan_link", dict(enumerate(link_addresses(case)))),
+            ("controller", dict(enumerate(controller_addresses(case)))),
+            ("identifier", identifier_addresses(case)),
+        ):
+            for i, node in nodes.items():
+                own = {"index": i} | ({} if module == "wan_link" else {"save": _part(out, node.name)})
+                running[str(node)] = start(str(node), module, {**common, **own})
         running["plant_sim"] = start("plant_sim", "plant_sim", common)
         yield running
     finally:

@@ -15,12 +15,12 @@ from facts_damping.control.bank import Bank, BankState, act
 from facts_damping.control.identifier import Identifiers, IdentifierState, identify, remember, tell
 from facts_damping.control.table import LEAD_LAG
 from facts_damping.errors import RunError
-from facts_damping.link.transfer import Direction, downlink, uplink
+from facts_damping.link.transfer import Links, downlink, merge, uplink
 from facts_damping.neurofuzzy.learning import one, rates_told
 from facts_damping.neurofuzzy.network import shape_of
 from facts_damping.parts import (
     build_control,
-    build_link,
+    build_links,
     build_plant,
     commands,
     controller_names,
@@ -56,13 +56,13 @@ class Loop(NamedTuple):
     plant: Plant
     plant_state: PlantState
     work: Work
-    up: Direction
-    down: Direction
+    links: Links
     bank: Bank
     bank_state: BankState
     identifiers: Identifiers
     identifier_state: IdentifierState
     issued: NDArray[Any]  # SETPOINT, what the controllers issue in a tick
+    applied: NDArray[Any]  # SETPOINT, what all links deliver to the devices in a tick
 
 
 class Signals(NamedTuple):
@@ -95,11 +95,12 @@ def issue_room(commands: int, entries: int) -> NDArray[Any]:
 def build_loop(case: Case, sensitivity: Sensitivity | None = None) -> Loop:
     """All parts of a case, at the start; `sensitivity`: the plant's, as for `build_control`."""
     built = build_plant(case)
-    up, down = build_link(case)
+    links = build_links(case)
     control = build_control(case, sensitivity)
     work = workspace(built.plant, built.state)
-    issued = issue_room(commands(case), len(up.out))
-    return Loop(built.plant, built.state, work, up, down, *control, issued)
+    issued = issue_room(commands(case), links.up.out.shape[1])
+    applied = np.zeros(links.down.out.size, SETPOINT)
+    return Loop(built.plant, built.state, work, links, *control, issued, applied)
 
 
 def room(case: Case, loop: Loop, ticks: int | None = None) -> Signals:
@@ -112,7 +113,7 @@ def room(case: Case, loop: Loop, ticks: int | None = None) -> Signals:
         np.zeros((n, len(loop.plant.machines)), MACHINE_TRUTH),
         np.zeros((n, len(loop.plant.devices)), DEVICE_TRUTH),
         np.zeros(n, np.bool_),
-        np.zeros(n * stations, DELIVERY),
+        np.zeros(n * stations * len(case.links), DELIVERY),
         np.zeros(n * setpoints, SETPOINT),
         np.zeros(n * setpoints, SETPOINT),
         np.zeros(n * derivatives(case), ESTIMATE),
@@ -130,14 +131,15 @@ def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> i
 
 
 @compiled
-def learn_tick(loop: Loop, tick: int, delivered: int, issued: int, estimates: NDArray[Any], at: int) -> int:
+def learn_tick(loop: Loop, tick: int, issued: int, estimates: NDArray[Any], at: int) -> int:
     """All identifiers' tick: learn from what was delivered and issued before, then take in what is issued now.
 
     The controllers use the estimate of the tick before. Returns the index after the last row of `estimates`.
     """
     ids, state = loop.identifiers, loop.identifier_state
     for n in range(ids.controller.size):
-        identify(ids, state, n, loop.up.out, delivered)
+        link = loop.links.used[ids.controller[n]]
+        identify(ids, state, n, loop.links.up.out[link], loop.links.up.ring[link, 2])
         remember(ids, state, n, loop.issued, issued)
         at = tell(ids, state, n, tick, estimates, at)
         serve(loop.bank_state.jacobian[ids.controller[n]], state.jacobian[n])
@@ -170,6 +172,7 @@ def serve(held: NDArray[np.float64], estimate: NDArray[np.float64]) -> None:
 @compiled
 def run_loop(loop: Loop, frame_rate: int, ticks: int, kept: Signals) -> None:
     """Run `ticks` ticks, or until the plant is no longer sound."""
+    several = loop.links.up.ring.shape[0]
     for k in range(ticks):
         start, end = tick_ns(k, frame_rate), tick_ns(k + 1, frame_rate)
         frame = kept.frames[k]
@@ -177,19 +180,25 @@ def run_loop(loop: Loop, frame_rate: int, ticks: int, kept: Signals) -> None:
         kept.time_ns[k] = start
         kept.in_synchronism[k] = sound
         kept.used[0] = k + 1
-        delivered = uplink(loop.up, k, start, end, frame)
-        kept.used[1] = _append(kept.delivered, kept.used[1], loop.up.out, delivered)
+        for link in range(several):
+            delivered = uplink(loop.links, link, k, start, end, frame)
+            kept.used[1] = _append(kept.delivered, kept.used[1], loop.links.up.out[link], delivered)
         issued = 0
         for c in range(loop.bank.code.size):
-            issued = act(loop.bank, loop.bank_state, c, k, loop.up.out, delivered, loop.issued, issued)
+            link = loop.links.used[c]
+            arrived = loop.links.up.ring[link, 2]
+            issued = act(loop.bank, loop.bank_state, c, k, loop.links.up.out[link], arrived, loop.issued, issued)
         kept.used[2] = _append(kept.issued, kept.used[2], loop.issued, issued)
-        applied = downlink(loop.down, k, end, loop.issued, issued)
-        kept.used[3] = _append(kept.applied, kept.used[3], loop.down.out, applied)
-        kept.used[4] = learn_tick(loop, k, delivered, issued, kept.estimates, kept.used[4])
+        applied = 0
+        for link in range(several):
+            arrived = downlink(loop.links, link, k, end, loop.issued, issued)
+            applied = merge(loop.applied, applied, loop.links.down.out[link], arrived)
+        kept.used[3] = _append(kept.applied, kept.used[3], loop.applied, applied)
+        kept.used[4] = learn_tick(loop, k, issued, kept.estimates, kept.used[4])
         kept.used[5] = _tell_learning(loop, k, kept.learning, kept.used[5])
         if not sound:
             break
-        advance(loop.plant, loop.plant_state, start, end, loop.down.out, applied, loop.work)
+        advance(loop.plant, loop.plant_state, start, end, loop.applied, applied, loop.work)
 
 
 def run(case: Case) -> Record:
@@ -201,7 +210,7 @@ def finish(case: Case, loop: Loop) -> Record:
     """Run a loop at its start to the end; it keeps the state in which it ended."""
     kept = room(case, loop)
     run_loop(loop, case.run.frame_rate, case.ticks, kept)
-    lost = int(loop.up.statistics["lost"].sum() + loop.down.statistics["lost"].sum())
+    lost = int(loop.links.up.statistics["lost"].sum() + loop.links.down.statistics["lost"].sum())
     if lost:
         raise RunError(f"link: {lost} entries found no room under way; its longest delay is not what was allowed for")
     ticks, delivered, issued, applied, estimates, learning = (int(n) for n in kept.used)
@@ -234,13 +243,16 @@ def rehearse(case: Case) -> None:
     kept = room(case, loop, 1)
     end = tick_ns(1, case.run.frame_rate)
     measure(loop.plant, loop.plant_state, 0, kept.frames[0], kept.machines[0], kept.devices[0], loop.work)
-    delivered = uplink(loop.up, 0, 0, end, kept.frames[0])
-    issued = 0
-    for c in range(len(case.run.controllers)):
-        issued = act(loop.bank, loop.bank_state, c, 0, loop.up.out, delivered, loop.issued, issued)
-    for n in range(len(loop.identifiers.controller)):
-        identify(loop.identifiers, loop.identifier_state, n, loop.up.out, delivered)
+    delivered = [uplink(loop.links, link, 0, 0, end, kept.frames[0]) for link in range(len(case.links))]
+    arrived, issued, applied = loop.links.up.out, 0, 0
+    for c, link in enumerate(case.used_links):
+        issued = act(loop.bank, loop.bank_state, c, 0, arrived[link], delivered[link], loop.issued, issued)
+    for n, c in enumerate(loop.identifiers.controller):
+        link = case.used_links[c]
+        identify(loop.identifiers, loop.identifier_state, n, arrived[link], delivered[link])
         remember(loop.identifiers, loop.identifier_state, n, loop.issued, issued)
         tell(loop.identifiers, loop.identifier_state, n, 0, kept.estimates, 0)
-    applied = downlink(loop.down, 0, end, loop.issued, issued)
-    advance(loop.plant, loop.plant_state, 0, end, loop.down.out, applied, loop.work)
+    for link in range(len(case.links)):
+        count = downlink(loop.links, link, 0, end, loop.issued, issued)
+        applied = merge(loop.applied, applied, loop.links.down.out[link], count)
+    advance(loop.plant, loop.plant_state, 0, end, loop.applied, applied, loop.work)

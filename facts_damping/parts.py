@@ -1,8 +1,9 @@
-"""The parts of a case: plant, link, controllers and identifiers, built; their names as nodes; its events."""
+"""The parts of a case: plant, links, controllers and identifiers, built; their names as nodes; its events."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections import Counter
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from facts_damping.control.bank import Bank, BankState, bank, network_of
 from facts_damping.control.identifier import Identified, Identifiers, IdentifierState, identifiers
 from facts_damping.control.known import Known
 from facts_damping.errors import InputError
-from facts_damping.link.transfer import Direction, directions
+from facts_damping.link.transfer import Links, links
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.plant.build import Built, build
@@ -52,10 +53,10 @@ def build_plant(case: Case) -> Built:
     return build(case.system, case.run.devices, case.scenario.events)
 
 
-def build_link(case: Case) -> tuple[Direction, Direction]:
-    """Both directions of a case's link."""
+def build_links(case: Case) -> Links:
+    """The links of a case, with nothing under way."""
     stations, devices = len(case.system.stations), len(case.run.devices)
-    return directions(case.link, stations, devices, commands(case), case.run.frame_rate)
+    return links(case.links, case.used_links, stations, devices, commands(case), case.run.frame_rate)
 
 
 def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:
@@ -137,6 +138,48 @@ def identifier_names(case: Case) -> dict[int, str]:
         for c, controller in enumerate(case.controllers)
         if controller.scheme == "indirect"
     }
+
+
+class Address(NamedTuple):
+    """A node's place: a namespace below that of the graph (empty: the graph's own), and its name."""
+
+    namespace: str
+    name: str
+
+    def __str__(self) -> str:
+        """Both, as seen from the graph's namespace."""
+        return self.topic(self.name)
+
+    def topic(self, name: str) -> str:
+        """A topic in its namespace, as seen from the graph's."""
+        return f"{self.namespace}/{name}" if self.namespace else name
+
+
+def controller_addresses(case: Case) -> list[Address]:
+    """Places of the controllers: `area_1/controller_0_LLC`, without a namespace `controller_0_LLC`."""
+    names = controller_names(case)
+    return [Address(c.namespace or "", name) for c, name in zip(case.run.controllers, names, strict=True)]
+
+
+def identifier_addresses(case: Case) -> dict[int, Address]:
+    """Places of the identifiers, beside the controllers that they serve."""
+    controllers = controller_addresses(case)
+    return {c: Address(controllers[c].namespace, name) for c, name in identifier_names(case).items()}
+
+
+def link_addresses(case: Case) -> list[Address]:
+    """Places of the links: the run's in the graph's namespace, a controller's own in one that no other node shares.
+
+    That is its controller's namespace, or one by its controller's name where others are in that, or there is none.
+    """
+    controllers = controller_addresses(case)
+    crowd = Counter(address.namespace for address in controllers)
+    own = [c for c, controller in enumerate(case.run.controllers) if controller.link is not None]
+    places = [""] if len(case.links) > len(own) else []
+    for c in own:
+        alone = controllers[c].namespace and crowd[controllers[c].namespace] == 1
+        places.append(controllers[c].namespace if alone else str(controllers[c]))
+    return [Address(place, "wan_link") for place in places]
 
 
 def re_name(kind: str) -> str:

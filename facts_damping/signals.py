@@ -36,6 +36,7 @@ DELIVERY = np.dtype(
     [
         ("tick", "i8"),  # tick in which it is delivered
         ("station", "i8"),  # index of the station
+        ("link", "i8"),  # index of the link that delivers it, among those of the run
         ("measured_ns", "i8"),  # time of measurement
         ("arrival_ns", "i8"),  # time of arrival at the controllers
         ("values", "f8", (len(CHANNELS),)),

@@ -1,5 +1,6 @@
 """All nodes of a run: `ros2 launch facts_damping run.launch.py run:=two_area_small output:=recording`.
 
+Controllers, identifiers and links are started in the namespaces that the run gives them, below that of the launch.
 The launch ends when the plant has simulated its run; the others are stopped then.
 """
 
@@ -11,7 +12,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from facts_damping.configuration import load_case
-from facts_damping.parts import controller_names, identifier_names
+from facts_damping.parts import Address, controller_addresses, identifier_addresses, link_addresses
 from launch import LaunchContext, LaunchDescription
 
 ARGUMENTS = {
@@ -22,26 +23,27 @@ ARGUMENTS = {
 
 
 def nodes(context: LaunchContext) -> list[Node | RegisterEventHandler]:
-    """One node of each kind, and a controller for each entry of the run."""
+    """Plant and recorder, a node for each link that is used, for each controller of the run, for each identifier."""
     run, mode, output = (LaunchConfiguration(name).perform(context) for name in ARGUMENTS)
     common = {"run": run, "mode": mode, "recorder": bool(output)}
 
-    def node(executable: str, name: str, **parameters: object) -> Node:
+    def node(executable: str, address: Address, **parameters: object) -> Node:
         return Node(
             package="facts_damping",
             executable=executable,
-            name=name,
+            name=address.name,
+            namespace=address.namespace or None,
             parameters=[{**common, **parameters}],
             output="screen",
         )
 
-    plant = node("plant_sim", "plant_sim")
-    started = [plant, node("wan_link", "wan_link")]
-    case = load_case(run)
-    started += [node("controller", name, index=i) for i, name in enumerate(controller_names(case))]
-    started += [node("identifier", name, index=i) for i, name in identifier_names(case).items()]
+    plant, case = node("plant_sim", Address("", "plant_sim")), load_case(run)
+    started = [plant]
+    started += [node("wan_link", address, index=i) for i, address in enumerate(link_addresses(case))]
+    started += [node("controller", address, index=i) for i, address in enumerate(controller_addresses(case))]
+    started += [node("identifier", address, index=i) for i, address in identifier_addresses(case).items()]
     if output:
-        started.append(node("recorder", "recorder", output=output))
+        started.append(node("recorder", Address("", "recorder"), output=output))
     end = RegisterEventHandler(OnProcessExit(target_action=plant, on_exit=[Shutdown(reason="the run is over")]))
     return [*started, end]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -81,7 +82,7 @@ def test_random_mutation_is_refused_in_one_line_or_runs(base: Any, how: str, jun
     try:
         case = make_case(mutate(base[0], base[1], how, junk), "mutated")
         parts.build_plant(case)
-        parts.build_link(case)
+        parts.build_links(case)
         parts.build_control(case)
     except InputError as error:
         assert_one_line(error)
@@ -149,6 +150,28 @@ REFUSED = [
     (["link.up.0.delay=-0.1"], "link.up.0.delay: -0.1 given; allowed: greater than or equal to 0"),
     (["link.up.0.model=chaos"], "link.up.0.model: 'chaos' given; allowed: 'constant'"),
     (["link.up.7.delay=0.1"], "link.up.7: '7' given; allowed: an index from 0 to 0"),
+    (["controllers.0.link=wet_string"], "links: 'wet_string' given; allowed: delay_100ms, ideal"),
+    (["controllers.0.link=7"], "controllers.0.link: 7 given; allowed: "),
+    (["controllers.0.link={up: [{delay: -1}]}"], "controllers.0.link.up.0.delay: -1 given; allowed: greater than"),
+    (["controllers.0.link={sideways: []}"], "controllers.0.link.sideways: unknown key; allowed: description, up, down"),
+    (["controllers.0.link.up.0.delay=61"], "controllers.0.link.up.0.delay: 61 given; allowed: less than or equal"),
+    (["controllers.0.link.up.3.delay=0.1"], "link.up.3: '3' given; allowed: an index from 0 to 0"),
+    (["controllers.0.link=nothing", "controllers.0.link.up.0.delay=0.1"], "links: 'nothing' given; allowed: delay"),
+    (["controllers.7.link.up.0.delay=0.1"], "controllers.7: '7' given; allowed: an index from 0 to 1"),
+    *(
+        ([f"controllers.0.namespace={name}"], f"controllers.0.namespace: '{name}' given; allowed: ")
+        for name in (
+            "/area",
+            "area/",
+            "1st",
+            "a-b",
+            "a//b",
+            "a b",
+            "controller_0_LLC",
+            "area/controller_1",
+        )
+    ),
+    ([f"controllers.0.namespace={'n' * 65}"], "... given; allowed: at most 64 characters"),
     (["devices=[tcsc]"], "devices.0: 'tcsc' given; allowed: sssc"),
     (["devices=[]"], "controllers.0.devices: 'sssc' given; allowed: none"),
     (["controllers.0.name=PID"], "controllers.0.name: 'PID' given; allowed: LLC"),
@@ -280,3 +303,64 @@ def test_parameters_come_from_the_table_the_tuning_and_the_run_in_this_order() -
     (raw,) = load_case(None, [*own, "controllers.0.profile=thesis"]).controllers
     assert raw.parameters["projection"] == "off"
     assert raw.parameters["scale"] == chosen["scale"]
+
+
+BOTH = [
+    "devices=[sssc, statcom]",
+    "controllers.0.name=LLC",
+    "controllers.1.name=LLC",
+    "controllers.1.devices=[statcom]",
+]
+LINKS = [
+    ([], [0.0], [0, 0]),
+    (["controllers.1.link=delay_100ms"], [0.0, 0.1], [0, 1]),
+    (["controllers.0.link=delay_100ms"], [0.0, 0.1], [1, 0]),
+    (["controllers.0.link=delay_100ms", "controllers.1.link=delay_100ms"], [0.1, 0.1], [0, 1]),
+    (["link=delay_100ms", "controllers.1.link.down.0.delay=0.2"], [0.1, 0.27], [0, 1]),
+    (["controllers.1.link.up.0.delay=0.2", "link.up.0.delay=0.3"], [0.3, 0.2], [0, 1]),
+    (["controllers.1.link.up.1.delay=0.2", "controllers.1.link=delay_100ms"], [0.0, 0.25], [0, 1]),
+]
+
+
+@pytest.mark.parametrize(("sets", "delays", "used"), LINKS, ids=[" ".join(sets) or "none" for sets, _, _ in LINKS])
+def test_each_controller_uses_its_own_link_or_the_runs(sets: list[str], delays: list[float], used: list[int]) -> None:
+    case = load_case(None, [*BOTH, *sets])
+    found = [sum(stage.delay for stage in [*link.up, *link.down]) for link in case.links]
+    assert found == pytest.approx(delays)
+    assert case.used_links == used
+    assert all(isinstance(c["link"], dict) or c["link"] is None for c in case.document()["controllers"])
+    again = make_case(case.document(), "again")
+    assert (again.links, again.used_links, again.document()) == (case.links, case.used_links, case.document())
+    assert again.summary() == case.summary()
+
+
+def test_without_controllers_the_runs_link_is_there() -> None:
+    case = load_case(None, ["controllers=[]", "link=delay_100ms"])
+    assert (case.links, case.used_links) == ([case.link], [])
+
+
+def test_the_lag_of_an_identifier_is_that_of_its_controllers_own_link() -> None:
+    own = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "link.up.0.delay=0.3"]
+    assert load_case(None, own).controllers[0].parameters["lag"] == 0.3
+    assert load_case(None, [*own, "controllers.0.link=delay_100ms"]).controllers[0].parameters["lag"] == 0.1
+
+
+def test_no_two_nodes_and_no_two_links_stand_in_the_same_place() -> None:
+    """Whatever has a link or a namespace of its own, also one that is shared, or below another."""
+    options = [(link, space) for link in (None, "ideal") for space in (None, "a", "a/b", "b")]
+    for first, second in itertools.product(options, options):
+        rows: list[dict[str, Any]] = [{"link": link, "namespace": space} for link, space in (first, second)]
+        rows[1] |= {"devices": ["statcom"], "name": "HBsWC", "scheme": "indirect"}
+        case = make_case({"devices": ["sssc", "statcom"], "controllers": rows}, "here")
+        links, controllers = parts.link_addresses(case), parts.controller_addresses(case)
+        identifiers = parts.identifier_addresses(case)
+        everything = [str(address) for address in (*links, *controllers, *identifiers.values())]
+        assert len(set(everything)) == len(everything) == len(case.links) + 3
+        assert [address.namespace for address in controllers] == [first[1] or "", second[1] or ""]
+        assert identifiers[1].namespace == controllers[1].namespace
+        for c, (link, space) in enumerate((first, second)):
+            place = links[case.used_links[c]].namespace
+            if link is None:
+                assert place == ""
+            else:
+                assert place == (space if space and first[1] != second[1] else str(controllers[c]))

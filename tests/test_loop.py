@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from facts_damping import loop
 from facts_damping.configuration import load_case
 from facts_damping.control.bank import act
-from facts_damping.link.transfer import downlink, uplink
+from facts_damping.link.transfer import downlink, merge, uplink
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
@@ -36,10 +36,11 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
     for k in range(case.ticks):
         start, end = loop.tick_ns(k, rate), loop.tick_ns(k + 1, rate)
         measure(parts.plant, parts.plant_state, start, kept.frames[k], kept.machines[k], kept.devices[k], parts.work)
-        delivered = uplink(parts.up, k, start, end, kept.frames[k])
-        issued = act(parts.bank, parts.bank_state, 0, k, parts.up.out, delivered, parts.issued, 0)
-        applied = downlink(parts.down, k, end, parts.issued, issued)
-        advance(parts.plant, parts.plant_state, start, end, parts.down.out, applied, parts.work)
+        delivered = uplink(parts.links, 0, k, start, end, kept.frames[k])
+        issued = act(parts.bank, parts.bank_state, 0, k, parts.links.up.out[0], delivered, parts.issued, 0)
+        arrived = downlink(parts.links, 0, k, end, parts.issued, issued)
+        applied = merge(parts.applied, 0, parts.links.down.out[0], arrived)
+        advance(parts.plant, parts.plant_state, start, end, parts.applied, applied, parts.work)
     assert kept.frames.tobytes() == whole.frames.tobytes()
     assert kept.machines.tobytes() == whole.machines.tobytes()
     assert kept.devices.tobytes() == whole.devices.tobytes()
@@ -91,6 +92,63 @@ def test_setpoints_keep_the_device_s_limit() -> None:
     assert np.max(np.abs(record.devices["reference"])) <= 0.1
     slope = np.abs(np.diff(record.devices["reference"][:, 0])) * 60
     assert np.max(slope) <= 5.0 + 1e-6  # a tick is a whole number of nanoseconds
+
+
+def two(*sets: str) -> list[str]:
+    """SSSC and STATCOM, a lead-lag each."""
+    rows = ["controllers.0.name=LLC", "controllers.1.name=LLC", "controllers.1.devices=[statcom]"]
+    return ["devices=[sssc, statcom]", "scenario=large", "duration=3", *rows, *sets]
+
+
+@settings(deadline=None, max_examples=15)
+@given(
+    delays=st.tuples(*[st.sampled_from([0, 1, 16_666_666, 123_400_000]) | st.integers(0, 400_000_000)] * 4),
+    rate=st.sampled_from([25, 60, 120]),
+)
+def test_delays_are_exact_on_every_link(delays: tuple[int, ...], rate: int) -> None:
+    """Setpoints are as late as the way of their own controller is long, and come to the plant by time."""
+    sets = [f"controllers.{i // 2}.link.{('up', 'down')[i % 2]}.0.delay={d / 1e9!r}" for i, d in enumerate(delays)]
+    record = loop.run(load_case(None, two(f"frame_rate={rate}", *sets)))
+    up, down = np.array(delays[::2]), np.array(delays[1::2])
+    delivered, issued, applied = record.delivered, record.issued, record.applied
+    np.testing.assert_array_equal(delivered["arrival_ns"] - delivered["measured_ns"], up[delivered["link"]])
+    np.testing.assert_array_equal(issued["issued_ns"] - issued["measured_ns"], up[issued["controller"]])
+    np.testing.assert_array_equal(applied["effective_ns"] - applied["issued_ns"], down[applied["controller"]])
+    assert np.all(np.diff(applied["effective_ns"]) >= 0)
+    assert np.all(np.diff(applied["controller"])[np.diff(applied["effective_ns"]) == 0] > 0)
+    end = loop.tick_ns(len(record.time_ns), rate)
+    for c in range(2):
+        expected = np.count_nonzero(record.time_ns + up[c] < end)
+        assert np.count_nonzero(issued["controller"] == c) == expected
+        assert np.count_nonzero(delivered["link"] == c) == expected * len(record.stations)
+        assert np.count_nonzero(applied["controller"] == c) == np.count_nonzero(record.time_ns + up[c] + down[c] < end)
+
+
+@pytest.mark.parametrize("scheme", ["direct", "indirect"])
+def test_links_of_the_same_delays_are_as_good_as_one(scheme: str) -> None:
+    """Whose link it is changes no bit; what it delivers is there once for each link."""
+    own = two("link=delay_100ms", "controllers.0.name=HBsWC", f"controllers.0.scheme={scheme}")
+    one = loop.run(load_case(None, own))
+    for c in ([0], [1], [0, 1]):
+        sets = [f"controllers.{i}.link=delay_100ms" for i in c]
+        several = loop.run(load_case(None, [*own, *sets, "controllers.1.namespace=elsewhere"]))
+        for name in {*ARRAYS, "estimates"} - {"delivered", "applied"}:
+            assert getattr(several, name).tobytes() == getattr(one, name).tobytes(), name
+        by_device = np.lexsort((several.applied["controller"], several.applied["tick"]))
+        assert several.applied[by_device].tobytes() == one.applied.tobytes()  # at one time, link by link
+        for link in range(2):
+            of_link = several.delivered[several.delivered["link"] == link]
+            of_link["link"] = 0
+            assert of_link.tobytes() == one.delivered.tobytes()
+
+
+def test_an_identifier_learns_from_what_its_controllers_own_link_delivers() -> None:
+    own = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "controllers.0.link=delay_100ms"]
+    record = loop.run(load_case(None, two(*own)))
+    assert set(record.delivered["link"]) == {0, 1}
+    late = record.delivered[record.delivered["link"] == 1]
+    newest = [late["measured_ns"][late["tick"] <= tick].max(initial=-1) for tick in record.estimates["tick"]]
+    assert record.estimates["measured_ns"].tolist() == newest
 
 
 PAIRS = [f"{a}+{c}" for a in ANTECEDENTS for c in CONSEQUENTS]

@@ -26,17 +26,17 @@ def latency(record: Record) -> dict[str, float | None]:
 
 
 def frames_lost(record: Record) -> int:
-    """Entries of stations that were measured, yet neither delivered nor possibly still under way.
+    """Entries of stations that were measured, yet neither delivered nor possibly still under way, over all links.
 
-    An entry counts as under way if no later one of its station was delivered. So of a station that never
-    got through nothing counts, and an entry that a later one overtook just before the end counts as lost.
+    An entry counts as under way if no later one of its station was delivered by the same link. So of a station that
+    never got through nothing counts, and an entry that a later one overtook just before the end counts as lost.
     """
-    return sum(_lost(record, station) for station in range(len(record.stations)))
+    ways = np.unique(record.delivered[["link", "station"]])
+    return sum(_lost(record, link, station) for link, station in ways)
 
 
-def _lost(record: Record, station: int) -> int:
-    delivered = record.delivered["measured_ns"][record.delivered["station"] == station]
-    if not len(delivered):
-        return 0
+def _lost(record: Record, link: int, station: int) -> int:
+    own = (record.delivered["link"] == link) & (record.delivered["station"] == station)
+    delivered = record.delivered["measured_ns"][own]
     measured = record.time_ns[record.time_ns <= delivered.max()]
     return int(np.setdiff1d(measured, delivered).size)

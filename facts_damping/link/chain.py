@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.run import Stage
 
-MODELS = {"constant": 0}
+MODELS = {"constant": 0}  # chains are filled up with stages of zeros, which must not delay
 
 STAGE = np.dtype([("model", "i8"), ("delay_ns", "i8")])
 
 
-def chain(stages: Sequence[Stage]) -> NDArray[Any]:
-    """Table of STAGE from a link's stages."""
-    table = np.zeros(len(stages), STAGE)
+def chain(stages: Sequence[Stage], most: int = 0) -> NDArray[Any]:
+    """Table of STAGE from a link's stages, filled up to `most` with stages that do not delay."""
+    table = np.zeros(max(len(stages), most), STAGE)
     for i, stage in enumerate(stages):
         table[i] = (MODELS[stage.model], to_ns(stage.delay))
     return table

@@ -10,12 +10,12 @@ from facts_damping.adapted import adapted
 from facts_damping.control.bank import act
 from facts_damping.loop import issue_room, rehearse, serve, tick_ns
 from facts_damping.nodes.messages import Estimates, Inner
-from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
+from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.nodes.tick_before import TickBefore
-from facts_damping.parts import build_control, controller_names, identifier_names
+from facts_damping.parts import build_control, controller_addresses, identifier_addresses, link_addresses
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,21 +33,27 @@ class ControllerNode:
         self.bank, self.state, _, _ = build_control(self.case)
         names = [name for name in self.controller.parameters if not name.startswith("identifier_")]
         declare_settings(node, self.controller, names, self.bank.settings[self.index], self.bank.swing[self.index])
-        self.name = controller_names(self.case)[self.index]
-        identifier = identifier_names(self.case).get(self.index, "")
+        address = controller_addresses(self.case)[self.index]
+        self.name, graph = address.name, graph_prefix(node, address)
+        link = link_addresses(self.case)[self.case.used_links[self.index]]
+        identifier = str(identifier_addresses(self.case).get(self.index, ""))
         self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
         self.inner = Inner(self.case, self.index)
         self.ticks = TickBefore(self.options, identifier, self.act)
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", RELIABLE)
         self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", RELIABLE)
         node.create_subscription(
-            PmuDataFrame, "pmu/delivered", lambda data: self.ticks.frames(*self.frames.read(data)), RELIABLE, raw=True
+            PmuDataFrame,
+            graph + link.topic("pmu/delivered"),
+            lambda data: self.ticks.frames(*self.frames.read(data)),
+            RELIABLE,
+            raw=True,
         )
         if identifier:
             estimates = Estimates(self.case, self.index)
             node.create_subscription(
                 JacobianEstimate,
-                f"{identifier}/estimate",
+                f"{graph}{identifier}/estimate",
                 lambda data: self.ticks.tell(*estimates.read(data)),
                 RELIABLE,
                 raw=True,

@@ -11,12 +11,12 @@ from facts_damping.adapted import adapted
 from facts_damping.control.identifier import identify, remember, tell
 from facts_damping.loop import rehearse
 from facts_damping.nodes.messages import Estimates
-from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
+from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.nodes.tick_before import TickBefore
-from facts_damping.parts import build_control, controller_names, identifier_names
+from facts_damping.parts import build_control, controller_addresses, identifier_addresses, link_addresses
 from facts_damping.signals import ESTIMATE
 
 if TYPE_CHECKING:
@@ -33,24 +33,30 @@ class IdentifierNode:
     def __init__(self, node: Node) -> None:
         """Read parameters, build the identifier, wire the topics."""
         self.case, self.options = read_case(node), read_options(node)
-        names = identifier_names(self.case)
-        self.index, self.save = read_index(node, names), read_save(node)
+        addresses = identifier_addresses(self.case)
+        self.index, self.save = read_index(node, addresses), read_save(node)
+        address, link = addresses[self.index], link_addresses(self.case)[self.case.used_links[self.index]]
+        graph = graph_prefix(node, address)
         self.controller = self.case.controllers[self.index]
-        self.own = list(names).index(self.index)
+        self.own = list(addresses).index(self.index)
         bank, _, self.identifiers, self.state = build_control(self.case)
         own = [n for n in self.controller.parameters if n.startswith("identifier_")]
         rows, swing = self.identifiers.settings[self.own], bank.swing[self.index]
         declare_settings(node, self.controller, own + SHARED, rows, swing)
-        sender = controller_names(self.case)[self.index]
+        sender = str(controller_addresses(self.case)[self.index])
         self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
         self.estimates = Estimates(self.case, self.index)
         self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
         self.ticks = TickBefore(self.options, sender, self.learn)
-        self.to_controller = node.create_publisher(JacobianEstimate, f"{names[self.index]}/estimate", RELIABLE)
+        self.to_controller = node.create_publisher(JacobianEstimate, f"{address.name}/estimate", RELIABLE)
         node.create_subscription(
-            PmuDataFrame, "pmu/delivered", lambda data: self.ticks.frames(*self.frames.read(data)), RELIABLE, raw=True
+            PmuDataFrame,
+            graph + link.topic("pmu/delivered"),
+            lambda data: self.ticks.frames(*self.frames.read(data)),
+            RELIABLE,
+            raw=True,
         )
-        node.create_subscription(VoltageSetpoints, f"{sender}/setpoints", self.on_setpoints, RELIABLE, raw=True)
+        node.create_subscription(VoltageSetpoints, f"{graph}{sender}/setpoints", self.on_setpoints, RELIABLE, raw=True)
         rehearse(self.case)
         self.spinner = Spinner(node)
         wait_for_peers(node, {self.to_controller: 1 + int(self.options.recorder)}, self.options)

@@ -13,7 +13,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from facts_damping.errors import FactsDampingError, RunError
+from facts_damping.errors import FactsDampingError, InputError, RunError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from facts_damping.nodes.parameters import Options
     from facts_damping.nodes.spinning import Spinner
+    from facts_damping.parts import Address
 
 RCLError = rclpy_implementation.RCLError
 
@@ -31,6 +32,17 @@ RELIABLE = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabil
 
 
 COMMON = "/diagnostics"  # everybody's topic
+
+
+def graph_prefix(node: Node, address: Address) -> str:
+    """What leads from a node to the graph's own topics: nothing in the graph's namespace, else that namespace.
+
+    Raises `InputError` where the node is not in the namespace that the run gives it.
+    """
+    own = node.get_namespace()
+    if address.namespace and not own.endswith(f"/{address.namespace}"):
+        raise InputError(f"namespace: {own} given; allowed: one that ends with /{address.namespace} (-r __ns:=...)")
+    return own.removesuffix(address.namespace) if address.namespace else ""
 
 
 def refuse_others(node: Node, topics: Iterable[str]) -> None:
@@ -107,7 +119,7 @@ def run_node(name: str, make: Callable[[Node], Part], signals: SignalHandlerOpti
         pass
     except (FactsDampingError, ParameterException) as error:
         status = 1 if isinstance(error, RunError) else 2
-        sys.stderr.write(f"{node.get_name()}: {' '.join(str(error).split())}\n")
+        sys.stderr.write(f"{node.get_fully_qualified_name().lstrip('/')}: {' '.join(str(error).split())}\n")
     except Exception:
         if rclpy.ok():
             raise

@@ -146,14 +146,15 @@ def plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, array) else value
 
 
-def read_index(node: Node, allowed: Iterable[int]) -> int:
-    """Declare and read which of the run's controllers a node is or serves."""
+def read_index(node: Node, allowed: Iterable[int], what: str = "controllers") -> int:
+    """Declare and read which of the run's controllers (or links) a node is or serves."""
     indices = list(allowed)
-    text = "which of the run's controllers this is, or serves"
+    text = f"which of the run's {what} this is, or serves"
     first = indices[0] if indices else 0
     index = int(node.declare_parameter("index", first, descriptor(text, "", 0, 15)).value)
     if index not in indices:
-        raise InputError(f"index: {index} given; allowed: {', '.join(map(str, indices)) or 'none: no such controller'}")
+        there = ", ".join(map(str, indices)) or f"none: no such {what.removesuffix('s')}"
+        raise InputError(f"index: {index} given; allowed: {there}")
     return index
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,13 +12,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
 
 from facts_damping.errors import RunError
+from facts_damping.link.transfer import merge
 from facts_damping.loop import rehearse, tick_ns
 from facts_damping.nodes.messages import Truth, diagnostics, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
-from facts_damping.parts import build_plant, grid_events
+from facts_damping.parts import build_plant, grid_events, link_addresses
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import workspace
@@ -45,13 +47,17 @@ class PlantSim:
         self.machines = np.zeros(len(self.plant.machines), MACHINE_TRUTH)
         self.devices = np.zeros(len(self.plant.devices), DEVICE_TRUTH)
         self.frames, self.setpoints, self.truth = Frames(self.case), Setpoints(self.case), Truth(self.case)
-        self.to_link = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)
+        self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)
         self.to_all = node.create_publisher(PlantState, "plant/state", RELIABLE)
         self.to_events = node.create_publisher(GridEvent, "plant/events", RELIABLE)
         self.to_diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
-        node.create_subscription(VoltageSetpoints, "setpoints/delivered", self.on_setpoints, RELIABLE, raw=True)
-        self.answered = -1
-        self.waiting: list[Any] = []
+        self.to_recorder = [self.to_all, self.to_events, self.to_diagnostics]
+        self.links = link_addresses(self.case)
+        for i, link in enumerate(self.links):
+            topic = link.topic("setpoints/delivered")
+            node.create_subscription(VoltageSetpoints, topic, partial(self.on_setpoints, i), RELIABLE, raw=True)
+        self.answered = [-1 for _ in self.links]
+        self.waiting: list[list[Any]] = [[] for _ in self.links]
         self.events = grid_events(self.case)
         self.misses = 0
         rehearse(self.case)
@@ -59,40 +65,45 @@ class PlantSim:
         extra = int(self.options.recorder)
         wait_for_peers(
             node,
-            {self.to_link: 1 + extra, self.to_all: extra, self.to_events: extra, self.to_diagnostics: extra},
+            {self.to_links: len(self.links) + extra, **dict.fromkeys(self.to_recorder, extra)},
             self.options,
         )
 
-    def on_setpoints(self, data: bytes) -> None:
-        """Keep the setpoints of a tick until the plant advances."""
+    def on_setpoints(self, link: int, data: bytes) -> None:
+        """Keep the setpoints that a link delivers in a tick until the plant advances."""
         tick, _, rows = self.setpoints.read(data)
-        self.answered = max(self.answered, tick)
-        self.waiting.append(rows)
+        self.answered[link] = max(self.answered[link], tick)
+        self.waiting[link].append(rows)
 
     def measure(self, tick: int, start_ns: int) -> bool:
         """Measure at the start of a tick and publish: the frame first, since others wait for it."""
         sound = bool(measure(self.plant, self.state, start_ns, self.frame, self.machines, self.devices, self.work))
         self.entries["measured_ns"] = self.entries["arrival_ns"] = start_ns
         self.entries["values"] = self.frame
-        publish(self.to_link, self.frames.fill(tick, start_ns, self.entries, len(self.entries)))
+        publish(self.to_links, self.frames.fill(tick, start_ns, self.entries, len(self.entries)))
         publish(self.to_all, self.truth.fill(tick, start_ns, sound, self.machines, self.devices))
         while self.events and self.events[0]["time_ns"] <= start_ns:
             publish(self.to_events, grid_event(self.events.pop(0)))
         return sound
 
     def advance(self, start_ns: int, end_ns: int) -> None:
-        """Advance to the next tick under the setpoints that have come."""
-        rows = np.concatenate(self.waiting) if self.waiting else np.zeros(0, SETPOINT)
-        self.waiting.clear()
-        advance(self.plant, self.state, start_ns, end_ns, rows, len(rows), self.work)
+        """Advance to the next tick under the setpoints that have come, whichever link's came first."""
+        come = [rows for kept in self.waiting for rows in kept]
+        table, count = np.zeros(sum(map(len, come)), SETPOINT), 0
+        for rows in come:
+            count = merge(table, count, rows, len(rows))
+        for kept in self.waiting:
+            kept.clear()
+        advance(self.plant, self.state, start_ns, end_ns, table, count, self.work)
 
     def wait_lockstep(self, tick: int) -> None:
         """Wait for the setpoints of a tick; a link that stays silent is named."""
-        # The link gives up on a silent controller first, and names it: its patience is shorter.
+        # A link gives up on a silent controller first, and names it: its patience is shorter.
         deadline = time.monotonic() + self.options.timeout + 1.0
-        while self.answered < tick:
+        while min(self.answered) < tick:
             if not self.spinner.turn(0.05) and time.monotonic() > deadline:
-                raise RunError(f"wan_link is silent: no setpoints of tick {tick} within {self.options.timeout:g} s")
+                who = ", ".join(str(self.links[i]) for i, newest in enumerate(self.answered) if newest < tick)
+                raise RunError(f"{who} is silent: no setpoints of tick {tick} within {self.options.timeout:g} s")
 
     def wait_realtime(self, tick: int, wall_end: float) -> None:
         """Take what comes until the clock says that the tick is over; count it if its setpoints are not there."""
@@ -100,7 +111,7 @@ class PlantSim:
             self.spinner.turn(left)
         while self.spinner.turn(0.0):
             pass
-        self.misses += self.answered < tick
+        self.misses += min(self.answered) < tick
 
     def run(self) -> None:
         """All ticks, or until the plant is no longer sound; progress as lines `tick K N MISSES` on standard output."""
@@ -124,7 +135,7 @@ class PlantSim:
             if not sound:
                 break
             self.advance(start, end)
-        finish([self.to_link, self.to_all, self.to_events, self.to_diagnostics], self.options.timeout)
+        finish([self.to_links, *self.to_recorder], self.options.timeout)
 
 
 def main() -> None:

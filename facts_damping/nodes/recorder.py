@@ -20,7 +20,7 @@ from facts_damping.files import dump
 from facts_damping.nodes.node import RELIABLE, refuse_others, run_node
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner
-from facts_damping.parts import controller_names, identifier_names
+from facts_damping.parts import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.recording.writer import RecordingWriter
 
 if TYPE_CHECKING:
@@ -34,20 +34,23 @@ POLL_S = 0.01  # wall time between two looks at the queues
 
 TOPICS = {
     "pmu/frames": messages.PmuDataFrame,
-    "pmu/delivered": messages.PmuDataFrame,
-    "setpoints/delivered": messages.VoltageSetpoints,
     "plant/state": messages.PlantState,
     "plant/events": messages.GridEvent,
-    "link/statistics": messages.LinkStatistics,
     "/diagnostics": DiagnosticArray,
 }
+OF_A_LINK = {
+    "pmu/delivered": messages.PmuDataFrame,
+    "setpoints/delivered": messages.VoltageSetpoints,
+    "link/statistics": messages.LinkStatistics,
+}
+OF_A_CONTROLLER = {"setpoints": messages.VoltageSetpoints, "state": messages.ControllerState}
 
 
 def topics(case: Case) -> dict[str, Any]:
     """Topics of a case and their types."""
-    own = {f"{name}/setpoints": messages.VoltageSetpoints for name in controller_names(case)}
-    own |= {f"{name}/state": messages.ControllerState for name in controller_names(case)}
-    own |= {f"{name}/estimate": messages.JacobianEstimate for name in identifier_names(case).values()}
+    own = {link.topic(name): kind for link in link_addresses(case) for name, kind in OF_A_LINK.items()}
+    own |= {f"{one}/{name}": kind for one in controller_addresses(case) for name, kind in OF_A_CONTROLLER.items()}
+    own |= {f"{one}/estimate": messages.JacobianEstimate for one in identifier_addresses(case).values()}
     return {**TOPICS, **own}
 
 

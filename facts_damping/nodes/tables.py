@@ -127,9 +127,9 @@ class Frames(Table):
         "frames",
         DELIVERY,
         times=["header.stamp", "arrival"],
-        first_time=2,
+        first_time=3,
         values=[f"{name}_{unit}" for name, unit in CHANNELS.items()],
-        first_value=4,
+        first_value=5,
     )
 
     def __init__(self, case: Case) -> None:
@@ -161,7 +161,7 @@ class Frames(Table):
         )
 
     def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
-        """Tick and entries (DELIVERY) of a message; an entry of an unknown station is passed over."""
+        """Tick and entries (DELIVERY, no link) of a message; an entry of an unknown station is passed over."""
         key = self.fitting(data)
         if key is None:
             message = deserialize_message(data, PmuDataFrame)
@@ -178,6 +178,7 @@ class Frames(Table):
             (
                 tick,
                 self._stations.index(entry.station),
+                0,
                 _time_ns(entry.header.stamp),
                 _time_ns(entry.arrival),
                 tuple(getattr(entry, name) for name in self.layout.values),

@@ -1,4 +1,4 @@
-"""wan_link: delivers PMU data frames to the controllers and setpoints to the plant, late by the link's delays."""
+"""wan_link: delivers PMU data frames to its controllers and their setpoints to the plant, late by its delays."""
 
 from __future__ import annotations
 
@@ -12,40 +12,49 @@ from facts_damping.errors import RunError
 from facts_damping.link.transfer import downlink, uplink
 from facts_damping.loop import rehearse, tick_ns
 from facts_damping.nodes.messages import link_statistics
-from facts_damping.nodes.node import RELIABLE, publish, run_node, wait_for_peers
-from facts_damping.nodes.parameters import read_case, read_options
+from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
+from facts_damping.nodes.parameters import read_case, read_index, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
-from facts_damping.parts import build_link, controller_names, identifier_names
+from facts_damping.parts import build_links, controller_addresses, controller_names, identifier_names, link_addresses
 from facts_damping.signals import CHANNELS, SETPOINT
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
 
+PATIENCE_S = 2.0  # beyond the time-out, with the plant: it may wait for other links, and names them a second after it
+
+
 class WanLink:
-    """Both directions of a link, and what has come in the tick that is going on."""
+    """One link of the run, both directions, and what has come in the tick that is going on."""
 
     def __init__(self, node: Node) -> None:
         """Read parameters, build the link, wire the topics."""
         self.case, self.options = read_case(node), read_options(node)
-        self.up, self.down = build_link(self.case)
+        self.index = read_index(node, range(len(self.case.links)), "links")
+        self.links = build_links(self.case)
         self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
-        self.names = controller_names(self.case)
+        served = [c for c, link in enumerate(self.case.used_links) if link == self.index]
+        addresses = controller_addresses(self.case)
+        self.places = {controller_names(self.case)[c]: str(addresses[c]) for c in served}
+        graph = graph_prefix(node, link_addresses(self.case)[self.index])
         self.frame = np.full((len(self.case.system.stations), len(CHANNELS)), np.nan)
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", RELIABLE)
         self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", RELIABLE)
         self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", RELIABLE)
-        node.create_subscription(PmuDataFrame, "pmu/frames", self.on_frame, RELIABLE, raw=True)
-        for name in self.names:
-            node.create_subscription(VoltageSetpoints, f"{name}/setpoints", self.on_setpoints, RELIABLE, raw=True)
+        node.create_subscription(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, RELIABLE, raw=True)
+        for place in self.places.values():
+            node.create_subscription(
+                VoltageSetpoints, f"{graph}{place}/setpoints", self.on_setpoints, RELIABLE, raw=True
+            )
         self.tick, self.heard = -1, time.monotonic()
         self.missing: set[str] = set()
-        self.given: dict[str, list[Any]] = {name: [] for name in self.names}
+        self.given: dict[str, list[Any]] = {name: [] for name in self.places}
         rehearse(self.case)
         self.spinner = Spinner(node)
         extra = int(self.options.recorder)
-        listeners = len(self.names) + len(identifier_names(self.case))
+        listeners = len(served) + sum(c in served for c in identifier_names(self.case))
         wait_for_peers(
             node,
             {self.to_controllers: listeners + extra, self.to_plant: 1 + extra, self.to_recorder: extra},
@@ -64,9 +73,9 @@ class WanLink:
         self.tick, rows = self.frames.read(data)
         start, end = self.span(self.tick)
         self.frame[rows["station"]] = rows["values"]
-        count = uplink(self.up, self.tick, start, end, self.frame)
-        publish(self.to_controllers, self.frames.fill(self.tick, start, self.up.out, count))
-        self.missing = set(self.names)
+        count = uplink(self.links, self.index, self.tick, start, end, self.frame)
+        publish(self.to_controllers, self.frames.fill(self.tick, start, self.links.up.out[self.index], count))
+        self.missing = set(self.places)
         if not self.missing:
             self.answer()
 
@@ -84,20 +93,21 @@ class WanLink:
     def answer(self) -> None:
         """Send the setpoints down, in the order of the controllers, and deliver what arrives in the tick."""
         start, end = self.span(self.tick)
-        rows = [row for name in self.names for row in self.given[name]]
+        rows = [row for kept in self.given.values() for row in kept]
         given = np.concatenate(rows) if rows else np.zeros(0, SETPOINT)
         for kept in self.given.values():
             kept.clear()
-        count = downlink(self.down, self.tick, end, given, len(given))
-        publish(self.to_plant, self.setpoints.fill(self.tick, start, self.down.out[:count], ""))
+        count = downlink(self.links, self.index, self.tick, end, given, len(given))
+        publish(self.to_plant, self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :count], ""))
         self.missing = set()
         if (self.tick + 1) % self.case.run.frame_rate == 0:
             self.tell()
 
     def tell(self) -> None:
         """Publish the statistics."""
-        up = dict(zip([s.name for s in self.case.system.stations], self.up.statistics, strict=True))
-        down = dict(zip(self.case.run.devices, self.down.statistics, strict=False))
+        up_rows, down_rows = (way.statistics[self.index] for way in (self.links.up, self.links.down))
+        up = dict(zip([s.name for s in self.case.system.stations], up_rows, strict=True))
+        down = dict(zip(self.case.run.devices, down_rows, strict=False))
         publish(self.to_recorder, link_statistics(self.tick, self.span(self.tick)[0], up, down))
 
     def run(self) -> None:
@@ -105,9 +115,11 @@ class WanLink:
         while True:
             if self.spinner.turn(0.1):
                 self.heard = time.monotonic()
-            elif self.owed() and time.monotonic() - self.heard > self.options.timeout:
-                who = ", ".join(sorted(self.missing)) or "plant_sim"
-                raise RunError(f"{who} is silent: nothing after tick {self.tick} within {self.options.timeout:g} s")
+                continue
+            patience = self.options.timeout + (0.0 if self.missing else PATIENCE_S)
+            if self.owed() and time.monotonic() - self.heard > patience:
+                who = ", ".join(sorted(self.places[name] for name in self.missing)) or "plant_sim"
+                raise RunError(f"{who} is silent: nothing after tick {self.tick} within {patience:g} s")
 
     def owed(self) -> bool:
         """Whether, in lockstep, a controller owes its setpoints or the plant its next frame."""

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from facts_damping.parameters.base import Model, Name, quantity
+
+# A ROS namespace below that of the graph: parts of letters, digits and underscores, joined by slashes.
+_PART = "[A-Za-z][A-Za-z0-9_]*"
+Namespace = Annotated[str, StringConstraints(max_length=64, pattern=f"^{_PART}(/{_PART})*$")]
 
 
 def _time() -> float:
@@ -136,6 +141,19 @@ class Controller(Model):
         {}, description="its parameters where they differ from the table's; a list has an entry a signal or device"
     )
     weights: str | Weights | None = Field(None, description="file of adapted weights to start from, or these inline")
+    link: str | dict[str, Any] | None = Field(
+        None, description="a link of its own: name under config/links, path, or a link inline; none: the run's"
+    )
+    namespace: Namespace | None = Field(
+        None, description="ROS namespace, below that of the graph, of its nodes and its own link; none: the graph's"
+    )
+
+    @field_validator("namespace")
+    @classmethod
+    def _no_node(cls, namespace: str | None) -> str | None:
+        if re.search(r"(^|/)controller_\d", namespace or ""):  # the namespaces of own links (`parts.link_addresses`)
+            raise ValueError(f"'{namespace}' given; allowed: one that is not named as a controller, such as area_1")
+        return namespace
 
     def number(self, name: str) -> float:
         """A parameter that is a number; of a list the first."""

@@ -130,21 +130,27 @@ def truth(source: Series, entries: str, name: str, names: Sequence[str]) -> NDAr
     return values.view(layout)[..., 0] if values.size else np.empty(values.shape[:2], layout)
 
 
-def deliveries(source: Series, stations: Sequence[str]) -> NDArray[Any]:
-    """Frames as a link delivered them, a row (DELIVERY) an entry. Raises RecordingError: unknown station."""
+def deliveries(sources: Sequence[Series], stations: Sequence[str]) -> NDArray[Any]:
+    """Frames as the links delivered them, a row (DELIVERY) an entry, by tick, then by link.
+
+    Raises RecordingError: unknown station.
+    """
     index = _index(stations)
     rows = [
         (
             tick,
             _lookup(index, entry.station, source.topic),
+            link,
             time_ns(entry.header.stamp),
             time_ns(entry.arrival),
             _values(entry, _FRAME_FIELDS),
         )
+        for link, source in enumerate(sources)
         for tick, message in zip(source.ticks.tolist(), source.messages, strict=True)
         for entry in message.frames
     ]
-    return np.array(rows, DELIVERY)
+    table = np.array(rows, DELIVERY)
+    return table[np.argsort(table["tick"], kind="stable")]
 
 
 def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Sequence[str]) -> NDArray[Any]:
@@ -169,6 +175,11 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
     ]
     table = np.array(rows, SETPOINT)
     return table[np.argsort(table["tick"], kind="stable")]
+
+
+def merged(applied: NDArray[Any]) -> NDArray[Any]:
+    """Setpoints (SETPOINT) of several links as the plant takes them: by tick, then by the time they take effect."""
+    return applied[np.lexsort((applied["effective_ns"], applied["tick"]))]
 
 
 def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]:

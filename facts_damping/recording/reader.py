@@ -13,7 +13,7 @@ from ruamel.yaml.error import YAMLError
 from facts_damping.errors import RecordingError
 from facts_damping.recording import decode
 from facts_damping.recording.scan import Content, scan
-from facts_damping.signals import DELIVERY, NANOSECONDS, Record
+from facts_damping.signals import NANOSECONDS, Record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
     from facts_damping.recording.decode import Series
 
-# What is read: name here, type of message, end of the topic's name. Every controller has its `/setpoints`.
+# What is read: name here, type of message, end of the topic's name. Every controller has its `/setpoints`, every link
+# its `/pmu/delivered` and `/setpoints/delivered`.
 KINDS = {
     "frames": ("facts_damping_msgs/msg/PmuDataFrame", "/pmu/frames"),
     "delivered": ("facts_damping_msgs/msg/PmuDataFrame", "/pmu/delivered"),
@@ -36,7 +37,8 @@ KINDS = {
 }
 REQUIRED = ("frames", "state")  # without these there is no record of a plant
 CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
-SEVERAL = ("issued", "estimates", "learning")  # of these each controller or identifier has its own
+OF_LINKS = ("delivered", "applied")  # of these each link has its own
+SEVERAL = (*OF_LINKS, "issued", "estimates", "learning")  # these are of a link, a controller, an identifier
 LISTED = 5  # so many lost ticks are named one by one
 
 
@@ -77,6 +79,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     devices = decode.names_of(plant["state"].messages, "devices", "device")
     machines = decode.names_of(plant["state"].messages, "machines", "machine")
     controllers, issued = _controllers(cut["issued"], cut["applied"])
+    applied = decode.setpoints(cut["applied"], controllers, devices)
     state = plant["state"]
     return Record(
         configuration=configuration,
@@ -86,9 +89,9 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         controller_names=controllers,
         time_ns=np.array([decode.time_ns(message.header.stamp) for message in state.messages], np.int64),
         frames=decode.frames(plant["frames"], stations),
-        delivered=_join([decode.deliveries(one, stations) for one in cut["delivered"]], DELIVERY),
+        delivered=decode.deliveries(cut["delivered"], stations),
         issued=decode.setpoints(issued, controllers, devices),
-        applied=decode.setpoints(cut["applied"], controllers, devices),
+        applied=applied if len(cut["applied"]) < 2 else decode.merged(applied),
         machines=decode.truth(state, "machines", "machine", machines),
         devices=decode.truth(state, "devices", "device", devices),
         estimates=decode.estimates(cut["estimates"], devices),
@@ -128,7 +131,22 @@ def _topics(content: Content, controlled: bool) -> dict[str, list[str]]:
     for kind, names in topics.items():
         if len(names) > 1 and kind not in SEVERAL:
             raise RecordingError(f"several topics ...{KINDS[kind][1]} in the recording: {', '.join(names)}")
+    graph = topics["frames"][0].removesuffix(KINDS["frames"][1])
+    for kind in OF_LINKS:
+        suffix = KINDS[kind][1]
+        topics[kind].sort(key=lambda name: _link_place(name.removesuffix(suffix), graph, topics["issued"]))
     return topics
+
+
+def _link_place(namespace: str, graph: str, issued: Sequence[str]) -> int:
+    """Place in the run of the controller whose own a link is: alone beside it, or what its namespace is named after.
+
+    The run's link, in the graph's namespace, comes before all others: -1.
+    """
+    if namespace == graph:
+        return -1
+    beside = [name.rsplit("/", 2)[1] for name in issued if name.rsplit("/", 2)[0] == namespace]
+    return max(_place(name) for name in [*beside, namespace.rpartition("/")[2]])
 
 
 def _messages(content: Content, topics: Sequence[str]) -> dict[str, list[Any]]:
@@ -200,7 +218,3 @@ def _place(controller: str) -> int:
     """Place of a controller in the run, which stands in its name (`controller_0_LLC`); 0 for other names."""
     number = re.fullmatch(r"controller_(\d+)_.*", controller)
     return int(number[1]) if number else 0
-
-
-def _join(tables: Sequence[NDArray[Any]], layout: np.dtype[Any]) -> NDArray[Any]:
-    return np.concatenate([np.empty(0, layout), *tables])

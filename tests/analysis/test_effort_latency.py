@@ -82,3 +82,14 @@ def test_entries_under_way_are_not_lost(swing_record: Callable[..., Record]) -> 
     record = swing_record(200)
     assert frames_lost(record) == 0
     assert frames_lost(swing_record(200, delivered=record.delivered[:0])) == 0
+
+
+def test_frames_lost_count_for_each_link_by_itself(swing_record: Callable[..., Record]) -> None:
+    """What one link delivers does not make up for what another loses; a link that is later has more under way."""
+    first = swing_record(200).delivered
+    second = first[first["measured_ns"] < first["measured_ns"][-30]].copy()
+    second["link"] = 1
+    assert frames_lost(swing_record(200, delivered=np.concatenate([first, second]))) == 0
+    holes = np.concatenate([first, np.delete(second, [0, 50, 51])])
+    assert frames_lost(swing_record(200, delivered=holes)) == 3
+    assert frames_lost(swing_record(200, delivered=np.concatenate([np.delete(first, 7), second]))) == 1

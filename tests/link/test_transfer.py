@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.link.chain import chain, longest_delay_ns, traverse
-from facts_damping.link.transfer import Direction, direction, directions, downlink, uplink
+from facts_damping.link.transfer import Direction, Links, directions, downlink, links, merge, uplink
 from facts_damping.loop import tick_ns
 from facts_damping.parameters.run import Link, Stage
 from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
@@ -37,9 +37,24 @@ class Sent(NamedTuple):
     ticks: int
 
 
+def alone(up: Sequence[Stage], down: Sequence[Stage], per_tick: int, rate: int) -> Links:
+    """A link by itself, used by one controller, with room for `per_tick` setpoints."""
+    return Links(
+        directions([up], DELIVERY, STATIONS, STATIONS, rate),
+        directions([down], SETPOINT, DEVICES, per_tick, rate),
+        np.zeros(1, np.int64),
+    )
+
+
+def first(several: Direction) -> Direction:
+    """The first of several, as views."""
+    return Direction(*(part[0] for part in several))
+
+
 def send_up(delays_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
     """Frames through a chain; each value says tick, station and channel."""
-    way = direction(stages(*delays_ns), DELIVERY, STATIONS, STATIONS, rate)
+    link = alone(stages(*delays_ns), [], 1, rate)
+    way = first(link.up)
     given, out = [], []
     for k in range(ticks):
         start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
@@ -47,7 +62,8 @@ def send_up(delays_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
         made = np.zeros(STATIONS, DELIVERY)
         made["station"], made["measured_ns"], made["values"] = np.arange(STATIONS), start, frame
         given.append(made)
-        count = uplink(way, k, start, end, frame)
+        count = uplink(link, 0, k, start, end, frame)
+        assert count == way.ring[2]
         out.append(way.out[:count].copy())
         assert (out[-1]["tick"] == k).all()
         assert (out[-1]["arrival_ns"] < end).all()
@@ -56,7 +72,8 @@ def send_up(delays_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
 
 def send_down(delays_ns: Sequence[int], issued_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
     """Setpoints, each issued at its own instant, in the tick that holds it; values count them."""
-    way = direction(stages(*delays_ns), SETPOINT, DEVICES, len(issued_ns), rate)
+    link = alone([], stages(*delays_ns), len(issued_ns), rate)
+    way = first(link.down)
     given = np.zeros(len(issued_ns), SETPOINT)
     given["issued_ns"] = given["effective_ns"] = np.sort(issued_ns)
     given["device"], given["value"] = np.arange(len(given)) % DEVICES, np.arange(len(given))
@@ -64,7 +81,7 @@ def send_down(delays_ns: Sequence[int], issued_ns: Sequence[int], rate: int, tic
     for k in range(ticks):
         start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
         due = given[(given["issued_ns"] >= start) & (given["issued_ns"] < end)]
-        count = downlink(way, k, end, due, len(due))
+        count = downlink(link, 0, k, end, due, len(due))
         out.append(way.out[:count].copy())
         assert (out[-1]["tick"] == k).all()
         assert ((out[-1]["effective_ns"] < end) & (out[-1]["effective_ns"] >= start)).all()
@@ -142,15 +159,16 @@ def test_setpoints_go_down_as_frames_go_up(rate: int, delay: int, data: st.DataO
 @given(issued=st.lists(st.integers(0, 999_999_999), min_size=1, max_size=12), delay=st.integers(0, 400_000_000))
 def test_what_is_sent_late_is_delivered_in_order_of_arrival(issued: list[int], delay: int) -> None:
     """Setpoints of several controllers come in any order of issue: out by arrival, first come first at one instant."""
-    way = direction(stages(delay), SETPOINT, DEVICES, len(issued), 60)
+    link = alone([], stages(delay), len(issued), 60)
+    (out,) = link.down.out
     given = np.zeros(len(issued), SETPOINT)
     given["issued_ns"], given["value"] = issued, np.arange(len(issued))
-    assert downlink(way, 0, delay, given, len(given)) == 0
-    count = downlink(way, 1, 1_000_000_000 + delay, given, 0)
+    assert downlink(link, 0, 0, delay, given, len(given)) == 0
+    count = downlink(link, 0, 1, 1_000_000_000 + delay, given, 0)
     order = np.argsort(issued, kind="stable")
-    np.testing.assert_array_equal(way.out[:count]["value"], order)
-    np.testing.assert_array_equal(way.out[:count]["effective_ns"], np.array(issued)[order] + delay)
-    assert downlink(way, 2, 5_000_000_000, given, 0) == 0
+    np.testing.assert_array_equal(out[:count]["value"], order)
+    np.testing.assert_array_equal(out[:count]["effective_ns"], np.array(issued)[order] + delay)
+    assert downlink(link, 0, 2, 5_000_000_000, given, 0) == 0
 
 
 def test_an_entry_that_arrives_on_a_boundary_belongs_to_the_tick_that_starts() -> None:
@@ -172,14 +190,15 @@ def test_the_ring_goes_round_many_times() -> None:
 
 def test_what_finds_no_room_is_counted_as_lost() -> None:
     """Sent = delivered + under way + lost, and those that are there arrive."""
-    way = direction(stages(to_ns(1.0)), SETPOINT, 1, 1, 10)
+    link = alone([], stages(to_ns(1.0)), 1, 10)
+    way = first(link.down)
     room = len(way.entries)
     given = np.zeros(room + 7, SETPOINT)
     given["value"] = np.arange(len(given))
-    assert downlink(way, 0, 1, given, len(given)) == 0
-    (s,) = way.statistics
+    assert downlink(link, 0, 0, 1, given, len(given)) == 0
+    s = way.statistics[0]
     assert (s["sent"], s["delivered"], s["lost"], way.ring[1]) == (room + 7, 0, 7, room)
-    count = downlink(way, 1, to_ns(2.0), given, 0)
+    count = downlink(link, 0, 1, to_ns(2.0), given, 0)
     assert way.out[:count]["value"].tolist() == list(range(room))
     assert (s["delivered"], way.ring[1]) == (room, 0)
 
@@ -187,14 +206,14 @@ def test_what_finds_no_room_is_counted_as_lost() -> None:
 @pytest.mark.parametrize("delay", [0.0, 0.1, 60.0])
 def test_directions_have_room_for_the_longest_delay(delay: float) -> None:
     """Every tick full, for as long as entries are under way."""
-    link = Link(up=[Stage(delay=delay)], down=[Stage(delay=delay)])
-    up, down = directions(link, STATIONS, DEVICES, 2, 30)
+    made = links([Link(up=[Stage(delay=delay)], down=[Stage(delay=delay)])], [0], STATIONS, DEVICES, 2, 30)
+    up, down = first(made.up), first(made.down)
     frame, given = np.zeros((STATIONS, len(CHANNELS))), np.zeros(4, SETPOINT)
     for k in range(round(delay * 30) + 60):
         start, end = tick_ns(k, 30), tick_ns(k + 1, 30)
         given["issued_ns"] = start
-        uplink(up, k, start, end, frame)
-        downlink(down, k, end, given, len(given))
+        uplink(made, 0, k, start, end, frame)
+        downlink(made, 0, k, end, given, len(given))
     assert up.statistics["lost"].sum() == down.statistics["lost"].sum() == 0
     assert up.statistics["delivered"].min() > 0
     assert len(up.statistics) == STATIONS
@@ -202,6 +221,108 @@ def test_directions_have_room_for_the_longest_delay(delay: float) -> None:
 
 
 def test_directions_do_not_share_their_state() -> None:
-    up, down = directions(Link(up=[Stage(delay=0.02)], down=[Stage(delay=0.03)]), STATIONS, DEVICES, 1, 60)
+    up, down, _ = links([Link(up=[Stage(delay=0.02)], down=[Stage(delay=0.03)])], [0], STATIONS, DEVICES, 1, 60)
     assert (longest_delay_ns(up.chain), longest_delay_ns(down.chain)) == (20_000_000, 30_000_000)
     assert (up.entries.dtype, down.entries.dtype) == (DELIVERY, SETPOINT)
+
+
+class Several(NamedTuple):
+    """Delays (up, down) of links in ns, by stages; the link that each controller uses; setpoints as issued."""
+
+    chains: list[tuple[list[int], list[int]]]
+    used: list[int]
+    issued: list[tuple[int, int]]  # (controller, ns)
+    rate: int
+
+
+@st.composite
+def several(draw: st.DrawFn) -> Several:
+    delays = st.lists(st.sampled_from([0, 1, 16_666_667, 100_000_000, 123_400_000]), max_size=3)
+    chains = draw(st.lists(st.tuples(delays, delays), min_size=1, max_size=4))
+    used = draw(st.lists(st.integers(0, len(chains) - 1), min_size=1, max_size=5))
+    rate = draw(st.sampled_from([7, 60, 1000]))
+    end = tick_ns(TICKS, rate) - 1
+    instants = st.sampled_from([0, end // 3, end // 2]) | st.integers(0, end)
+    issued = draw(st.lists(st.tuples(st.integers(0, len(used) - 1), instants), max_size=20))
+    return Several(chains, used, sorted(issued, key=lambda one: one[1]), rate)
+
+
+def through(case: Several, order: Sequence[int]) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+    """What all links deliver, up and (merged) down, tick by tick; the links are served in an order."""
+    made = links(
+        [Link(up=stages(*up), down=stages(*down)) for up, down in case.chains],
+        case.used,
+        STATIONS,
+        DEVICES,
+        max(len(case.issued), 1),
+        case.rate,
+    )
+    given = np.zeros(len(case.issued), SETPOINT)
+    given["controller"], given["issued_ns"] = np.array(case.issued, np.int64).reshape(-1, 2).T
+    given["value"] = np.arange(len(given))
+    table, found = np.zeros(made.down.out.size, SETPOINT), []
+    for k in range(TICKS):
+        start, end = tick_ns(k, case.rate), tick_ns(k + 1, case.rate)
+        due = given[(given["issued_ns"] >= start) & (given["issued_ns"] < end)]
+        for link in order:
+            uplink(made, link, k, start, end, np.full((STATIONS, len(CHANNELS)), float(k)))
+            downlink(made, link, k, end, due, len(due))
+        count, up = 0, []
+        for link in range(len(case.chains)):
+            up.append(made.up.out[link, : made.up.ring[link, 2]].copy())
+            count = merge(table, count, made.down.out[link], made.down.ring[link, 2])
+        found.append((np.concatenate(up), table[:count].copy()))
+    assert made.up.statistics["lost"].sum() == made.down.statistics["lost"].sum() == 0
+    return found
+
+
+@some
+@given(case=several(), data=st.data())
+def test_links_side_by_side_deliver_what_each_delivers_alone(case: Several, data: st.DataObject) -> None:
+    """Whatever the others are, and whichever is served first."""
+    order = data.draw(st.permutations(range(len(case.chains))))
+    whole = through(case, order)
+    for link, chains in enumerate(case.chains):
+        own = [issued for issued in case.issued if case.used[issued[0]] == link]
+        values = [i for i, issued in enumerate(case.issued) if case.used[issued[0]] == link]
+        by_itself = through(Several([chains], [0] * len(case.used), own, case.rate), [0])
+        for (up, down), (up_alone, down_alone) in zip(whole, by_itself, strict=True):
+            down_alone["value"], up_alone["link"] = [values[int(v)] for v in down_alone["value"]], link
+            np.testing.assert_array_equal(up[up["link"] == link], up_alone)
+            np.testing.assert_array_equal(down[np.isin(down["value"], values)], down_alone)
+
+
+@some
+@given(case=several())
+def test_what_all_links_deliver_is_ordered_by_time_then_by_link(case: Several) -> None:
+    """Each setpoint once, as late as its own link is long; the plant takes them as they stand."""
+    found = np.concatenate([down for _, down in through(case, range(len(case.chains)))])
+    link = np.array(case.used)[found["controller"]]
+    late = np.array([sum(down) for _, down in case.chains])[link]
+    np.testing.assert_array_equal(found["effective_ns"], found["issued_ns"] + late)
+    order = np.lexsort((found["value"], link, found["effective_ns"]))
+    np.testing.assert_array_equal(order, np.arange(len(found)))
+    by_time = {
+        i for i, (c, ns) in enumerate(case.issued) if ns + sum(case.chains[case.used[c]][1]) < tick_ns(TICKS, case.rate)
+    }
+    assert sorted(found["value"]) == sorted(by_time)
+
+
+def test_a_merged_table_keeps_what_was_there_before_what_comes_at_the_same_time() -> None:
+    table, count = np.zeros(6, SETPOINT), 0
+    for value, times in ((1.0, [10, 20, 20]), (2.0, [5, 20, 30])):
+        rows = np.zeros(3, SETPOINT)
+        rows["effective_ns"], rows["value"] = times, value
+        count = merge(table, count, rows, 3)
+    assert count == 6
+    assert table["effective_ns"].tolist() == [5, 10, 20, 20, 20, 30]
+    assert table["value"].tolist() == [2.0, 1.0, 1.0, 1.0, 2.0, 2.0]
+
+
+def test_stages_that_fill_up_a_chain_do_not_delay() -> None:
+    short, long = Link(up=[Stage(delay=0.02)]), Link(up=[Stage(delay=0.01)] * 4, down=[Stage(delay=0.5)])
+    made = links([short, long], [0, 1], STATIONS, DEVICES, 1, 60)
+    assert made.up.chain.shape == (2, 4)
+    assert [longest_delay_ns(table) for table in made.up.chain] == [20_000_000, 40_000_000]
+    assert [longest_delay_ns(table) for table in made.down.chain] == [0, 500_000_000]
+    assert [traverse(table, 7) for table in made.up.chain] == [20_000_007, 40_000_007]

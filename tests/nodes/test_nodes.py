@@ -142,6 +142,7 @@ def test_parameters_have_description_unit_and_range(start: Any, client: Any) -> 
         ("wan_link", {"link": "wet_string"}, "allowed: delay_100ms, ideal"),
         ("wan_link", {"set": "[link.up.0.delay=-1]"}, "link.up.0.delay: -1 given"),
         ("controller", {"index": 7}, "index: 7 given; allowed: 0"),
+        ("wan_link", {"index": 1}, "index: 1 given; allowed: 0"),
         ("controller", {"gain": 1e9}, "gain"),
         ("controller", {"run": "nowhere"}, "runs: 'nowhere' given"),
         ("recorder", {"output": "/proc/nowhere"}, "/proc/nowhere"),

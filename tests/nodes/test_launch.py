@@ -1,0 +1,154 @@
+"""What the launch files start. ROS 2's `launch` is no wheel: here stand-ins take down what it is asked for."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from facts_damping import loop
+from facts_damping.configuration import load_case
+from facts_damping.recording.reader import load
+from tests.nodes.test_graph import assert_same
+from tests.nodes.test_nodes import PATIENCE_S, start
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+__all__ = ["start"]  # a fixture
+FOLDER = Path(__file__).parents[2] / "launch"
+
+
+class Asked:
+    """Anything of `launch`: what it was made with."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        self.given, self.named = given, named
+
+    def perform(self, context: dict[str, str]) -> str:
+        """A `LaunchConfiguration`'s value."""
+        return context[self.given[0]]
+
+
+def kinds(*names: str) -> dict[str, type[Asked]]:
+    return {name: type(name, (Asked,), {}) for name in names}
+
+
+MODULES = {
+    "launch": kinds("LaunchContext", "LaunchDescription"),
+    "launch.actions": kinds(
+        "DeclareLaunchArgument", "IncludeLaunchDescription", "OpaqueFunction", "RegisterEventHandler", "Shutdown"
+    ),
+    "launch.event_handlers": kinds("OnProcessExit"),
+    "launch.launch_description_sources": kinds("PythonLaunchDescriptionSource"),
+    "launch.substitutions": kinds("LaunchConfiguration"),
+    "launch_ros": {},
+    "launch_ros.actions": kinds("Node"),
+}
+
+
+@pytest.fixture
+def launched(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
+    """All that a launch file asks for in the end, given some arguments: nodes and event handlers."""
+    for name, content in MODULES.items():
+        module = ModuleType(name)
+        vars(module).update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+
+    def perform(file: Path, context: dict[str, str]) -> Iterator[Any]:
+        (actions,) = runpy.run_path(str(file))["generate_launch_description"]().given
+        for action in actions:
+            match type(action).__name__:
+                case "DeclareLaunchArgument":
+                    context.setdefault(action.given[0], action.named["default_value"])
+                case "IncludeLaunchDescription":
+                    (source,) = action.given
+                    context.update(action.named["launch_arguments"])
+                    yield from perform(Path(source.given[0]), context)
+                case "OpaqueFunction":
+                    yield from action.named["function"](context)
+                case other:
+                    raise AssertionError(other)
+
+    return lambda file, **arguments: list(perform(FOLDER / file, arguments))
+
+
+def nodes(actions: list[Any]) -> list[SimpleNamespace]:
+    """The nodes among what a launch file asks for."""
+    found = [action for action in actions if type(action).__name__ == "Node"]
+    assert {node.named["package"] for node in found} == {"facts_damping"}
+    return [SimpleNamespace(**{**node.named, "parameters": node.named["parameters"][0]}) for node in found]
+
+
+def places(actions: list[Any]) -> set[tuple[str, str, str, int | None]]:
+    """Executable, namespace, name and index of all nodes."""
+    return {(n.executable, n.namespace or "", n.name, n.parameters.get("index")) for n in nodes(actions)}
+
+
+ALWAYS = {("plant_sim", "", "plant_sim", None), ("recorder", "", "recorder", None)}
+
+
+def test_decentralised_starts_a_link_and_a_controller_in_each_namespace(launched: Any) -> None:
+    assert places(launched("decentralised.launch.py")) == ALWAYS | {
+        ("wan_link", "tie", "wan_link", 0),
+        ("wan_link", "substation", "wan_link", 1),
+        ("controller", "tie", "controller_0_LLC", 0),
+        ("controller", "substation", "controller_1_LLC", 1),
+    }
+
+
+def test_centralised_starts_one_link(launched: Any) -> None:
+    found = places(launched("centralised.launch.py"))
+    assert found >= ALWAYS | {("wan_link", "", "wan_link", 0)}
+    others = found - ALWAYS - {("wan_link", "", "wan_link", 0)}
+    assert {executable for executable, *_ in others} <= {"controller", "identifier"}
+    assert {namespace for _, namespace, *_ in others} == {""}
+
+
+def test_a_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.yaml"
+    path.write_text("controllers: [{name: HBsWC, namespace: here, link: delay_100ms}]")
+    actions = launched("run.launch.py", run=str(path), output="", mode="realtime")
+    assert places(actions) == {
+        ("plant_sim", "", "plant_sim", None),
+        ("wan_link", "here", "wan_link", 0),
+        ("controller", "here", "controller_0_HBsWC", 0),
+        ("identifier", "here", "identifier_0_ANFGuMoI", 0),
+    }
+    common = {"run": str(path), "mode": "realtime", "recorder": False}
+    assert all(node.parameters.items() >= common.items() for node in nodes(actions))
+
+
+@pytest.mark.parametrize("name", ["centralised", "decentralised"])
+def test_the_end_of_the_plant_is_the_end_of_the_launch(launched: Any, name: str) -> None:
+    actions = launched(f"{name}.launch.py")
+    (handler,) = (action for action in actions if type(action).__name__ == "RegisterEventHandler")
+    (ends,) = handler.given
+    assert ends.named["target_action"].named["name"] == "plant_sim"
+    assert [type(action).__name__ for action in ends.named["on_exit"]] == ["Shutdown"]
+
+
+@pytest.mark.parametrize("name", ["centralised", "decentralised"])
+def test_what_is_launched_below_a_namespace_is_the_in_process_run(
+    launched: Any, start: Any, tmp_path: Path, name: str
+) -> None:
+    """As `launch` would start it in a group with a namespace pushed."""
+    run = f"two_area_{name}"
+    running = {}
+    for node in nodes(launched(f"{name}.launch.py", output=str(tmp_path / "bag"))):
+        place = "/".join(part for part in ("", "grid", node.namespace) if part is not None)
+        given = {
+            key: str(value).lower() if isinstance(value, bool) else value for key, value in node.parameters.items()
+        }
+        options = ("-r", f"__node:={node.name}", "-r", f"__ns:={place}")
+        running[node.name, place] = start(node.executable, *options, start_timeout=PATIENCE_S, **given)
+    plant, recorder = running["plant_sim", "/grid"], running["recorder", "/grid"]
+    _, errors = plant.communicate(timeout=PATIENCE_S)
+    assert (plant.returncode, errors) == (0, "")
+    recorder.terminate()
+    assert recorder.communicate(timeout=PATIENCE_S) == ("lost 0\n", "")
+    assert_same(load(tmp_path / "bag"), loop.run(load_case(run)))

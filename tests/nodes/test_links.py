@@ -1,0 +1,198 @@
+"""Controllers with links and namespaces of their own, as nodes: same bits as in process, failures by name."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from facts_damping import graph, loop
+from facts_damping.configuration import load_case
+from facts_damping.errors import RunError
+from facts_damping.files import dump
+from facts_damping.recording.reader import load
+from tests.nodes.test_graph import assert_same, nodes_left, payloads, quiet, started
+from tests.nodes.test_nodes import PATIENCE_S, start
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["start", "started"]  # fixtures
+
+
+def link(up: float, down: float = 0.0) -> dict[str, Any]:
+    """A link inline, delays in s."""
+    return {"up": [{"delay": up / 2}, {"delay": up / 2}], "down": [{"delay": down}]}
+
+
+def sets(sssc: dict[str, Any], statcom: dict[str, Any], *more: str) -> list[str]:
+    """A run of two controllers: what they have beside a device each."""
+    rows = [
+        {"name": "LLC", "signals": ["speed"], "devices": ["sssc"], **sssc},
+        {"name": "LLC", "signals": ["speed"], "devices": ["statcom"], "parameters": {"gain": 5.0}, **statcom},
+    ]
+    return ["devices=[sssc, statcom]", "scenario=large", "duration=4", f"controllers={json.dumps(rows)}", *more]
+
+
+HBSWC = {"name": "HBsWC", "scheme": "indirect", "signals": ["w13"], "parameters": {}}
+RUNS = {
+    "the run's link and an own one": sets({}, {"link": link(0.1)}),
+    "two own ones, 0 and 123.4 ms, in namespaces": sets(
+        {"link": "ideal", "namespace": "tie"}, {"link": link(0.0617, 0.0617), "namespace": "east/substation"}
+    ),
+    "two own ones, 123.4 and 100 ms, one namespace": sets(
+        {"link": link(0.0, 0.1234), "namespace": "area"}, {"link": "delay_100ms", "namespace": "area"}
+    ),
+    "namespaces alone": sets({"namespace": "tie"}, {"namespace": "substation"}, "link=delay_100ms"),
+    "identifier on an own link in a namespace": sets({}, {**HBSWC, "link": link(0.05, 0.0234), "namespace": "here"}),
+    "identifier in a namespace on the run's link": sets(
+        {"link": link(0.1)}, {**HBSWC, "namespace": "here"}, "link.up.0.delay=0.0333"
+    ),
+}
+
+
+@pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
+def test_a_graph_with_own_links_is_the_in_process_run_bit_for_bit(domain: int, tmp_path: Path, run: list[str]) -> None:
+    case = load_case(None, run)
+    outcome = graph.run(case, "lockstep", tmp_path, quiet)
+    recorded, computed = load(outcome.recording), loop.run(case)
+    assert outcome.messages_lost == 0
+    assert np.unique(computed.delivered["link"]).tolist() == list(range(len(case.links)))
+    assert len(np.unique(computed.applied["device"])) == 2
+    assert_same(recorded, computed)
+    again = loop.run(load_case(str(tmp_path / "run.yaml")))  # the stored run has all links inline
+    assert again.applied.tobytes() == computed.applied.tobytes()
+
+
+def test_an_unstable_run_with_own_links_ends_where_the_in_process_run_ends(domain: int, tmp_path: Path) -> None:
+    idle = {"parameters": {"gain": 0.0}}
+    case = load_case(None, [*sets({**idle, "link": link(0.1)}, {**idle, "link": "ideal"}), "duration=20"])
+    graph.run(case, "lockstep", tmp_path, quiet)
+    recorded = load(tmp_path / "recording")
+    assert not recorded.in_synchronism[-1]
+    assert_same(recorded, loop.run(case))
+
+
+APART = sets({"link": link(0.1), "namespace": "tie"}, {"link": link(0.01), "namespace": "substation"})
+TIE, SUBSTATION = "tie/controller_0_LLC", "substation/controller_1_LLC"
+
+
+def test_topics_stand_in_the_controllers_namespaces(domain: int, tmp_path: Path) -> None:
+    graph.run(load_case(None, APART), "lockstep", tmp_path, quiet)
+    assert set(payloads(tmp_path)) == {
+        *(f"/{name}" for name in ("pmu/frames", "plant/state", "plant/events", "diagnostics")),
+        *(f"/{one}/{name}" for one in (TIE, SUBSTATION) for name in ("setpoints", "state")),
+        *(
+            f"/{one}/{name}"
+            for one in ("tie", "substation")
+            for name in ("pmu/delivered", "setpoints/delivered", "link/statistics")
+        ),
+    }
+
+
+def test_links_that_are_late_by_turns_change_nothing(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
+    """The order of messages is no input: one link or controller stands still for a while, then another."""
+    turns = iter([f"{place}/wan_link" for place in ("tie", "substation")] * 2 + [TIE, SUBSTATION])
+
+    def hold(_done: int, _of: int) -> None:
+        node = next(turns, None)
+        if node is not None:
+            pid = started[node].popen.pid
+            os.kill(pid, signal.SIGSTOP)
+            time.sleep(0.3)
+            os.kill(pid, signal.SIGCONT)
+
+    case = load_case(None, [*APART, "duration=10"])
+    graph.run(case, "lockstep", tmp_path, hold)
+    assert next(turns, "none left") in (SUBSTATION, "none left")
+    assert_same(load(tmp_path / "recording"), loop.run(case))
+
+
+def test_real_time_with_own_links_loses_nothing(domain: int, tmp_path: Path) -> None:
+    case = load_case(None, [*APART, "duration=3"])
+    outcome = graph.run(case, "realtime", tmp_path, quiet)
+    assert outcome.messages_lost == 0
+    recorded, computed = load(outcome.recording), loop.run(case)
+    if outcome.deadline_misses == 0:
+        assert_same(recorded, computed)
+    else:
+        assert len(recorded.delivered) == len(computed.delivered)
+
+
+def test_a_cut_recording_of_several_links_is_the_run_s_beginning(domain: int, tmp_path: Path) -> None:
+    case = load_case(None, [*APART, "duration=15"])
+    graph.run(case, "lockstep", tmp_path / "whole", quiet)
+    file, computed, ticks = next((tmp_path / "whole" / "recording").glob("*.mcap")), loop.run(case), [0]
+    for share in (0.5, 0.7, 0.9):
+        cut = tmp_path / "cut.mcap"
+        shutil.copy(file, cut)
+        os.truncate(cut, int(share * file.stat().st_size))
+        recorded = load(cut)
+        ticks.append(len(recorded.time_ns))
+        assert any("the end is missing" in note for note in recorded.notes)
+        assert recorded.frames.tobytes() == computed.frames[: ticks[-1]].tobytes()
+        for name in ("delivered", "issued", "applied"):
+            whole = getattr(computed, name)
+            assert getattr(recorded, name).tobytes() == whole[whole["tick"] < ticks[-1]].tobytes(), name
+    assert np.all(np.diff([*ticks, case.ticks]) > 0)
+
+
+@pytest.mark.parametrize(
+    ("node", "number", "said"),
+    [
+        ("tie/wan_link", signal.SIGKILL, "^tie/wan_link was killed by SIGKILL"),
+        ("tie/wan_link", signal.SIGSTOP, "plant_sim: tie/wan_link is silent"),
+        (SUBSTATION, signal.SIGSTOP, f"substation/wan_link: {SUBSTATION} is silent"),
+        ("plant_sim", signal.SIGSTOP, "wan_link: plant_sim is silent"),
+    ],
+)
+def test_dead_or_silent_node_is_named_by_its_place(
+    domain: int, tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
+) -> None:
+    def strike(done: int, _of: int) -> None:
+        if done > 1 and node in started:
+            os.kill(started.pop(node).popen.pid, number)
+
+    began = time.monotonic()
+    with pytest.raises(RunError, match=said):
+        graph.run(load_case(None, [*APART, "duration=1000"]), "lockstep", tmp_path, strike, timeout=1.0)
+    assert time.monotonic() - began < PATIENCE_S
+    assert nodes_left(tmp_path) == []
+
+
+def test_a_second_graph_of_other_architecture_is_refused(domain: int, tmp_path: Path, start: Any) -> None:
+    """It shares the plant's topics alone."""
+    common = {"scenario": "large", "start_timeout": PATIENCE_S}
+    nodes = [start(name, **common) for name in ("wan_link", "controller")]
+    plant = start("plant_sim", mode="realtime", duration=1000.0, **common)
+    assert "tick" in plant.stdout.readline()
+    with pytest.raises(RunError, match="another graph publishes /pmu/frames too"):
+        graph.run(load_case(None, APART), "lockstep", tmp_path, quiet)
+    assert all(node.poll() is None for node in (plant, *nodes))
+
+
+def test_a_graph_with_namespaces_moves_below_another(start: Any, tmp_path: Path) -> None:
+    """As `ros2 launch` would have it: each node by hand, one missing namespace is named."""
+    run_file = tmp_path / "run.yaml"
+    run_file.write_text(dump(load_case(None, [*APART, "duration=1"]).document()))
+    common = {"run": run_file, "recorder": "true", "start_timeout": PATIENCE_S}
+    refused = start("wan_link", "-r", "__ns:=/grid", index=1, **common)
+    _, errors = refused.communicate(timeout=PATIENCE_S)
+    assert refused.returncode == 2
+    assert errors == "grid/wan_link: namespace: /grid given; allowed: one that ends with /substation (-r __ns:=...)\n"
+    recorder = start("recorder", "-r", "__ns:=/grid", output=tmp_path / "bag", **common)
+    for i, place in enumerate(("tie", "substation")):
+        for executable in ("wan_link", "controller"):
+            start(executable, "-r", f"__ns:=/grid/{place}", index=i, **common)
+    plant = start("plant_sim", "-r", "__ns:=/grid", **common)
+    _, errors = plant.communicate(timeout=PATIENCE_S)
+    assert (plant.returncode, errors) == (0, "")
+    recorder.terminate()
+    assert recorder.communicate(timeout=PATIENCE_S) == ("lost 0\n", "")
+    assert_same(load(tmp_path / "bag"), loop.run(load_case(str(run_file))))
