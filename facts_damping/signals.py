@@ -96,8 +96,8 @@ MACHINE_TRUTH = np.dtype(
     ]
 )
 
-# The truth about a FACTS device. A setpoint is a series voltage (SSSC) or an offset of the voltage reference
-# (STATCOM).
+# The truth about a FACTS device. A setpoint is a series voltage, or at a bus an offset of the voltage reference. What
+# has no meaning for a kind is NaN.
 DEVICE_TRUTH = np.dtype(
     [
         ("setpoint", "f8"),  # p.u., the setpoint in force, after limits
@@ -105,7 +105,7 @@ DEVICE_TRUTH = np.dtype(
         ("injected_voltage", "f8"),  # p.u., quadrature voltage, capacitive positive; NaN: no series device
         ("active_voltage", "f8"),  # p.u., in phase with the current, drop positive; NaN: no series device
         ("current", "f8"),  # p.u. of the system base
-        ("dc_voltage", "f8"),  # p.u. of the rated DC voltage
+        ("dc_voltage", "f8"),  # p.u. of the rated DC voltage; NaN: no DC link
         ("active_power", "f8"),  # p.u. of the system base, given to the network
         ("reactive_power", "f8"),  # p.u. of the system base, given to the network
         ("blocked", "f8"),  # 1 = blocked (too little current or voltage, or no solution)

@@ -46,7 +46,7 @@ def sssc(name: str, **fields: Any) -> dict[str, Any]:
 
 
 IN_LINE_1 = sssc("second", line="line_1")
-ONE_PLACE = "where first stands already; allowed: one sssc in a line, or between two buses"
+ONE_PLACE = "where first stands already; allowed: one device in a line, or between two buses"
 ONE_BALANCE = "allowed: exactly one, or none beside an infinite bus"
 
 # Name of the case: system, what is changed, what the message must say.
@@ -87,11 +87,15 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
         "devices: second.to: 'B77' given; allowed: B1, B10",
     ),
     "device with one bus": ("two_area", {"devices.+": sssc("second", **{"from": "B7"})}, "needs either `line`, or"),
-    "device with no place": ("two_area", {"devices.+": sssc("second")}, "devices.2: an sssc needs either `line`, or"),
+    "device with no place": (
+        "two_area",
+        {"devices.+": sssc("second")},
+        "devices.2: a device in series needs either `line`, or",
+    ),
     "device with two places": (
         "two_area",
         {"devices.+": {**IN_LINE_1, "from": "B7", "to": "B8W"}},
-        "devices.2: an sssc needs either `line`, or `from` and `to`",
+        "devices.2: a device in series needs either `line`, or `from` and `to`",
     ),
     "end that a line does not have": (
         "two_area",
@@ -114,7 +118,11 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
         {"devices.1.xs": 0.1},
         "devices.1.xs: unknown key; allowed: name, kind, bus",
     ),
-    "device of no kind": ("two_area", {"devices.1.kind": "tcsc"}, "kind: 'tcsc' given; allowed: 'sssc', 'statcom'"),
+    "device of no kind": (
+        "two_area",
+        {"devices.1.kind": "tcsc"},
+        "kind: 'tcsc' given; allowed: 'sssc', 'statcom'",
+    ),
     "negative inertia": ("two_area", {"machines.0.H": -6.5}, "machines.0.H: -6.5 given; allowed: greater than 0"),
     "no inertia": ("two_area", {"machines.0.H": 0.0}, "machines.0.H: 0.0 given; allowed: greater than 0"),
     "shares above one": (

@@ -1,4 +1,4 @@
-"""FACTS devices as data: SSSC and STATCOM, impedances, voltages and currents on the system base."""
+"""FACTS devices as data, in series or in parallel; impedances, voltages and currents on the system base."""
 
 from __future__ import annotations
 
@@ -9,18 +9,59 @@ from pydantic import Field, model_validator
 from facts_damping.parameters.base import Model, Name, quantity
 
 
-class Sssc(Model):
-    """A static synchronous series compensator between two buses, or in a line, next to its `from` or `to` bus.
+class Series(Model):
+    """What every kind in series has: two buses, or a line in which it stands next to its `from` or `to` bus.
 
-    Regulators and DC link: docs/plant.md, after (2.87)-(2.89), (2.100)-(2.104) and appendix A.3.
+    It acts behind an impedance, and where it is not installed it is its resistance alone.
     """
 
     name: Name
-    kind: Literal["sssc"]
+    kind: str
     from_bus: Name | None = Field(None, alias="from")
     to_bus: Name | None = Field(None, alias="to")
     line: Name | None = Field(None, description="the line it stands in, instead of `from` and `to`")
     end: Literal["from", "to"] = Field("from", description="which end of that line")
+    rs: float = quantity(..., "p.u.", "resistance of the coupling transformer", ge=1e-6, le=1)
+    xs: float = quantity(..., "p.u.", "reactance of the coupling transformer", gt=0, le=1)
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Series:
+        buses = [bus for bus in (self.from_bus, self.to_bus) if bus is not None]
+        if len(buses) != (0 if self.line is not None else 2):
+            raise ValueError("a device in series needs either `line`, or `from` and `to`")
+        return self
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """The two buses it stands between; empty while it is placed by its line."""
+        return self.from_bus or "", self.to_bus or ""
+
+    @property
+    def place(self) -> str:
+        """Where it stands, for people."""
+        return self.line or "-".join(self.ends)
+
+
+class Parallel(Model):
+    """What every kind in parallel has: a bus. It starts without current, and is nothing where it is not installed."""
+
+    name: Name
+    kind: str
+    bus: Name
+
+    @property
+    def place(self) -> str:
+        """Where it stands, for people."""
+        return self.bus
+
+
+class Sssc(Series):
+    """A static synchronous series compensator; its setpoint is a voltage in quadrature to its current.
+
+    Regulators and DC link: docs/plant.md, after (2.87)-(2.89), (2.100)-(2.104) and appendix A.3.
+    """
+
+    kind: Literal["sssc"]
     rs: float = quantity(0.000053, "p.u.", "resistance of the coupling transformer", ge=1e-6, le=1)
     xs: float = quantity(0.0016, "p.u.", "reactance of the coupling transformer", gt=0, le=1)
     v_max: float = quantity(0.1, "p.u.", "limit of the quadrature voltage setpoint", gt=0, le=1)
@@ -40,31 +81,16 @@ class Sssc(Model):
     def _consistent(self) -> Sssc:
         if self.vp_max >= self.vc_max:
             raise ValueError(f"vp_max must be below vc_max, given {self.vp_max} and {self.vc_max}")
-        buses = [bus for bus in (self.from_bus, self.to_bus) if bus is not None]
-        if len(buses) != (0 if self.line is not None else 2):
-            raise ValueError("an sssc needs either `line`, or `from` and `to`")
         return self
 
-    @property
-    def ends(self) -> tuple[str, str]:
-        """The two buses it stands between; empty while it is placed by its line."""
-        return self.from_bus or "", self.to_bus or ""
 
-    @property
-    def place(self) -> str:
-        """Where it stands, for people."""
-        return self.line or "-".join(self.ends)
-
-
-class Statcom(Model):
+class Statcom(Parallel):
     """A static synchronous compensator at a bus; its setpoint is an offset of its voltage reference.
 
     Regulators and DC link: docs/plant.md, after (2.90)-(2.92), (2.105)-(2.109) and appendix A.4.
     """
 
-    name: Name
     kind: Literal["statcom"]
-    bus: Name
     R: float = quantity(0.0073, "p.u.", "resistance of the coupling transformer", ge=0, le=10)
     L: float = quantity(0.22, "p.u.", "reactance of the coupling transformer", gt=0, le=10)
     v_max: float = quantity(..., "p.u.", "limit of the setpoint, an offset of the voltage reference", gt=0, le=1)
@@ -80,11 +106,6 @@ class Statcom(Model):
     Kf: float = quantity(0.22, "p.u.", "current regulator, feed-forward of the transformer's voltage", ge=0, le=10)
     tau: float = quantity(0.006, "s", "DC link, C V^2 / S of the system base", ge=0.001, le=10)
     V_min: float = quantity(0.05, "p.u.", "voltage of its bus below which the converter is blocked", gt=0, le=0.9)
-
-    @property
-    def place(self) -> str:
-        """Where it stands, for people."""
-        return self.bus
 
 
 Device = Annotated[Sssc | Statcom, Field(discriminator="kind")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.devices import Sssc
+from facts_damping.parameters.devices import Series
 from facts_damping.parameters.grid import Bus
 
 if TYPE_CHECKING:
@@ -13,19 +13,19 @@ if TYPE_CHECKING:
 
 
 def place(system: System) -> System:
-    """The system with every SSSC between two buses.
+    """The system with every device in series between two buses.
 
     One that is placed by a line stands between that end of the line and a new bus, `LINE.DEVICE`, at which the
     line ends from then on. Stations that measured the line's flow at this end measure the device's.
     """
     for device in system.devices:
-        if isinstance(device, Sssc) and device.line is not None:
+        if isinstance(device, Series) and device.line is not None:
             system = _insert(system, device)
     return system
 
 
-def _insert(system: System, device: Sssc) -> System:
-    """The system with one SSSC taken into its line."""
+def _insert(system: System, device: Series) -> System:
+    """The system with one device taken into its line."""
     at = next(i for i, line in enumerate(system.lines) if line.name == device.line)
     line, made = system.lines[at], f"{device.line}.{device.name}"
     bus, side = (line.from_bus, "from_bus") if device.end == "from" else (line.to_bus, "to_bus")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.parameters.devices import Sssc
+from facts_damping.parameters.devices import Series
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -57,11 +57,11 @@ def _check_ends(field: str, from_bus: str, to_bus: str, buses: set[str]) -> None
 
 
 def _check_devices(system: System, buses: set[str]) -> None:
-    """Devices stand at buses or in lines that are there, one SSSC a place."""
+    """Devices stand at buses or in lines that are there, in series one a place."""
     lines = {line.name for line in system.lines}
     taken: dict[tuple[str, ...], str] = {}
     for device in system.devices:
-        if not isinstance(device, Sssc):
+        if not isinstance(device, Series):
             known(f"devices: {device.name}.bus", device.bus, buses)
             continue
         if device.line is not None:
@@ -73,7 +73,7 @@ def _check_devices(system: System, buses: set[str]) -> None:
         if place in taken:
             raise ValueError(
                 f"devices: {device.name}: '{' to '.join(place)}' given, where {taken[place]} stands already; "
-                "allowed: one sssc in a line, or between two buses"
+                "allowed: one device in a line, or between two buses"
             )
         taken[place] = device.name
 
@@ -111,7 +111,7 @@ def _check_measurements(system: System, buses: set[str]) -> None:
     stations = unique("stations", [s.name for s in system.stations])
     joined: list[Line | Transformer] = [*system.lines, *system.transformers]
     branches = {row.name: {row.from_bus, row.to_bus} for row in joined}
-    branches |= {d.name: set(d.ends) for d in system.devices if isinstance(d, Sssc)}
+    branches |= {d.name: set(d.ends) for d in system.devices if isinstance(d, Series)}
     for station in system.stations:
         known(f"stations: {station.name}", station.machine or station.bus or "", machines | buses)
         for branch in station.branches:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.plant import excitation, governor, load, machine, sssc, stabiliser, statcom
+from facts_damping.parameters.devices import Series
+from facts_damping.plant import devices, excitation, governor, load, machine, stabiliser
 from facts_damping.plant.events import Stage, stages
-from facts_damping.plant.model import DEVICE, LOAD, PORT, SALIENT, SSSC, STATCOM, Plant, PlantState
+from facts_damping.plant.model import DEVICE, LOAD, PORT, SALIENT, Plant, PlantState, Site
 from facts_damping.plant.power_flow import PowerFlow, solve
 from facts_damping.plant.reduction import Place, reduce_network
 from facts_damping.signals import to_ns
@@ -56,7 +57,7 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
     for i, x in enumerate(loads):
         ports.add(LOAD, i, Place(x.bus))
     load_rows = [load.row(x, system.base_power, 1.0 if x.at == "nominal" else magnitude[x.bus]) for x in loads]
-    converters = _devices(system, [by_name[name] for name in installed], flow, magnitude, states, ports)
+    placed = _devices(system, [by_name[name] for name in installed], flow, magnitude, states, ports)
     norton = rotating.rows["admittance"]
     stations = [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.stations]
     plant = Plant(
@@ -67,10 +68,8 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
         stabilisers=rotating.stabilisers,
         governors=rotating.governors,
         loads=np.array(load_rows, load.LOAD),
-        sssc=converters.sssc,
-        statcom=converters.statcom,
         ports=np.array(ports.rows, PORT),
-        devices=converters.devices,
+        devices=placed,
         infinite=np.array([flow.voltage[flow.names.index(i.bus)] for i in system.infinite_buses], np.complex128),
         stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
         mechanical_power=np.array([_mechanical_power(system, rotating.power, s) for s in steps]),
@@ -79,10 +78,8 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
         network=np.array([reduce_network(system, ports.places, norton, s.topology, magnitude) for s in steps]),
         station_machine=np.array(stations),
     )
-    devices = len(installed)
-    state = PlantState(
-        np.array(states.values), np.zeros(devices), np.zeros(devices), np.zeros(len(ports.rows), np.complex128)
-    )
+    n = len(installed)
+    state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), np.zeros(len(ports.rows), np.complex128))
     return Built(plant, state, flow, states.names)
 
 
@@ -106,11 +103,11 @@ class _Ports:
     """All ports: rows of PORT, and where they are."""
 
     def __init__(self) -> None:
-        self.rows: list[tuple[int, int, int]] = []
+        self.rows: list[tuple[int, int, float]] = []
         self.places: list[Place] = []
 
-    def add(self, kind: int, row: int, place: Place, device: int = -1) -> int:
-        self.rows.append((kind, row, device))
+    def add(self, kind: int, row: int, place: Place, least: float = 0.0) -> int:
+        self.rows.append((kind, row, least))
         self.places.append(place)
         return len(self.rows) - 1
 
@@ -156,14 +153,6 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
     return made
 
 
-class _Converters(NamedTuple):
-    """All installed devices as tables."""
-
-    sssc: NDArray[Any]
-    statcom: NDArray[Any]
-    devices: NDArray[Any]
-
-
 def _devices(
     system: System,
     installed: Sequence[Device],
@@ -171,23 +160,18 @@ def _devices(
     magnitude: dict[str, float],
     states: _States,
     ports: _Ports,
-) -> _Converters:
+) -> NDArray[Any]:
     """Devices at rest, in the order in which they are installed."""
-    series: list[Any] = []
-    shunt: list[Any] = []
-    devices: list[Any] = []
+    rows = np.zeros(len(installed), devices.DEVICE)
     for d, device in enumerate(installed):
-        if device.kind == "sssc":
-            port = ports.add(SSSC, len(series), Place(device=device), d)
-            series.append(sssc.row(device, states.offset))
-            states.add(device.name, sssc.STATE_NAMES, sssc.start(device, flow.currents[device.name]))
+        if isinstance(device, Series):
+            place, size = Place(device=device), flow.currents[device.name]
         else:
-            port = ports.add(STATCOM, len(shunt), Place(device.bus), d)
-            omega_0 = 2 * math.pi * system.frequency
-            shunt.append(statcom.row(device, states.offset, omega_0, magnitude[device.bus]))
-            states.add(device.name, statcom.STATE_NAMES, statcom.START)
-        devices.append((port, device.v_max, device.rate_max))
-    return _Converters(np.array(series, sssc.SSSC), np.array(shunt, statcom.STATCOM), np.array(devices, DEVICE))
+            place, size = Place(device.bus), magnitude[device.bus]
+        start = devices.install(rows[d], device, Site(states.offset, 2 * math.pi * system.frequency, size))
+        rows[d]["port"] = ports.add(DEVICE, d, place, start.least)
+        states.add(device.name, devices.KINDS[device.kind].states, start.states)
+    return rows
 
 
 def _mechanical_power(system: System, power: NDArray[np.float64], stage: Stage) -> list[float]:

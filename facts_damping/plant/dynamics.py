@@ -9,8 +9,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, inlined
-from facts_damping.plant import excitation, governor, sssc, stabiliser, statcom
-from facts_damping.plant.model import SSSC
+from facts_damping.plant import devices, excitation, governor, stabiliser
 from facts_damping.plant.ports import solve_ports
 
 if TYPE_CHECKING:
@@ -145,18 +144,10 @@ def derivatives(
         excitation.derivatives(plant.exciters[g], x, size, added, efd, dx)
         stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
         governor.derivatives(plant.governors[g], x, asked, omega, dx)
-    for d in range(plant.devices.size):
-        p = plant.devices[d].port
-        port, size = plant.ports[p], abs(work.response[p])
-        if port.kind == SSSC:
-            converter = plant.sssc[port.row]
-            sssc.derivatives(converter, x, size, -reference[d], dx)
-            if work.blocked[p]:
-                for i in range(sssc.STATES):
-                    dx[converter.offset + i] = 0.0
+    for i in range(plant.devices.size):
+        d = plant.devices[i]
+        if work.blocked[d.port]:
+            for k in range(d.states):
+                dx[d.offset + k] = 0.0
         else:
-            shunt = plant.statcom[port.row]
-            statcom.derivatives(shunt, x, size, reference[d], dx)
-            if work.blocked[p]:
-                for i in range(statcom.STATES):
-                    dx[shunt.offset + i] = 0.0
+            devices.derivatives(d, x, reference[i], abs(work.response[d.port]), dx)

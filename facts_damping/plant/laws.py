@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled, inlined
-from facts_damping.plant import load, sssc
-from facts_damping.plant.model import SALIENT, SSSC, STATCOM
+from facts_damping.compiling import inlined
+from facts_damping.plant import devices, load
+from facts_damping.plant.model import DEVICE, SALIENT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,12 +45,8 @@ def characteristic(
 ) -> tuple[complex, complex]:
     """Source of a load's or device's port over the direction of its response, and its derivative by |q|, p.u."""
     port = plant.ports[p]
-    if port.kind == SSSC:
-        # A setpoint is capacitive positive, the converter's voltage a drop.
-        return sssc.characteristic(plant.sssc[port.row], x, -reference[port.device], size)
-    if port.kind == STATCOM:
-        o = plant.statcom[port.row].offset
-        return complex(x[o], x[o + 1]), 0j
+    if port.kind == DEVICE:
+        return devices.characteristic(plant.devices[port.row], x, reference[port.row], size)
     value, slope = load.characteristic(plant.loads[port.row], size, work.low[p])
     scale = plant.load_scale[stage, port.row]
     return value * scale, slope * scale
@@ -86,14 +82,3 @@ def law(
     work.slope[p, 1, 0] = along.imag * direction.real - across.imag * direction.imag
     work.slope[p, 1, 1] = along.imag * direction.imag + across.imag * direction.real
     return turned
-
-
-@compiled
-def least_response(plant: Plant, p: int) -> float:
-    """Response below which a port's converter is blocked, p.u.; 0 for what is no converter."""
-    port = plant.ports[p]
-    if port.kind == SSSC:
-        return plant.sssc[port.row].I_min  # type: ignore[no-any-return]
-    if port.kind == STATCOM:
-        return plant.statcom[port.row].V_min  # type: ignore[no-any-return]
-    return 0.0

@@ -7,9 +7,10 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled
-from facts_damping.plant import excitation, governor, sssc, stabiliser
+from facts_damping.plant import devices as facts
+from facts_damping.plant import excitation, governor, stabiliser
 from facts_damping.plant.dynamics import row_times, solve_network, stator
-from facts_damping.plant.model import SSSC, begin_stage
+from facts_damping.plant.model import begin_stage
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,33 +37,18 @@ def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work
 
 @compiled
 def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> None:
-    """The truth about device d."""
-    p = plant.devices[d].port
-    port = plant.ports[p]
-    response, size = work.response[p], abs(work.response[p])
-    blocked = work.blocked[p]
+    """The truth about device d: of one in parallel what its port gives; then what its kind says."""
+    row = plant.devices[d]
+    response, given, blocked = work.response[row.port], state.source[row.port], work.blocked[row.port]
+    flow = response * given.conjugate()
     out.setpoint = state.target[d]
     out.reference = state.reference[d]
+    out.injected_voltage = out.active_voltage = out.dc_voltage = math.nan
+    out.current = abs(given)
+    out.active_power = flow.real
+    out.reactive_power = flow.imag
     out.blocked = 1.0 if blocked else 0.0
-    if port.kind == SSSC:
-        s = plant.sssc[port.row]
-        c = sssc.converter(s, state.x, -state.reference[d], size)
-        v_p, v_q = (0.0, 0.0) if blocked else (c.v_p, c.v_q)
-        out.injected_voltage = -(v_q + s.xs * size)
-        out.active_voltage = v_p
-        out.current = size
-        out.dc_voltage = state.x[s.offset + 2]
-        out.active_power = -(v_p + s.rs * size) * size
-        out.reactive_power = -(v_q + s.xs * size) * size
-    else:
-        injected = state.source[p]
-        flow = response * injected.conjugate()
-        out.injected_voltage = math.nan
-        out.active_voltage = math.nan
-        out.current = abs(injected)
-        out.dc_voltage = state.x[plant.statcom[port.row].offset + 2]
-        out.active_power = flow.real
-        out.reactive_power = flow.imag
+    facts.truth(row, state.x, state.reference[d], abs(response), blocked, out)
 
 
 @compiled

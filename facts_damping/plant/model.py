@@ -12,13 +12,26 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 # Kinds of ports: places where something beside the linear network acts.
-SALIENT, LOAD, SSSC, STATCOM = 0, 1, 2, 3
+SALIENT, LOAD, DEVICE = 0, 1, 2
 
-# A port: its kind, and the row of its table (machines, loads, converters of one kind); of a device its index.
-PORT = np.dtype([("kind", "i8"), ("row", "i8"), ("device", "i8")])
+# A port: its kind, the row of its table (machines, loads, devices), and the response below which it is blocked.
+PORT = np.dtype([("kind", "i8"), ("row", "i8"), ("least", "f8")])
 
-# An installed device: its port, and the limits of its setpoint and of the rate of its reference.
-DEVICE = np.dtype([("port", "i8"), ("v_max", "f8"), ("rate_max", "f8")])
+
+class Site(NamedTuple):
+    """Where a device stands as the power flow leaves it."""
+
+    offset: int  # of its states in the plant's
+    omega_0: float  # rad/s
+    size: float  # p.u., of what its port sees: in series its current, in parallel its bus voltage
+
+
+class Start(NamedTuple):
+    """A device at rest: the row of its kind's table, its states, and the response below which it is blocked."""
+
+    row: tuple[Any, ...]
+    states: list[float]
+    least: float  # p.u.; 0: never for too small a response
 
 
 class Plant(NamedTuple):
@@ -26,9 +39,9 @@ class Plant(NamedTuple):
 
     The network of stage s, from `stage_start_ns[s]` on, is `network[s]`, complex. It maps its inputs (machine
     Norton currents, voltages of infinite buses, sources at the ports) to its outputs (machine voltages,
-    responses of the ports, station voltages, station currents), p.u. A port in parallel (machine, load,
-    STATCOM) injects a current and sees its bus voltage; one in series (SSSC) holds a voltage drop and sees
-    its current. Shape (machines + ports + 2 stations, machines + infinite buses + ports).
+    responses of the ports, station voltages, station currents), p.u. A port in parallel injects a current and
+    sees its bus voltage; one in series holds a voltage drop and sees its current. Shape
+    (machines + ports + 2 stations, machines + infinite buses + ports).
     """
 
     omega_0: float  # rad/s
@@ -38,10 +51,8 @@ class Plant(NamedTuple):
     stabilisers: NDArray[Any]  # STABILISER
     governors: NDArray[Any]  # GOVERNOR
     loads: NDArray[Any]  # LOAD, those that are not impedances
-    sssc: NDArray[Any]  # SSSC
-    statcom: NDArray[Any]  # STATCOM
     ports: NDArray[Any]  # PORT
-    devices: NDArray[Any]  # DEVICE, in the order of the run
+    devices: NDArray[Any]  # devices.DEVICE, in the order of the run
     infinite: NDArray[np.complex128]  # (infinite buses,), p.u.
     stage_start_ns: NDArray[np.int64]  # (stages,), ascending, the first at the start of time
     mechanical_power: NDArray[np.float64]  # (stages, machines), p.u. of the rating

@@ -13,13 +13,13 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from facts_damping.errors import InputError
+from facts_damping.parameters.devices import Series
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Sssc
     from facts_damping.parameters.grid import Line, Transformer
     from facts_damping.parameters.system import System
 
@@ -100,7 +100,7 @@ def transformer_section(transformer: Transformer, base_power: float) -> NDArray[
     return np.array([[y / abs(t) ** 2 + magnetising, -y / np.conj(t)], [-y / t, y]])
 
 
-def device_section(device: Sssc, series: complex) -> Branch:
+def device_section(device: Series, series: complex) -> Branch:
     """A device in series as the branch of an impedance, p.u."""
     from_bus, to_bus = device.ends
     return Branch(device.name, from_bus, to_bus, two_port(series, 0, 0))
@@ -177,9 +177,9 @@ def grounded(topology: Topology) -> set[str]:
     return found
 
 
-def series_devices(system: System) -> list[Sssc]:
+def series_devices(system: System) -> list[Series]:
     """The devices in series with the network."""
-    return [device for device in system.devices if device.kind == "sssc"]
+    return [device for device in system.devices if isinstance(device, Series)]
 
 
 def check_islands(system: System, topology: Topology, when: str) -> None:

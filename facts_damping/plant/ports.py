@@ -1,8 +1,8 @@
-"""The nonlinear part of the network: what machines, loads and converters at the ports give; compiled.
+"""The nonlinear part of the network: what machines, loads and devices at the ports give; compiled.
 
 The linear network sees each port as a source s and answers with a response q = q0 + H s; each port has a law
-s = f(q). Newton's method on s - f(q0 + H s) = 0 solves all ports together. Without sources (s = 0) the
-SSSCs are bypassed, the STATCOMs carry nothing and the loads are impedances: a start that always exists.
+s = f(q). Newton's method on s - f(q0 + H s) = 0 solves all ports together. Without sources (s = 0) devices in
+series are bypassed, those in parallel carry nothing and the loads are impedances: a start that always exists.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import math
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled, inlined
-from facts_damping.plant.laws import SMALL, characteristic, law, least_response
-from facts_damping.plant.model import LOAD, SALIENT, SSSC, STATCOM
+from facts_damping.plant.laws import SMALL, characteristic, law
+from facts_damping.plant.model import DEVICE, LOAD, SALIENT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -154,7 +154,7 @@ def _alone(
     q0 = work.given[0]
     square = q0.real * q0.real + q0.imag * q0.imag
     m = abs(q0 + h * source[0])
-    least = max(least_response(plant, 0), SMALL)
+    least = max(plant.ports[0].least, SMALL)
     for _ in range(MAX_ITERATIONS):
         if not m > least:
             return False
@@ -178,10 +178,10 @@ def _alone(
 
 @inlined
 def _block(plant: Plant, work: Work) -> bool:
-    """Block the converters that have too little current or voltage; whether there is one more."""
+    """Block the devices that have too little current or voltage; whether there is one more."""
     more = False
     for p in range(plant.ports.size):
-        if not work.blocked[p] and abs(work.response[p]) < least_response(plant, p):
+        if not work.blocked[p] and abs(work.response[p]) < plant.ports[p].least:
             work.blocked[p] = more = True
     return more
 
@@ -217,9 +217,9 @@ def solve_ports(
     """What all ports give, into `source`, p.u.; NaN where there is no solution, which ends the run.
 
     Newton's method has these starts, until one converges: the solution before; no sources; the loads as what they
-    are below V_min, which a deep dip may leave, released one by one where that is not so. Where a converter asks for
-    more than the network can carry (an SSSC for its current, a STATCOM for its bus) there is no solution: then all
-    of them are blocked, and the last two starts tried again. Without a solution still the network has none.
+    are below V_min, which a deep dip may leave, released one by one where that is not so. Where a device asks for
+    more than the network can carry (in series for its current, in parallel for its bus) there is no solution: then
+    all of them are blocked, and the last two starts tried again. Without a solution still the network has none.
     """
     for p in range(source.size):
         work.blocked[p] = work.low[p] = False
@@ -236,8 +236,7 @@ def solve_ports(
             attempt += 1
         for p in range(source.size):
             source[p] = 0.0
-            converter = plant.ports[p].kind == SSSC or plant.ports[p].kind == STATCOM
-            work.blocked[p] = work.blocked[p] or (attempt == 3 and converter)
+            work.blocked[p] = work.blocked[p] or (attempt == 3 and plant.ports[p].kind == DEVICE)
             work.low[p] = attempt in (2, 4) and plant.ports[p].kind == LOAD
     for p in range(source.size):
         source[p] = complex(math.nan, math.nan)

@@ -9,6 +9,7 @@ import numpy as np
 
 from facts_damping.errors import InputError
 from facts_damping.plant import load as loads
+from facts_damping.plant.devices import losses_of
 from facts_damping.plant.network import (
     Topology,
     admittance,
@@ -64,16 +65,16 @@ class PowerFlow:
 def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     """Solve for all bus voltages before the first event.
 
-    An installed SSSC whose DC link has losses draws them from the network, as a resistance g / |I|^2
-    in series would; as |I| is not known before, the power flow is repeated until it is. A STATCOM carries
-    no current at the start.
+    An installed device in series that has losses draws them from the network, as a resistance in series would; as
+    that depends on |I|, which is not known before, the power flow is repeated until it is. A device in parallel
+    carries no current at the start.
     """
     devices = series_devices(system)
     losses = {device.name: 0.0 for device in devices}
     change = 0.0
     for _ in range(MAX_ITERATIONS):
         flow = _solve(system, losses)
-        drawn = {d.name: d.g / max(flow.currents[d.name], d.I_min) ** 2 for d in devices if d.name in installed}
+        drawn = {d.name: losses_of(d, flow.currents[d.name]) for d in devices if d.name in installed}
         change = max([abs(drawn[name] - losses[name]) for name in drawn], default=0.0)
         if change <= LOSS_TOLERANCE:
             return flow

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Sssc
+    from facts_damping.parameters.devices import Series
     from facts_damping.parameters.system import Station, System
 
 
@@ -33,11 +33,11 @@ STRAY = 1e-9j  # p.u., stray susceptance of buses that hang on nothing with a pa
 
 
 class Place(NamedTuple):
-    """Where a port is: in parallel at a bus (a machine's own, or a load's or STATCOM's), or a device in series."""
+    """Where a port is: in parallel at a bus (a machine's own, or a load's or device's), or a device in series."""
 
     bus: str = ""
     machine: str | None = None
-    device: Sssc | None = None
+    device: Series | None = None
 
 
 class Network(NamedTuple):
@@ -130,7 +130,7 @@ def floating(matrix: NDArray[np.complex128], fixed: set[int]) -> NDArray[np.bool
     return np.array([part not in fed for part in label])
 
 
-def _series_current(system: System, net: Network, places: Sequence[Place], device: Sssc) -> NDArray[np.complex128]:
+def _series_current(system: System, net: Network, places: Sequence[Place], device: Series) -> NDArray[np.complex128]:
     """Row that gives the current through a device from its first bus to its second: (V1 - V2 - v) / (rs + j xs)."""
     first, second = device.ends
     row: NDArray[np.complex128] = net.voltage[net.at[first]] - net.voltage[net.at[second]]

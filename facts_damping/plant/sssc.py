@@ -14,11 +14,13 @@ import numpy as np
 
 from facts_damping.compiling import compiled
 from facts_damping.errors import InputError
+from facts_damping.plant.model import Start
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.devices import Sssc
+    from facts_damping.plant.model import Site
 
 STATE_NAMES = ["x_ac", "x_dc", "vdc"]
 STATES = len(STATE_NAMES)
@@ -38,17 +40,13 @@ class Converter(NamedTuple):
     dc_limited: bool
 
 
-def row(device: Sssc, offset: int) -> Any:
-    """A row of SSSC."""
-    return (offset, *(getattr(device, name) for name in FIELDS))
-
-
-def start(device: Sssc, magnitude: float) -> NDArray[np.float64]:
-    """States at rest with no injection, at rated DC voltage and a current's magnitude (p.u.).
+def start(device: Sssc, site: Site) -> Start:
+    """At rest with no injection, at rated DC voltage and the magnitude of the current there.
 
     The converter makes up for its transformer, s_q = -xs |I|, and draws what the DC link loses,
     s_p |I| = g. Raises `InputError` where its limits do not admit that.
     """
+    magnitude = site.size
     if magnitude < device.I_min:
         raise InputError(
             f"devices: {device.name} carries {magnitude:.3g} p.u. at the start; "
@@ -61,7 +59,13 @@ def start(device: Sssc, magnitude: float) -> NDArray[np.float64]:
             f"devices: {device.name} needs converter voltages of {s_p:.4g} (active) and {s_q:.4g} p.u. (reactive) "
             f"at the start; allowed: vp_max {device.vp_max:g}, vc_max {device.vc_max:g} in all"
         )
-    return np.array([0.0, s_p / share, 1.0])
+    row = (site.offset, *(getattr(device, name) for name in FIELDS))
+    return Start(row, [0.0, s_p / share, 1.0], device.I_min)
+
+
+def losses(device: Sssc, magnitude: float) -> float:
+    """Resistance that draws at a current's magnitude what the DC link loses, g / |I|^2, p.u."""
+    return device.g / max(magnitude, device.I_min) ** 2
 
 
 @compiled
@@ -94,22 +98,35 @@ def converter(d: Any, x: NDArray[np.float64], u: float, magnitude: float) -> Con
 
 
 @compiled
-def characteristic(d: Any, x: NDArray[np.float64], u: float, magnitude: float) -> tuple[complex, complex]:
+def characteristic(d: Any, x: NDArray[np.float64], setpoint: float, magnitude: float) -> tuple[complex, complex]:
     """Converter voltage over the direction of the current, v_p + j v_q, and its derivative by |I|, p.u."""
-    c = converter(d, x, u, magnitude)
+    c = converter(d, x, -setpoint, magnitude)
     return complex(c.v_p, c.v_q), complex(c.v_p_slope, c.v_q_slope)
 
 
 @compiled
-def derivatives(d: Any, x: NDArray[np.float64], magnitude: float, u: float, dx: NDArray[np.float64]) -> None:
-    """Write the derivatives of the states, 1/s, at a current's magnitude and a wanted drop u, p.u.
+def derivatives(d: Any, x: NDArray[np.float64], setpoint: float, magnitude: float, dx: NDArray[np.float64]) -> None:
+    """Write the derivatives of the states, 1/s, at a current's magnitude, p.u.
 
     dx_ac = Ki e_ac, dx_dc = Kdi (1 - vdc), each standing still while its output is limited;
     dvdc = (v_p |I| - g vdc^2) / (tau vdc): what the converter draws charges the DC link or is lost.
     """
-    o = d.offset
+    o, u = d.offset, -setpoint
     vdc = x[o + 2]
     c = converter(d, x, u, magnitude)
     dx[o] = 0.0 if c.ac_limited else d.Ki * (u - c.v_q - d.xs * magnitude)
     dx[o + 1] = 0.0 if c.dc_limited else d.Kdi * (1.0 - vdc)
     dx[o + 2] = (c.v_p * magnitude - d.g * vdc * vdc) / (d.tau * vdc)
+
+
+@compiled
+def truth(d: Any, x: NDArray[np.float64], setpoint: float, magnitude: float, blocked: bool, out: Any) -> None:
+    """Write what DEVICE_TRUTH has of it: voltages, and the power that converter and transformer give."""
+    c = converter(d, x, -setpoint, magnitude)
+    v_p, v_q = (0.0, 0.0) if blocked else (c.v_p, c.v_q)
+    out.injected_voltage = -(v_q + d.xs * magnitude)
+    out.active_voltage = v_p
+    out.current = magnitude
+    out.dc_voltage = x[d.offset + 2]
+    out.active_power = -(v_p + d.rs * magnitude) * magnitude
+    out.reactive_power = -(v_q + d.xs * magnitude) * magnitude

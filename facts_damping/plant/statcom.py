@@ -11,28 +11,36 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.plant.model import Start
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.devices import Statcom
+    from facts_damping.plant.model import Site
 
 STATE_NAMES = ["id", "iq", "vdc", "x_ac", "x_dc", "x_d", "x_q"]
 STATES = len(STATE_NAMES)
-START = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]  # at rest: no current, rated DC voltage
 FIELDS = ("R", "L", "I_max", "Kp", "Ki", "droop", "Kd", "Kdi", "Kc", "Kci", "Kf", "tau", "V_min")
 
 STATCOM = np.dtype([("offset", "i8"), ("omega_0", "f8"), ("Vref", "f8"), *((name, "f8") for name in FIELDS)])
 
 
-def row(device: Statcom, offset: int, omega_0: float, voltage: float) -> Any:
-    """A row of STATCOM with the voltage reference that holds the start."""
-    return (offset, omega_0, voltage, *(getattr(device, name) for name in FIELDS))
+def start(device: Statcom, site: Site) -> Start:
+    """At rest: no current, rated DC voltage, and the voltage reference that holds it."""
+    row = (site.offset, site.omega_0, site.size, *(getattr(device, name) for name in FIELDS))
+    return Start(row, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0], device.V_min)
 
 
 @compiled
-def derivatives(d: Any, x: NDArray[np.float64], voltage: float, u: float, dx: NDArray[np.float64]) -> None:
-    """Write the derivatives of the states, 1/s, at a bus voltage |V| and an offset u of its reference, p.u.
+def characteristic(d: Any, x: NDArray[np.float64]) -> tuple[complex, complex]:
+    """Current over the direction of the voltage, i_d + j i_q, and its derivative by |V|, p.u."""
+    return complex(x[d.offset], x[d.offset + 1]), 0j
+
+
+@compiled
+def derivatives(d: Any, x: NDArray[np.float64], u: float, voltage: float, dx: NDArray[np.float64]) -> None:
+    """Write the derivatives of the states, 1/s, at an offset u of its reference and a bus voltage |V|, p.u.
 
     Currents: did = omega_0 / L (c_d - V - R i_d + L i_q), diq = omega_0 / L (c_q - R i_q - L i_d).
     AC voltage: e = Vref + u - V - droop i_Q with i_Q = -i_q; i_Q* = clip(Kp e + x_ac), dx_ac = Ki e.
@@ -58,3 +66,9 @@ def derivatives(d: Any, x: NDArray[np.float64], voltage: float, u: float, dx: ND
     dx[o + 4] = 0.0 if abs(wanted_p) > d.I_max else d.Kdi * e_dc
     dx[o + 5] = d.Kci * e_d
     dx[o + 6] = d.Kci * e_q
+
+
+@compiled
+def truth(d: Any, x: NDArray[np.float64], out: Any) -> None:
+    """Write what DEVICE_TRUTH has of it beside current and power."""
+    out.dc_voltage = x[d.offset + 2]

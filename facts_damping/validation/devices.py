@@ -88,14 +88,15 @@ def balance() -> Table:
     """What a converter draws charges its DC link and its transformer's reactance, or is lost in the resistance."""
     system = load_system("two_area")
     times = np.arange(round(SECONDS * FINE) + 1) / FINE
-    found, _ = _follow(system, [d.name for d in system.devices], SETPOINTS, times, UNCHARGED)
+    found, _ = _follow(system, list(SETPOINTS), SETPOINTS, times, UNCHARGED)
     rows = []
-    for d, device in enumerate(system.devices):
-        R, L = (device.rs, 0.0) if device.kind == "sssc" else (device.R, device.L)
+    for d, name in enumerate(SETPOINTS):
+        device = next(row.model_dump() for row in system.devices if row.name == name)
+        R, L, tau = device.get("rs", device.get("R")), device.get("L", 0.0), device["tau"]
         truth = found[:, d]
         drawn = simpson(-truth["active_power"] - R * truth["current"] ** 2, x=times)
-        stored = device.tau * truth["dc_voltage"] ** 2 / 2 + L / (4 * np.pi * system.frequency) * truth["current"] ** 2
-        what = f"{device.name}: drawn less lost and stored, of {np.ptp(stored):.1e} p.u. s stored"
+        stored = tau * truth["dc_voltage"] ** 2 / 2 + L / (4 * np.pi * system.frequency) * truth["current"] ** 2
+        what = f"{name}: drawn less lost and stored, of {np.ptp(stored):.1e} p.u. s stored"
         rows.append(within(what, "p.u. s", drawn - (stored[-1] - stored[0]), 1e-7))
     title = "Energy of the converters of two_area over 0.5 s, from an uncharged DC link and a step of both setpoints"
     return Table(title, "conservation", "", rows)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.configuration import load_system
+from facts_damping.parameters.devices import Sssc
 from facts_damping.parameters.run import Scenario
 from facts_damping.parameters.system import System
 from facts_damping.plant.build import Built, build
@@ -70,6 +71,11 @@ def split(name: str) -> System:
     fields["devices"] = [{"name": "bypass", "kind": "sssc", "from": "B8", "to": "B8E", "rs": BYPASS}]
     fields["stations"][-1] = {"name": "TIE", "bus": "B8", "branches": ["bypass"]}
     return System.model_validate(fields)
+
+
+def ssscs(system: System) -> list[Sssc]:
+    """The SSSCs of a system."""
+    return [d for d in system.devices if isinstance(d, Sssc)]
 
 
 def events(*rows: dict[str, Any]) -> list[Event]:

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from facts_damping.errors import InputError
 from facts_damping.parameters.devices import Sssc
-from facts_damping.plant import sssc
+from facts_damping.plant import devices, sssc
 from facts_damping.plant.dynamics import solve_network
-from facts_damping.plant.model import PORT, SSSC, PlantState, workspace
+from facts_damping.plant.model import DEVICE, PORT, PlantState, Site, workspace
 from facts_damping.plant.network import series_devices
 from tests.independent.dynamics import sssc_voltage
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
@@ -26,7 +26,8 @@ FAULT = {"time": 0.1, "kind": "fault", "bus": "B8", "duration": 0.1}
 
 def device(**fields: Any) -> Any:
     """A row of the table that the kernels read."""
-    return sssc.row(Sssc.model_validate({"name": "sssc", "kind": "sssc", "from": "A", "to": "B", **fields}), 0)
+    model = Sssc.model_validate({"name": "sssc", "kind": "sssc", "from": "A", "to": "B", **fields})
+    return np.array(sssc.start(model, Site(0, 0.0, 1.0)).row, sssc.SSSC)[()]
 
 
 def with_device(**fields: Any) -> Any:
@@ -52,25 +53,27 @@ class Port(NamedTuple):
 
     def slopes(self, u: float) -> NDArray[np.float64]:
         dx = np.zeros(3)
-        sssc.derivatives(self.row, self.x, self.magnitude, u, dx)
+        sssc.derivatives(self.row, self.x, -u, self.magnitude, dx)
         return dx
 
 
 def at_a_port(made: Any, x: Sequence[float], u: float, voltage: complex, impedance: complex) -> Port:
     """A converter alone at a source `voltage` behind `impedance`, p.u."""
     empty = plant("smib", installed=["sssc"])
-    admittance = 1 / (impedance + complex(made[1], made[2]))
+    admittance = 1 / (impedance + complex(made["rs"], made["xs"]))
+    rows = np.zeros(1, devices.DEVICE)
+    rows[0]["kind"], rows[0]["states"], rows[0]["sssc"] = devices.SSSC, 3, made
     model = empty.plant._replace(
         machines=empty.plant.machines[:0],
-        sssc=np.array([made], sssc.SSSC),
+        devices=rows,
         infinite=np.array([voltage]),
         network=np.array([[[admittance, -admittance]]]),
-        ports=np.array([(SSSC, 0, 0)], PORT),
+        ports=np.array([(DEVICE, 0, made["I_min"])], PORT),
     )
     state = PlantState(np.array(x), np.array([-u]), np.zeros(1), np.zeros(1, complex))
     work = workspace(model, state)
     solve_network(model, state.x, state.reference, state.source, 0, work)
-    return Port(complex(work.response[0]), complex(state.source[0]), bool(work.blocked[0]), model.sssc[0], state.x)
+    return Port(complex(work.response[0]), complex(state.source[0]), bool(work.blocked[0]), made, state.x)
 
 
 @settings(deadline=None, max_examples=200)

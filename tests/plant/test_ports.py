@@ -10,9 +10,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from facts_damping.plant.devices import KINDS
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.laws import law
-from facts_damping.plant.model import LOAD, SALIENT, SSSC, STATCOM, copy, workspace
+from facts_damping.plant.model import DEVICE, LOAD, SALIENT, copy, workspace
 from facts_damping.signals import CHANNELS
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 from tests.plant.small import SPUR, between_infinite_buses
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(len(CHANNELS))
 BOTH = ["sssc", "statcom"]
-KINDS = {SALIENT, LOAD, SSSC, STATCOM}
 POWER = {"P_shares": {"power": 1.0}, "Q_shares": {"power": 1.0}}
 
 # What a machine may be beside the shipped one: salient in the stator, saturated, with fewer circuits.
@@ -252,7 +252,8 @@ def test_slopes_of_every_port_are_those_of_its_law(
 ) -> None:
     """The derivative (2, 2) of the source by the response against central differences, away from kinks."""
     built = of_all_kinds()
-    assert set(built.plant.ports["kind"]) == KINDS
+    assert set(built.plant.ports["kind"]) == {SALIENT, LOAD, DEVICE}
+    assert set(built.plant.devices["kind"]) == {kind.code for kind in KINDS.values()}
     assert len(built.plant.ports) == 5
     work, x = workspace(built.plant, built.state), np.array(built.state.x)
     for name, value in zip(("sssc.x_ac", "sssc.vdc", "statcom.iq"), moved, strict=True):

@@ -11,12 +11,12 @@ from scipy.integrate import simpson
 from facts_damping.plant.linear import linearise
 from facts_damping.plant.network import series_devices
 from facts_damping.signals import CHANNELS
-from tests.plant.running import Trace, changed, events, follow, frame_times, plant, shipped
+from tests.plant.running import Trace, changed, events, follow, frame_times, plant, shipped, ssscs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Sssc
+    from facts_damping.parameters.devices import Series
     from facts_damping.parameters.grid import Line, Transformer
     from facts_damping.parameters.system import System
 
@@ -25,7 +25,7 @@ LOAD_STEP = {"time": 0.1, "kind": "load_step", "load": "load_2", "change": -0.1}
 some = settings(deadline=None, max_examples=15)
 
 
-def branches(system: System) -> list[Line | Transformer | Sssc]:
+def branches(system: System) -> list[Line | Transformer | Series]:
     return [*system.lines, *system.transformers, *series_devices(system)]
 
 
@@ -80,7 +80,7 @@ def test_power_balances_at_every_bus_and_in_all() -> None:
         losses += shunt_loss.real * (np.abs(at[line.from_bus]) ** 2 + np.abs(at[line.to_bus]) ** 2)
     iron = sum(9 / 500 * np.abs(at[t.from_bus]) ** 2 for t in system.transformers)
     device = trace.devices[:, 0]
-    taken = device["active_voltage"] * device["current"] + series_devices(system)[0].rs * device["current"] ** 2
+    taken = device["active_voltage"] * device["current"] + ssscs(system)[0].rs * device["current"] ** 2
     assert np.abs(taken).max() > 0.05
     generated = sum(power[m.name].real for m in system.machines)
     np.testing.assert_allclose(generated, drawn + losses + iron + taken, rtol=0, atol=1e-9)
@@ -98,7 +98,7 @@ def test_what_the_converter_draws_charges_its_capacitor_or_is_lost(vdc: float, g
     trace = follow(built, frame_times(0.2, 4000), [(0.0, 0.05)], x=x)
     names = [s.name for s in system.stations]
     west, east = (trace.frames[:, names.index(f"sssc.{side}"), ACTIVE] for side in ("from", "to"))
-    device, d = trace.devices[:, 0], series_devices(system)[0]
+    device, d = trace.devices[:, 0], ssscs(system)[0]
     inward = west + east - d.rs * device["current"] ** 2
     np.testing.assert_allclose(inward, device["active_voltage"] * device["current"], rtol=0, atol=1e-11)
     stored = 0.5 * d.tau * device["dc_voltage"] ** 2

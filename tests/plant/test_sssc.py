@@ -13,9 +13,8 @@ from scipy.linalg import expm
 
 from facts_damping.parameters.placement import place
 from facts_damping.parameters.system import System
-from facts_damping.plant.network import series_devices
 from facts_damping.signals import CHANNELS
-from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
+from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes, ssscs
 from tests.plant.small import TIE, between_infinite_buses
 from tests.plant.test_properties import everywhere
 
@@ -36,7 +35,7 @@ def in_lines(*rows: dict[str, Any]) -> System:
 
 
 def devices() -> list[Sssc]:
-    return series_devices(shipped("two_area"))
+    return ssscs(shipped("two_area"))
 
 
 def sssc(name: str, line: str, end: str = "from", **fields: Any) -> dict[str, Any]:
@@ -136,7 +135,7 @@ def test_regulators_answer_a_small_step_as_their_equations_say(step: str) -> Non
     x[first : first + 3] += deviation
     times = np.arange(0, 0.15, 0.0025)
     trace = follow(built, times, [(0.0, -u)] if u else [], x=x)
-    propagate = expm(equations(series_devices(system)[0], built.flow.currents["sssc"]) * times[1])
+    propagate = expm(equations(ssscs(system)[0], built.flow.currents["sssc"]) * times[1])
     expected = [np.array([*deviation, u])]
     for _ in times[1:]:
         expected.append(propagate @ expected[-1])
@@ -170,7 +169,7 @@ def test_what_each_of_several_draws_charges_its_own_capacitor(installed: list[st
     targets = [(0.0, 0.05, installed.index("a")), (0.0, -0.04, installed.index("b"))]
     trace = follow(built, frame_times(0.2, 4000), targets, x=x)
     names = [s.name for s in system.stations]
-    for d in series_devices(system):
+    for d in ssscs(system):
         if d.name not in installed:
             continue
         device = trace.devices[:, installed.index(d.name)]
