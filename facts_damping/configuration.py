@@ -272,9 +272,9 @@ def check_parameter(where: str, name: str, value: Value, table: dict[str, Parame
     for one in value if isinstance(value, list) else [value]:
         if p.choices:
             check_known(where, str(one), p.choices)
-        elif isinstance(one, str) or not p.low <= one <= p.high:
-            shown = one if isinstance(one, str) else f"{one:g}"
-            raise InputError(f"{where}: {shown} given; allowed: {p.low:g} to {p.high:g} {p.unit}")
+        elif isinstance(one, str) or not p.low <= one <= p.high or (p.whole and one != round(one)):
+            shown, whole = one if isinstance(one, str) else f"{one:g}", "whole numbers, " if p.whole else ""
+            raise InputError(f"{where}: {shown} given; allowed: {whole}{p.low:g} to {p.high:g} {p.unit}")
 
 
 def _weights(

@@ -45,13 +45,12 @@ def analyse(system: System, devices: Sequence[str]) -> Modal:
 
 def document(modal: Modal) -> dict[str, Any]:
     """The JSON of `modes` (docs/commands.md)."""
-    poles = np.linalg.eigvals(modal.model.A)
     return {
         "power_flow": {"buses": modal.built.flow.buses(modal.system.base_power)},
         "devices": modal.devices,
         "modes": [_mode(mode) for mode in modal.modes],
         "transfer_functions": [
-            {**t._asdict(), "zeros": [_pair(z) for z in t.zeros], "poles": [_pair(p) for p in poles]}
+            {**t._asdict(), "zeros": [_pair(z) for z in t.zeros], "poles": [_pair(p) for p in t.poles]}
             for t in linear.transfer_functions(modal.model, list(modal.system.signals), modal.devices)
         ],
     }

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
 
 
+STILL = 1e-6  # p.u. or rad per p.u.: a signal that moves less beside the first does not swing
+
+
 def commands(case: Case) -> int:
     """Number of setpoints that all controllers of a case give at one arrival."""
     return sum(len(controller.devices) for controller in case.controllers)
@@ -106,6 +109,12 @@ def _known(case: Case, i: int, plant: Sensitivity | None) -> Known | None:
                 raise InputError(f"{here}: {given:g} given; allowed: {sign[s, d]:g} (or 0, to take it): {why}")
     jacobian = plant.jacobian(c.signals, c.devices, int(c.number("identifier_horizon")))
     swing = np.array([plant.ratio(signal, c.signals[0]) for signal in c.signals])
+    for signal, ratio in zip(c.signals, np.abs(swing), strict=True):
+        if not ratio > STILL:
+            raise InputError(
+                f"controllers.{i}.signals: '{signal}' given, which does not swing at the least damped mode "
+                f"({plant.frequency_hz:.2f} Hz); allowed: signals that do"
+            )
     turn = complex(np.exp(plant.eigenvalue / case.run.frame_rate))
     return Known(np.sign(jacobian) if c.scheme == "indirect" else sign, jacobian, swing, turn)
 

@@ -69,8 +69,9 @@ def architectures(arguments: argparse.Namespace) -> None:
     tables = [*study.text(rows), "### Relative gains", "", *interaction.text(found)]
     if arguments.out is not None:
         page = Path(arguments.out)
-        files.write_whole(page, "\n".join([*study.HEAD, *tables]).rstrip() + "\n")
-        study.draw(rows, page.with_suffix(".png"))
+        picture = page.with_suffix(".png")
+        files.write_whole(page, "\n".join([*study.head(picture.name), *tables]).rstrip() + "\n")
+        study.draw(rows, picture)
     for line in tables:
         say(arguments, line)
 

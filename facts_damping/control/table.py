@@ -34,6 +34,7 @@ class Parameter(NamedTuple):
     deployed: float | str | None = None  # default in the profile `deployed`, where it differs
     live: bool = True  # may change while it runs
     each: str = ""  # `signal` or `device`: may be a list with an entry each
+    whole: bool = False  # a number of things
 
     def number(self, value: Value) -> float | NDArray[np.float64]:
         """A value as the compiled functions take it: a word's place among its choices."""
@@ -96,7 +97,9 @@ NEURO_FUZZY_PARAMETERS = {
     "stale": Parameter(0.0, "s", 0.0, 1e3, "older frames teach nothing; 0: off", deployed=1.0),
     "sign_guard": _choice("off", OFF_ON, "a Jacobian of the wrong sign counts as zero (indirect)", deployed="on"),
     "identifier": Parameter("ANFTSI", "", 0, 1, "network of the identifier", tuple(IDENTIFIERS), live=False),
-    "identifier_horizon": Parameter(1.0, "frames", 1.0, MOST_AHEAD, "how far the identifier looks ahead", live=False),
+    "identifier_horizon": Parameter(
+        1.0, "frames", 1.0, MOST_AHEAD, "how far the identifier looks ahead", live=False, whole=True
+    ),
     "identifier_rate": _choice("lyapunov", RATES, "the identifier's learning rates"),
     "identifier_eta": Parameter(0.1, "-", 0.0, 100.0, "the identifier's learning rate, or share of the best one"),
     "identifier_momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the identifier's consequents"),

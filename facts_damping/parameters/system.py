@@ -41,8 +41,9 @@ class Signal(Model):
 
     @model_validator(mode="after")
     def _angles_differ(self) -> Signal:
-        if self.channel == "voltage_angle" and abs(sum(self.weights.values())) > 1e-9:
-            raise ValueError("angles have a meaning against each other alone: the weights must sum to zero")
+        whole = all(weight == round(weight) for weight in self.weights.values())
+        if self.channel == "voltage_angle" and not (whole and sum(self.weights.values()) == 0.0):
+            raise ValueError("angles count against each other, by whole turns: weights must be whole and sum to zero")
         return self
 
 

@@ -235,6 +235,7 @@ class TransferFunction(NamedTuple):
     signal: str
     gain: float
     zeros: list[complex]
+    poles: list[complex]
     feedthrough: float
 
 
@@ -258,5 +259,5 @@ def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequ
                 zeros, own = np.append(zeros, 0.0), np.append(poles, -1.0 / model.washout[s])
             value = model.response(probe)[s, d]
             gain = value * np.prod(probe - own) / np.prod(probe - zeros)
-            found.append(TransferFunction(device, signal, float(gain.real), [complex(z) for z in zeros], float(D)))
+            found.append(TransferFunction(device, signal, float(gain.real), zeros.tolist(), own.tolist(), float(D)))
     return found

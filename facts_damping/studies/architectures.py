@@ -30,16 +30,6 @@ ARCHITECTURES = {
     "single SSSC": [["sssc"]],
     "single STATCOM": [["statcom"]],
 }
-HEAD = [
-    "# Architectures",
-    "",
-    "Made by `facts-damping architectures --out docs/architectures.md`, as it came out (docs/mimo.md); parameters:",
-    "`config/controllers`, chosen on the scenario `training` alone. Indices are those of (4.108) from t = 0,",
-    "`smoothness` is (5.34) over dt^2, `damping ratio` that of the interarea mode in the ringdown at the end.",
-    "",
-    "![ITAE of every controller in each scenario, a mark for each architecture](architectures.png)",
-    "",
-]
 MEASURES = {
     "ITAE": ("indices", "ITAE"),
     "smoothness": ("smoothness",),
@@ -110,6 +100,20 @@ def study(
         for architecture in ARCHITECTURES
     ]
     return run_all(partial(one_run, list(sets)), todo, jobs, progress)
+
+
+def head(picture: str) -> list[str]:
+    """The beginning of the page, with its picture's name."""
+    return [
+        "# Architectures",
+        "",
+        "Made by `facts-damping architectures --out docs/architectures.md`, as it came out (docs/mimo.md); parameters:",
+        "`config/controllers`, chosen on the scenario `training` alone. Indices are those of (4.108) from t = 0,",
+        "`smoothness` is (5.34) over dt^2, `damping ratio` that of the interarea mode in the ringdown at the end.",
+        "",
+        f"![ITAE of every controller in each scenario, a mark for each architecture]({picture})",
+        "",
+    ]
 
 
 def text(found: Sequence[dict[str, Any]]) -> list[str]:

@@ -26,15 +26,20 @@ COLUMNS = (
     ("max v [p.u.]", ("max_injected_voltage_pu",), ".4f"),
 )
 NONE = "none"
+BARE = ("scenario=[]", "controllers.0.name=ANFTSC")  # a run whose signals and devices may be asked for
 SYSTEMS = ("two_area", "smib")
 
 
-def contenders(system: str, names: Sequence[str]) -> list[tuple[str, Scheme]]:
-    """No control, LLC and LLC-tuned, and every controller and scheme asked for (no names: all)."""
+def contenders(system: str, names: Sequence[str], sets: Sequence[str] = ()) -> list[tuple[str, Scheme]]:
+    """No control, LLC and LLC-tuned, and every controller and scheme asked for (no names: all).
+
+    LLC-tuned is left out where it is not tuned for the signals and devices that `sets` say.
+    """
+    own = load_case(None, [f"system={system}", *BARE, *everybody(sets)]).run.controllers[0]
     others = [name for name in names if name not in (NONE, "LLC")]
     asked = rows(others) if others or not names else []
     plain: list[tuple[str, Scheme]] = [(NONE, None), ("LLC", None)]
-    known = ("LLC-tuned", None) in tuned(system)
+    known = ("LLC-tuned", None) in tuned(system, own.signals[:1], own.devices)
     return plain + [one for one in asked if one not in plain and (one[0] != "LLC-tuned" or known)]
 
 
@@ -44,14 +49,22 @@ def scenarios(system: str) -> list[str]:
     return [name for name in found if name != SCENARIO]
 
 
+def everybody(sets: Sequence[str]) -> list[str]:
+    """The changes that hold for all controllers: devices and signals."""
+    return [text for text in sets if text.startswith(("devices=", "controllers.0.signals=", "controllers.0.devices="))]
+
+
 def one_run(system: str, sets: Sequence[str], what: tuple[str, str, str | None]) -> dict[str, Any]:
     """The figures of one run; `what`: scenario, controller, scheme.
 
     Changes of `controllers` are for networks alone, but for signals and devices.
     """
     scenario, name, scheme = what
-    everybody = () if name == NONE else ("controllers.0.signals=", "controllers.0.devices=")
-    sets = [text for text in sets if scheme or not text.startswith("controllers.") or text.startswith(everybody)]
+    if scheme is None:
+        plain = [text for text in sets if not text.startswith("controllers.")]
+        own = load_case(None, [f"system={system}", *BARE, *everybody(sets)]).run.controllers[0]
+        more = [f"controllers.0.signals={own.signals[:1]}", f"controllers.0.devices={own.devices}"]
+        sets = [*plain, *(more if name != NONE else [])]  # a lead-lag takes the first signal
     controllers = ["controllers=[]"] if name == NONE else [f"controllers.0.name={name}"]
     if scheme is not None:
         controllers.append(f"controllers.0.scheme={scheme}")
@@ -72,7 +85,7 @@ def compare(
 ) -> list[dict[str, Any]]:
     """A row for each scenario and contender, in this order."""
     files.find("systems", system)
-    todo = [(s, *one) for s in scenarios(system) for one in contenders(system, names)]
+    todo = [(s, *one) for s in scenarios(system) for one in contenders(system, names, sets)]
     return run_all(partial(one_run, system, list(sets)), todo, jobs, progress)
 
 

@@ -199,6 +199,7 @@ def test_an_angle_is_the_difference_the_short_way_round() -> None:
         assert bench.state.held.signal[0, 0] == pytest.approx(expected, abs=1e-12)
 
 
-def test_an_angle_against_nothing_is_refused() -> None:
-    with pytest.raises(ValueError, match="must sum to zero"):
-        Signal(channel="voltage_angle", weights={"A": 1.0, "B": -0.5})
+@pytest.mark.parametrize("weights", [{"A": 1.0}, {"A": 1.0, "B": -2.0}, {"A": 0.5, "B": -0.5}])
+def test_an_angle_against_nothing_or_by_parts_is_refused(weights: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="must be whole and sum to zero"):
+        Signal(channel="voltage_angle", weights=weights)

@@ -37,7 +37,7 @@ def test_every_controller_runs_in_every_architecture_on_every_scenario(rows: lis
 
 
 def test_the_page_of_architectures_is_what_the_command_gives(rows: list[dict[str, Any]]) -> None:
-    made = [*architectures.HEAD, *architectures.text(rows), "### Relative gains", ""]
+    made = [*architectures.head("architectures.png"), *architectures.text(rows), "### Relative gains", ""]
     made += interaction.text(interaction.interactions())
     written = (DOCS / "architectures.md").read_text(encoding="utf-8").splitlines()
     assert_same_lines(written, made[:-1])  # the last line is empty
