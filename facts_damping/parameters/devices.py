@@ -108,4 +108,17 @@ class Statcom(Parallel):
     V_min: float = quantity(0.05, "p.u.", "voltage of its bus below which the converter is blocked", gt=0, le=0.9)
 
 
-Device = Annotated[Sssc | Statcom, Field(discriminator="kind")]
+class Svc(Parallel):
+    """A static var compensator at a bus; its setpoint is an offset of its voltage reference: docs/plant.md."""
+
+    kind: Literal["svc"]
+    v_max: float = quantity(..., "p.u.", "limit of the setpoint, an offset of the voltage reference", gt=0, le=1)
+    rate_max: float = quantity(..., "p.u./s", "rate limit of that offset", gt=0, le=1000)
+    B_max: float = quantity(..., "p.u.", "limit of the susceptance, capacitive", gt=0, le=1000)
+    B_min: float = quantity(..., "p.u.", "limit of the susceptance, inductive: negative", ge=-1000, le=0)
+    K: float = quantity(..., "p.u.", "regulator, susceptance per voltage: the inverse of its slope", gt=0, le=1e4)
+    T: float = quantity(0.05, "s", "time in which the susceptance follows", ge=0.001, le=10)
+    V_min: float = quantity(0.05, "p.u.", "voltage of its bus below which it is blocked", gt=0, le=0.9)
+
+
+Device = Annotated[Sssc | Statcom | Svc, Field(discriminator="kind")]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.plant import sssc, statcom
+from facts_damping.plant import sssc, statcom, svc
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,11 +32,12 @@ class Kind(NamedTuple):
     losses: Callable[[Any, float], float] | None = None
 
 
-SSSC, STATCOM = range(2)
+SSSC, STATCOM, SVC = range(3)
 
 KINDS = {
     "sssc": Kind(SSSC, sssc.SSSC, sssc.STATE_NAMES, sssc.start, sssc.losses),
     "statcom": Kind(STATCOM, statcom.STATCOM, statcom.STATE_NAMES, statcom.start),
+    "svc": Kind(SVC, svc.SVC, svc.STATE_NAMES, svc.start),
 }
 
 # An installed device: its port, kind and states, the limits of its setpoint and of the rate of its reference, and the
@@ -80,6 +81,8 @@ def characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tup
         return sssc.characteristic(d.sssc, x, u, size)
     if d.kind == STATCOM:
         return statcom.characteristic(d.statcom, x)
+    if d.kind == SVC:
+        return svc.characteristic(d.svc, x, size)
     return complex(math.nan, math.nan), 0j
 
 
@@ -90,6 +93,8 @@ def derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArr
         sssc.derivatives(d.sssc, x, u, size, dx)
     elif d.kind == STATCOM:
         statcom.derivatives(d.statcom, x, u, size, dx)
+    elif d.kind == SVC:
+        svc.derivatives(d.svc, x, u, size, dx)
 
 
 @compiled

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import compiled, inlined
+from facts_damping.compiling import inlined
 from facts_damping.plant import devices, excitation, governor, stabiliser
 from facts_damping.plant.ports import solve_ports
 
@@ -106,7 +106,7 @@ def _circuits(
         dx[first + i] = slope
 
 
-@compiled
+@inlined
 def derivatives(
     plant: Plant,
     x: NDArray[np.float64],

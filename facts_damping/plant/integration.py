@@ -21,16 +21,24 @@ if TYPE_CHECKING:
 
 @compiled
 def _runge_kutta(plant: Plant, state: PlantState, ramp: NDArray[np.float64], stage: int, h: float, work: Work) -> None:
-    """One classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s."""
+    """One classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s.
+
+    `derivatives` stands at one place, so that it can be written into it: a call would copy the plant's arrays.
+    """
     x, k, reference = state.x, work.slopes, work.reference
     trial = k[4]
-    derivatives(plant, x, state.reference, state.source, stage, k[0], work)
-    for part in range(1, 4):
-        share = h if part == 3 else 0.5 * h
-        for i in range(x.size):
-            trial[i] = x[i] + share * k[part - 1, i]
-        for d in range(reference.size):
-            reference[d] = state.reference[d] + share * ramp[d]
+    for part in range(4):
+        if part == 0:
+            for i in range(x.size):
+                trial[i] = x[i]
+            for d in range(reference.size):
+                reference[d] = state.reference[d]
+        else:
+            share = h if part == 3 else 0.5 * h
+            for i in range(x.size):
+                trial[i] = x[i] + share * k[part - 1, i]
+            for d in range(reference.size):
+                reference[d] = state.reference[d] + share * ramp[d]
         derivatives(plant, trial, reference, state.source, stage, k[part], work)
     for i in range(x.size):
         x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from facts_damping.parameters.devices import Sssc, Statcom
+from facts_damping.parameters.devices import Sssc, Statcom, Svc
 from facts_damping.parameters.placement import place
 
 from .reference_controls import Damper, Turbine, exciter_of
-from .reference_devices import Ramp, Series, Shunt
+from .reference_devices import Ramp, Series, Shunt, Susceptance
 from .reference_grid import HEALTHY, Array, Complex, Loads, power_flow, timeline
 from .reference_machines import ROTORS, machine_start
 from .reference_network import Known, Network
@@ -90,7 +90,7 @@ class Model:
         self.system = system = place(system)
         self.omega_0 = 2.0 * np.pi * system.frequency
         self.series = [p for p in system.devices if isinstance(p, Sssc)]
-        self.shunts = [p for p in system.devices if isinstance(p, Statcom)]
+        self.shunts = [p for p in system.devices if isinstance(p, Statcom | Svc)]
         self.installed = [p.name for p in system.devices if installed is None or p.name in installed]
         self.flow = power_flow(system, self.installed)
         self.loads = Loads(system)
@@ -101,13 +101,16 @@ class Model:
         self.units: list[Unit] = []
         currents = [self._start_machine(k) for k in range(len(system.machines))]
         self.I0, self.rotors = np.array(currents), [unit.rotor for unit in self.units]
-        self.converters: dict[str, tuple[Series | Shunt, int]] = {}
+        self.converters: dict[str, tuple[Series | Shunt | Susceptance, int]] = {}
+        self.parallel: dict[str, Shunt | Susceptance] = {}
         for p in (p for p in system.devices if p.name in self.installed):
-            block = (
-                Series(p, abs(self.flow.I[p.name]))
-                if isinstance(p, Sssc)
-                else Shunt(p, abs(self.flow.V[p.bus]), self.omega_0)
-            )
+            block: Series | Shunt | Susceptance
+            if isinstance(p, Sssc):
+                block = Series(p, abs(self.flow.I[p.name]))
+            else:
+                V = abs(self.flow.V[p.bus])
+                block = Shunt(p, V, self.omega_0) if isinstance(p, Statcom) else Susceptance(p, V)
+                self.parallel[p.name] = block
             self.converters[p.name] = block, len(self.start)
             self._add(p.name, block.states, block.start)
         self.x0 = np.array(self.start)

@@ -110,6 +110,43 @@ def in_lines(*more: Row) -> Row:
     return kundur(devices=[a, b, *more], exciters=at_all(**STATIC), stabilisers=at_all(**limits))
 
 
+def statcom(name: str, bus: str, **fields: Any) -> Row:
+    """A STATCOM with a slower voltage regulator than the default's."""
+    return {
+        "name": name,
+        "kind": "statcom",
+        "bus": bus,
+        "v_max": 0.1,
+        "rate_max": 10.0,
+        "I_max": 3.0,
+        "Ki": 50.0,
+        **fields,
+    }
+
+
+def svc(name: str, bus: str, **fields: Any) -> Row:
+    """An SVC."""
+    limits = {"v_max": 0.05, "rate_max": 2.0, "B_max": 1.5, "B_min": -1.0}
+    return {"name": name, "kind": "svc", "bus": bus, **limits, "K": 25.0, **fields}
+
+
+def compensated() -> Row:
+    """Two devices of each kind, of which no two are alike."""
+    devices = [
+        statcom("c", "B9"),
+        svc("e", "B8"),
+        statcom("d", "B6", droop=0.02, tau=0.01),
+        svc("f", "B10", K=8.0, T=0.2),
+    ]
+    return in_lines(*devices)
+
+
+def svcs() -> Row:
+    """Two SVCs, of which the first reaches both its limits and is blocked by the fault."""
+    devices = [svc("e", "B8", B_max=0.5, B_min=-0.4, V_min=0.6), svc("f", "B6", K=10.0, T=0.2)]
+    return kundur(devices=devices, exciters=at_all(**STATIC))
+
+
 def in_lines_limited() -> Row:
     """Two SSSCs, the first with a slack DC link and limits of its voltages that it reaches."""
     system = in_lines()
@@ -167,6 +204,13 @@ def load_step(load: str, change: float) -> Row:
 
 
 IN_LINES: dict[str, Targets] = {"a": [(0.2, 0.05), (1.0, -0.07)], "b": [(0.3, -0.03), (1.2, 0.06)]}
+EACH: dict[str, Targets] = {
+    "c": [(0.2, 0.01)],
+    "d": [(0.25, -0.008), (0.7, 0.0)],
+    "e": [(0.3, 0.02)],
+    "f": [(0.4, -0.03)],
+}
+SVCS: dict[str, Targets] = {"e": [(0.2, 0.04), (0.9, -0.3)], "f": [(0.3, -0.01), (1.2, 0.02)]}
 BEYOND: dict[str, Targets] = {"a": [(0.2, 0.05), (0.7, 0.3)], "b": [(0.3, -0.03), (1.2, 0.06)]}
 SSSC: dict[str, Targets] = {"sssc": [(0.2, 0.05), (0.9, -0.05), (1.4, 0.02)]}
 SMALL: dict[str, Targets] = {"sssc": [(0.2, 0.05), (0.7, -0.03)], "statcom": [(0.3, 0.004), (0.8, -0.003)]}
@@ -195,6 +239,8 @@ CASES: dict[str, Case] = {
     "two_area_faults": Case(lambda: two_area(("sssc",)), AREA_FAULTS, SSSC, 1.5, 1e-6),
     "infinite": Case(infinite, [fault()], SMALL, 0.9, 5e-7, "LSODA"),
     "in_lines": Case(in_lines, [fault()], IN_LINES, 2.0, 5e-8),
+    "compensated": Case(compensated, [load_step("load_2", -0.05)], {**IN_LINES, **EACH}, 1.1, 2e-9, "LSODA"),
+    "svcs": Case(svcs, [fault()], SVCS, 1.6, 1e-8),
     "in_lines_limited": Case(in_lines_limited, [fault()], BEYOND, 2.0, 5e-8),
     "in_lines_out": Case(in_lines, OUT_AND_IN, IN_LINES, 1.6, 1e-8),
     "current": Case(lambda: kundur(load={"P_shares": CURRENT}), [fault()], {}, 2.0, 1e-9),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Sssc, Statcom
+    from facts_damping.parameters.devices import Sssc, Statcom, Svc
 
     Values = list[float]
     Targets = Sequence[tuple[float, float]]  # (time in s, value)
@@ -71,6 +71,10 @@ class Shunt:
         self.p, self.Vref, self.rate = p, V, omega_0 / p.L
         self.start = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 
+    def current(self, z: Values, V: complex) -> complex:
+        """Current into the network."""
+        return complex(z[1], z[2]) * V / abs(V)
+
     def rates(self, z: Values, u: float, V: float) -> Values:
         p, (vdc, i_d, i_q, x_ac, x_dc, x_d, x_q) = self.p, z
         e = self.Vref + u - V + p.droop * i_q
@@ -90,10 +94,28 @@ class Shunt:
         ]
 
 
+class Susceptance:
+    """SVC: an admittance j B from its bus to ground."""
+
+    states = ("B",)
+
+    def __init__(self, p: Svc, V: float) -> None:
+        self.p, self.Vref, self.start = p, V, [0.0]
+
+    def current(self, z: Values, V: complex) -> complex:
+        """Current into the network: what flows into the admittance, turned round."""
+        return -1j * z[0] * V
+
+    def rates(self, z: Values, u: float, V: float) -> Values:
+        p = self.p
+        order = float(np.clip((u + self.Vref - V) * p.K, p.B_min, p.B_max))
+        return [(order - z[0]) / p.T]
+
+
 class Ramp:
     """A device's reference: each setpoint limited and approached at the largest rate, corner by corner from zero."""
 
-    def __init__(self, p: Sssc | Statcom, targets: Targets, end: float) -> None:
+    def __init__(self, p: Sssc | Statcom | Svc, targets: Targets, end: float) -> None:
         t, u = [0.0], [0.0]
         finite = [(max(time, 0.0), clip(value, p.v_max)) for time, value in targets if math.isfinite(value)]
         for (time, goal), (until, _) in pairwise([*finite, (end, 0.0)]):

@@ -55,7 +55,7 @@ class Network:
         self.load_scale = np.array([stage.loads.get(name, 1.0) for name in model.loads.names])
         self.ends = np.array([[row[bus] for bus in p.ends] for p in model.series], dtype=int).reshape(-1, 2)
         self.shunts = np.array([row[p.bus] for p in model.shunts], dtype=int)
-        # Which bus each current enters, in this order: machines, loads, SSSCs, STATCOMs.
+        # Which bus each current enters, in this order: machines, loads, SSSCs, devices at buses.
         into = np.eye(n)
         scale = np.array([m.rating / system.base_power for m in system.machines])
         series = into[:, self.ends[:, 1]] - into[:, self.ends[:, 0]]
@@ -91,7 +91,7 @@ class Network:
             V = complex(s.V[bus])
             z = known.devices[p.name]
             on = bool(z) and p.name not in blocked and V != 0.0
-            currents.append(np.array([complex(z[1], z[2]) * V / abs(V) if on else 0.0j]))
+            currents.append(np.array([model.parallel[p.name].current(z, V) if on else 0.0j]))
         balance = self.enter @ np.concatenate(currents) - self.grid.Y @ s.V
         balance[self.held] = s.V[self.held] - self.held_V
         v = s.V[self.at] / known.turn

@@ -67,6 +67,7 @@ def test_lockstep_recording_equals_in_process_run_bit_for_bit(
 
 
 LLC = {"name": "LLC", "signals": ["speed"]}
+SVC = {"kind": "svc", "v_max": 0.05, "rate_max": 5, "B_max": 2, "B_min": -1, "K": 30}
 PLANTS = {
     "SSSC and STATCOM, two controllers": [
         "scenario=large",
@@ -77,6 +78,11 @@ PLANTS = {
     "loads of constant power, salient machines": [
         *("system=wscc_9_constant_power", "devices=[]", "controllers=[]", "duration=10"),
         "scenario=" + json.dumps([{"time": 1.0, "kind": "load_step", "load": "load_A", "change": 0.1}]),
+    ],
+    "two SVCs, a controller at one": [
+        *("system=kundur_12_6", "scenario=bus8_fault", "devices=[b, a]", "duration=10"),
+        "system.devices=" + json.dumps([{**SVC, "name": "a", "bus": "B8"}, {**SVC, "name": "b", "bus": "B9", "K": 10}]),
+        "controllers=" + json.dumps([{"name": "LLC", "signals": ["w13"], "devices": ["a"]}]),
     ],
     "stabilisers and governors": [
         *("devices=[statcom]", "controllers=[]", "scenario=multiple", "link=delay_100ms"),

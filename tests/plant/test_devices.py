@@ -22,10 +22,12 @@ LIMITS = {"v_max": 0.04, "rate_max": 2.0}
 ROWS: dict[str, dict[str, Any]] = {
     "sssc": {"line": "line_1", **LIMITS},
     "statcom": {"bus": "B9", "I_max": 1.0, "Ki": 100.0, **LIMITS},
+    "svc": {"bus": "B9", "B_max": 2.0, "B_min": -1.0, "K": 25.0, **LIMITS},
 }
 SECOND: dict[str, dict[str, Any]] = {
     "sssc": {"line": "line_4", "end": "to", "tau": 0.01, "xs": 0.002, **LIMITS},
     "statcom": {"bus": "B7", "I_max": 2.0, "Ki": 60.0, "droop": 0.02, **LIMITS},
+    "svc": {"bus": "B7", "B_max": 1.0, "B_min": -0.5, "K": 10.0, "T": 0.1, **LIMITS},
 }
 KINDS = list(devices.KINDS)
 STEP = {"time": 0.2, "kind": "load_step", "load": "load_2", "change": -0.05}

@@ -31,6 +31,17 @@ VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(len(CHANNELS))
 BOTH = ["sssc", "statcom"]
 POWER = {"P_shares": {"power": 1.0}, "Q_shares": {"power": 1.0}}
 
+SVC = {
+    "name": "svc",
+    "kind": "svc",
+    "bus": "B9",
+    "v_max": 0.1,
+    "rate_max": 10.0,
+    "B_min": -1.0,
+    "B_max": 2.0,
+    "K": 50.0,
+}
+
 # What a machine may be beside the shipped one: salient in the stator, saturated, with fewer circuits.
 MACHINES: list[dict[str, Any]] = [
     {},
@@ -231,34 +242,35 @@ def test_a_fault_finds_loads_of_constant_power_as_impedances(bus: str) -> None:
 
 @cache
 def of_all_kinds() -> Built:
-    """A plant with a port of each kind."""
+    """A plant with a port of each kind, and a device of each."""
     system = shipped("two_area")
     machines = [{**m.model_dump(), "Xq2": 0.22 if m.name == "G3" else 0.25} for m in system.machines]
     mixed = {"impedance": 0.2, "current": 0.5, "power": 0.3}
     loads = [{**load.model_dump(), "P_shares": mixed, "Q_shares": {"power": 1.0}} for load in system.loads]
-    return plant(changed(system, machines=machines, loads=loads), installed=BOTH)
+    devices = [*(d.model_dump(by_alias=True) for d in system.devices), SVC]
+    return plant(changed(system, machines=machines, loads=loads, devices=devices), installed=[*BOTH, "svc"])
 
 
-@pytest.mark.parametrize("p", range(5))
+@pytest.mark.parametrize("p", range(6))
 @settings(deadline=None, max_examples=80)
 @given(
     magnitude=st.one_of(st.floats(0.05, 9.9), st.floats(10.1, 15)),  # below and above the SSSC's rated current
     turn=st.floats(-np.pi, np.pi),
-    moved=st.tuples(*[st.floats(-0.05, 0.05)] * 3),
+    moved=st.tuples(*[st.floats(-0.05, 0.05)] * 4),
     reference=st.floats(-0.1, 0.1),
 )
 def test_slopes_of_every_port_are_those_of_its_law(
-    p: int, magnitude: float, turn: float, moved: tuple[float, float, float], reference: float
+    p: int, magnitude: float, turn: float, moved: tuple[float, float, float, float], reference: float
 ) -> None:
     """The derivative (2, 2) of the source by the response against central differences, away from kinks."""
     built = of_all_kinds()
     assert set(built.plant.ports["kind"]) == {SALIENT, LOAD, DEVICE}
     assert set(built.plant.devices["kind"]) == {kind.code for kind in KINDS.values()}
-    assert len(built.plant.ports) == 5
+    assert len(built.plant.ports) == 6
     work, x = workspace(built.plant, built.state), np.array(built.state.x)
-    for name, value in zip(("sssc.x_ac", "sssc.vdc", "statcom.iq"), moved, strict=True):
+    for name, value in zip(("sssc.x_ac", "sssc.vdc", "statcom.iq", "svc.B"), moved, strict=True):
         x[built.state_names.index(name)] += value
-    references = np.full(2, reference)
+    references = np.full(3, reference)
     solve_network(built.plant, x, references, copy(built.state).source, 0, work)
 
     def given(q: complex) -> complex:
@@ -278,12 +290,12 @@ def test_slopes_of_every_port_are_those_of_its_law(
 
 
 @settings(deadline=None, max_examples=40)
-@given(moved=st.lists(st.floats(-0.1, 0.1), min_size=4, max_size=4), references=st.tuples(*[st.floats(-0.1, 0.1)] * 2))
-def test_all_ports_are_solved_together(moved: list[float], references: tuple[float, float]) -> None:
+@given(moved=st.lists(st.floats(-0.1, 0.1), min_size=5, max_size=5), references=st.tuples(*[st.floats(-0.1, 0.1)] * 3))
+def test_all_ports_are_solved_together(moved: list[float], references: tuple[float, float, float]) -> None:
     """Every law holds at its response, and every response is the network's to all sources."""
     built = of_all_kinds()
     work, x, source = workspace(built.plant, built.state), np.array(built.state.x), copy(built.state).source
-    for name, value in zip(("G1.delta", "sssc.vdc", "statcom.id", "statcom.iq"), moved, strict=True):
+    for name, value in zip(("G1.delta", "sssc.vdc", "statcom.id", "statcom.iq", "svc.B"), moved, strict=True):
         x[built.state_names.index(name)] += value
     reference = np.array(references)
     solve_network(built.plant, x, reference, source, 0, work)

@@ -1,0 +1,44 @@
+"""The static var compensator: a susceptance that follows a voltage regulator; compiled.
+
+A setpoint is an offset of the voltage reference (docs/plant.md).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.compiling import compiled
+from facts_damping.plant.model import Start
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.devices import Svc
+    from facts_damping.plant.model import Site
+
+STATE_NAMES = ["B"]
+FIELDS = ("K", "T", "B_min", "B_max")
+
+SVC = np.dtype([("offset", "i8"), ("Vref", "f8"), *((name, "f8") for name in FIELDS)])
+
+
+def start(device: Svc, site: Site) -> Start:
+    """At rest: no susceptance, and the voltage reference that holds it."""
+    row = (site.offset, site.size, *(getattr(device, name) for name in FIELDS))
+    return Start(row, [0.0], device.V_min)
+
+
+@compiled
+def characteristic(d: Any, x: NDArray[np.float64], voltage: float) -> tuple[complex, complex]:
+    """Current into the network over the direction of the voltage, -j B |V|, and its derivative by |V|, p.u."""
+    slope = complex(0.0, -x[d.offset])
+    return slope * voltage, slope
+
+
+@compiled
+def derivatives(d: Any, x: NDArray[np.float64], u: float, voltage: float, dx: NDArray[np.float64]) -> None:
+    """Write the derivative of the state, 1/s: T dB = clip(K (Vref + u - V), B_min, B_max) - B."""
+    wanted = d.K * (d.Vref + u - voltage)
+    dx[d.offset] = (min(max(wanted, d.B_min), d.B_max) - x[d.offset]) / d.T
