@@ -87,7 +87,7 @@ NEURO_FUZZY_PARAMETERS = {
     "rate": _choice("fixed", RATES, "learning rates: fixed, or half of the Lyapunov bound times eta"),
     "eta": Parameter(0.02, "-", 0.0, 1e6, "learning rate, or its share of the best Lyapunov rate"),
     "momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the consequents"),
-    "hbar": Parameter(0.1, "-", 0.0, 100.0, "penalty on effort", each="device"),
+    "hbar": Parameter(0.1, "-", 0.0, 1e6, "penalty on effort", each="device"),
     "sensitivity": Parameter(0.0, "-", -1.0, 1.0, "sign of dy/du; 0: the plant's, as linearised", live=False),
     "dead_zone": Parameter(0.0, "-", 0.0, 10.0, "smaller errors (of scale) teach nothing; 0: off", deployed=1e-3),
     "leakage": Parameter(0.0, "1/frame", 0.0, 1.0, "share of the way back to the start each frame; 0: off"),
