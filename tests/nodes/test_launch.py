@@ -96,8 +96,10 @@ def test_decentralised_starts_a_link_and_a_controller_in_each_namespace(launched
     assert places(launched("decentralised.launch.py")) == ALWAYS | {
         ("wan_link", "tie", "wan_link", 0),
         ("wan_link", "substation", "wan_link", 1),
-        ("controller", "tie", "controller_0_LLC", 0),
-        ("controller", "substation", "controller_1_LLC", 1),
+        ("controller", "tie", "controller_0_ANFTSC", 0),
+        ("controller", "substation", "controller_1_HBsWC", 1),
+        ("identifier", "tie", "identifier_0_ANFTSI", 0),
+        ("identifier", "substation", "identifier_1_ANFTSI", 1),
     }
 
 
@@ -147,7 +149,7 @@ def test_what_is_launched_below_a_namespace_is_the_in_process_run(
         options = ("-r", f"__node:={node.name}", "-r", f"__ns:={place}")
         running[node.name, place] = start(node.executable, *options, start_timeout=PATIENCE_S, **given)
     plant, recorder = running["plant_sim", "/grid"], running["recorder", "/grid"]
-    _, errors = plant.communicate(timeout=PATIENCE_S)
+    _, errors = plant.communicate(timeout=4 * PATIENCE_S)  # the whole of a shipped run, 20 s
     assert (plant.returncode, errors) == (0, "")
     recorder.terminate()
     assert recorder.communicate(timeout=PATIENCE_S) == ("lost 0\n", "")
