@@ -22,7 +22,9 @@ class Line(Model):
     name: Name
     from_bus: Name = Field(..., alias="from")
     to_bus: Name = Field(..., alias="to")
-    length: float = quantity(1.0, "km", "length; with 1 the other figures are those of the whole line", ge=1e-3, le=5000)
+    length: float = quantity(
+        1.0, "km", "length; with 1 the other figures are those of the whole line", ge=1e-3, le=5000
+    )
     r: float = quantity(..., "p.u./km", "series resistance", ge=0, le=10)
     x: float = quantity(..., "p.u./km", "series reactance", gt=0, le=10)
     b: float = quantity(0.0, "p.u./km", "shunt susceptance", ge=0, le=10)

@@ -29,9 +29,9 @@ HEAD = [
     "# Identified and true Jacobians",
     "",
     "Made by `facts-damping jacobian`, as it came out (docs/mimo.md). Looks are ten a second. sign: at how many of",
-    "them the estimate has the sign of the true derivative over the identifier's own horizon (frames); error: median",
-    "of the difference between the two, over the true one's root mean square; sign at: against the true one over the",
-    "horizon that was asked for.",
+    "them the estimate has the sign of the true derivative over the identifier's own horizon (frames), of those at",
+    "which the device answers at all: the true one is a hundredth of its root mean square or more; error: median of",
+    "the difference between the two, over that; sign at: against the true one over the horizon that was asked for.",
     "",
 ]
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
@@ -94,13 +94,13 @@ def text(found: Sequence[dict[str, Any]]) -> list[str]:
         names = [f"{signal}/{device}" for signal in first["signals"] for device in first["devices"]]
         stated = first["stated_horizon"]
         heads = [f"{name}: sign, %" for name in names] + [f"{name}: error" for name in names]
-        heads += [f"{name}: sign at {stated}, %" for name in names]
+        heads += [f"{name}: sign at {stated}, %" for name in names] + [f"{name}: answers, %" for name in names]
         lines += [f"### {first['system']}, {scenario}", "", compare.line(["controller", "horizon", *heads])]
         lines.append(compare.line(["---"] + ["--:"] * (1 + len(heads))))
         for row in rows:
             cells = [f"{100 * v:.0f}" for v in np.ravel(row["right_sign"])]
             cells += [f"{v:.2g}" for v in np.ravel(row["error"])]
-            cells += [f"{100 * v:.0f}" for v in np.ravel(row["right_sign_stated"])]
+            cells += [f"{100 * v:.0f}" for v in (*np.ravel(row["right_sign_stated"]), *np.ravel(row["answering"]))]
             lines.append(compare.line([row["controller"], str(row["horizon"]), *cells]))
         lines.append("")
     return lines

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 MOVE = 1e-4  # p.u., of a reference
 EVERY = 6  # frames between two looks at the plant
+ANSWER = 0.01  # of the root mean square: a true derivative below is no answer
 ROUND = 1e-9  # normalised: a true derivative below is taken for zero
 
 
@@ -129,13 +130,25 @@ def follow(case: Case, record: Record, horizon: int) -> Followed:
 
 
 def figures(found: Followed) -> dict[str, NDArray[np.float64]]:
-    """Of each derivative, (signals, devices): shares of looks with the right sign, and the median error.
+    """Of each derivative, (signals, devices): shares of looks with the right sign, the median error, and the answering.
 
-    The error is relative to the true derivative's root mean square over the run.
+    The error is relative to the true derivative's root mean square over the run. A sign is asked for where the device
+    answers: where the true derivative is at least a hundredth of that (a device at its limit gives none).
     """
     size = np.sqrt(np.mean(found.true**2, axis=0))
     return {
-        "right_sign": np.mean(found.estimate * found.true > 0.0, axis=0),
-        "right_sign_stated": np.mean(found.estimate * found.stated > 0.0, axis=0),
+        "right_sign": _right(found.estimate, found.true),
+        "right_sign_stated": _right(found.estimate, found.stated),
         "error": np.median(np.abs(found.estimate - found.true), axis=0) / np.maximum(size, ROUND),
+        "answering": np.mean(_answers(found.true), axis=0),
     }
+
+
+def _answers(true: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(true) > np.maximum(ANSWER * np.sqrt(np.mean(true**2, axis=0)), ROUND))
+
+
+def _right(estimate: NDArray[np.float64], true: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of the looks at which a device answers where the estimate has the true sign."""
+    answers = _answers(true)
+    return np.asarray(((estimate * true > 0.0) & answers).sum(axis=0) / np.maximum(answers.sum(axis=0), 1))

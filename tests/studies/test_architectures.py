@@ -67,7 +67,7 @@ def test_relative_gains_do_not_depend_on_units_and_add_up_to_one() -> None:
 @pytest.mark.parametrize("frames", [1, 10])
 def test_the_true_jacobian_at_the_start_is_the_linear_plants(frames: int) -> None:
     """The nonlinear plant, moved and followed, against the matrix exponential; behind washouts."""
-    names, devices = ["speed", "power", "power_rate", "voltage", "angle"], ["sssc", "statcom"]
+    names, devices = ["speed", "power", "voltage", "angle"], ["sssc", "statcom"]
     own = [BOTH, f"controllers.0.devices={devices}", f"controllers.0.signals={names}", "duration=1"]
     case = load_case(None, [*own, "controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "scenario=[]"])
     plant = sensitivity(build_plant(case), case.system, devices, 60)
