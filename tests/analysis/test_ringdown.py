@@ -99,7 +99,8 @@ def test_poles_that_grow_do_not_hide_the_modes() -> None:
     """Two controllers damp `small`: the linear loop has its swings at 0.65 and 1.15 Hz, and spurious poles grow."""
     own = {"name": "LLC", "devices": ["sssc"], "signals": ["speed"]}
     other = {"name": "LLC", "devices": ["statcom"], "signals": ["power"], "parameters": {"gain": 0.1}}
-    record = loop.run(load_case(None, ["devices=[sssc, statcom]", f"controllers={json.dumps([own, other])}"]))
+    plain = ["system.signals.power.washout=0", "system.signals.power.deviation=true"]
+    record = loop.run(load_case(None, ["devices=[sssc, statcom]", f"controllers={json.dumps([own, other])}", *plain]))
     found = ringdown_modes(record.time_s, columns(speed_differences(record)), 1.0)
     assert found[0].frequency_hz == pytest.approx(0.651, abs=0.005)
     assert found[0].damping_ratio == pytest.approx(0.050, abs=0.003)
