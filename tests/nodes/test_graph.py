@@ -209,10 +209,20 @@ def test_killed_recorder_leaves_what_it_had_flushed(domain: int, tmp_path: Path,
     assert recorded.frames[:ticks].tobytes() == computed.frames[:ticks].tobytes()
 
 
+def _as_at_a_terminal() -> None:
+    """Where the tests themselves run in the background, what they start would ignore interrupts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.fixture
 def command(domain: int, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     arguments = ["-m", "facts_damping.cli", "run", "--set", "duration=1000", "--out", str(tmp_path / "out")]
-    popen = subprocess.Popen([sys.executable, *arguments], stderr=subprocess.PIPE, text=True)
+    popen = subprocess.Popen(
+        [sys.executable, *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=_as_at_a_terminal,  # noqa: PLW1509 (no threads here)
+    )
     yield popen
     if popen.poll() is None:
         popen.kill()
