@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 POLL_S = 0.02
 STOP_ORDER = {"plant_sim": 2, "recorder": 1}  # the source first; the rest wait until the recorder has it all
-STOP_S = 5.0  # patience with a node that was told to stop
+STOP_S = 15.0  # patience with a node that was told to stop
 PR_SET_PDEATHSIG = 1
 MOST_DOMAIN = 232
 
