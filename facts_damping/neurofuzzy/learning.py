@@ -180,7 +180,9 @@ def learn(
     for j in range(net.rules):
         for o in range(net.outputs):
             at = antecedents + (j * net.outputs + o) * net.width
-            _descend(own, rule, o, error[o], at, at + net.width)
+            for f in range(at, at + net.width):
+                by = own.rate[o, own.group[f]] * error[o] * own.passed.by_theta[o, f]
+                own.change[f] = by + rule.momentum * own.change[f]
     total = _square(0.0, own.change, 0, own.change.size)
     share = 1.0
     if rule.clip > 0.0 and total > rule.clip * rule.clip:
@@ -195,19 +197,6 @@ def learn(
 
 
 @compiled
-def _descend(own: Learner, rule: Rule, o: int, error: float, first: int, end: int) -> None:
-    """Steps of a consequent of output o, before they are clipped, into `own.change`."""
-    slope, change = own.passed.by_theta[o, first:end], own.change[first:end]
-    if rule.rate == LYAPUNOV_GROUPS:
-        for f in range(change.size):
-            change[f] = own.rate[o, own.group[first + f]] * error * slope[f] + rule.momentum * change[f]
-        return
-    by, momentum = own.rate[o, 0] * error, rule.momentum  # one rate for all
-    for f in range(change.size):
-        change[f] = by * slope[f] + momentum * change[f]
-
-
-@compiled
 def _square(start: float, a: NDArray[np.float64], first: int, end: int) -> float:
     """`start` and the squared norm of a part."""
     return dot(start, a[first:end], a[first:end])
@@ -216,20 +205,13 @@ def _square(start: float, a: NDArray[np.float64], first: int, end: int) -> float
 @compiled
 def _move(own: Learner, rule: Rule, share: float) -> None:
     """Move the parameters by a share of `own.change`, and write there by how much they did."""
-    theta, change, start, low, high = own.theta, own.change, own.start, own.low, own.high
-    leakage = rule.leakage
-    if rule.projection > 0.0:
-        for f in range(theta.size):
-            before = theta[f]
-            after = before + share * change[f] - leakage * (before - start[f])
-            after = max(after, low[f])
-            theta[f] = min(after, high[f])
-            change[f] = theta[f] - before
-        return
-    for f in range(theta.size):
-        before = theta[f]
-        theta[f] = before + share * change[f] - leakage * (before - start[f])
-        change[f] = theta[f] - before
+    for f in range(own.theta.size):
+        before = own.theta[f]
+        after = before + share * own.change[f] - rule.leakage * (before - own.start[f])
+        if rule.projection > 0.0:
+            after = min(max(after, own.low[f]), own.high[f])
+        own.theta[f] = after
+        own.change[f] = after - before
 
 
 @compiled
