@@ -81,12 +81,8 @@ def harmonics(x: float, wave: NDArray[np.float64]) -> None:
 @compiled
 def dot(start: float, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     """`start` + a . b, in four partial sums where it is long: they need not wait for each other."""
-    if a.size < LONG:
-        for i in range(a.size):
-            start += a[i] * b[i]
-        return start
     second = third = fourth = 0.0
-    whole = a.size // 4 * 4
+    whole = a.size // 4 * 4 if a.size >= LONG else 0
     for i in range(0, whole, 4):
         start += a[i] * b[i]
         second += a[i + 1] * b[i + 1]

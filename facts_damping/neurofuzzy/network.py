@@ -132,16 +132,16 @@ def backward(net: Network, p: Pass) -> None:
     first = net.inputs * net.rules * net.stored
     for o in range(net.outputs):
         p.by_theta[o, :first] = 0.0
-        fires = p.total[o] > FLOOR  # not where it is not a number
         for j in range(net.rules):
-            share = p.firing[j] * p.volume[j, o] / p.total[o] if fires else 0.0
-            apart = p.zeta[j, o] - p.output[o]
             at = first + (j * net.outputs + o) * net.width
+            if not p.total[o] > FLOOR:  # nor where it is not a number
+                p.by_theta[o, at : at + net.width] = 0.0
+                continue
+            share = p.firing[j] * p.volume[j, o] / p.total[o]
+            apart = p.zeta[j, o] - p.output[o]
             slopes = p.terms if net.consequent == FOURIER else p.zeta_by_theta[j, o]
             for w in range(net.width):
-                p.by_theta[o, at + w] = share * slopes[w] if fires else 0.0
-            if not fires:
-                continue
+                p.by_theta[o, at + w] = share * slopes[w]
             if net.consequent == SAM:
                 p.by_theta[o, at + 1] = p.firing[j] * apart / p.total[o]
             by_firing = p.volume[j, o] * apart / p.total[o] + share * p.zeta_by_firing[j, o]
