@@ -134,16 +134,17 @@ def backward(net: Network, p: Pass) -> None:
         p.by_theta[o, :first] = 0.0
         for j in range(net.rules):
             at = first + (j * net.outputs + o) * net.width
+            own = p.by_theta[o, at : at + net.width]
             if not p.total[o] > FLOOR:  # nor where it is not a number
-                p.by_theta[o, at : at + net.width] = 0.0
+                own[:] = 0.0
                 continue
             share = p.firing[j] * p.volume[j, o] / p.total[o]
             apart = p.zeta[j, o] - p.output[o]
             slopes = p.terms if net.consequent == FOURIER else p.zeta_by_theta[j, o]
-            for w in range(net.width):
-                p.by_theta[o, at + w] = share * slopes[w]
+            for w in range(own.size):
+                own[w] = share * slopes[w]
             if net.consequent == SAM:
-                p.by_theta[o, at + 1] = p.firing[j] * apart / p.total[o]
+                own[1] = p.firing[j] * apart / p.total[o]
             by_firing = p.volume[j, o] * apart / p.total[o] + share * p.zeta_by_firing[j, o]
             for i in range(net.inputs):
                 others = by_firing * _others(net, p, i, j)
