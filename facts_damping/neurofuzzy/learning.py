@@ -180,14 +180,14 @@ def learn(
     for j in range(net.rules):
         for o in range(net.outputs):
             at = antecedents + (j * net.outputs + o) * net.width
+            change, slope = own.change[at : at + net.width], own.passed.by_theta[o, at : at + net.width]
             if rule.rate == LYAPUNOV_GROUPS:
-                for f in range(at, at + net.width):
-                    by = own.rate[o, own.group[f]] * error[o] * own.passed.by_theta[o, f]
-                    own.change[f] = by + rule.momentum * own.change[f]
+                for f in range(net.width):
+                    change[f] = own.rate[o, own.group[at + f]] * error[o] * slope[f] + rule.momentum * change[f]
                 continue
             by = own.rate[o, 0] * error[o]  # one rate for all
-            for f in range(at, at + net.width):
-                own.change[f] = by * own.passed.by_theta[o, f] + rule.momentum * own.change[f]
+            for f in range(net.width):
+                change[f] = by * slope[f] + rule.momentum * change[f]
     total = _square(0.0, own.change, 0, own.change.size)
     share = 1.0
     if rule.clip > 0.0 and total > rule.clip * rule.clip:
