@@ -67,7 +67,7 @@ def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, B
 
     Raises `InputError` where the sign of a neuro-fuzzy controller's sensitivity is not the plant's.
     """
-    devices = [next(d for d in case.system.devices if d.name == name) for name in case.run.devices]
+    devices = [case.system.device(name) for name in case.run.devices]
     limits = {d.name: (d.v_max, d.rate_max) for d in devices}
     stations = [station.name for station in case.system.stations]
     if plant is None and any(c.scheme for c in case.controllers):

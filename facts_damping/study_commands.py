@@ -102,10 +102,11 @@ def jacobian(arguments: argparse.Namespace) -> None:
 
 def portray(arguments: argparse.Namespace) -> None:
     """Pictures of neuro-fuzzy controllers: memberships before and after a run, response beside the baselines."""
-    from facts_damping.control.table import CONTROLLERS, kind
+    from facts_damping.control.table import kind
+    from facts_damping.neurofuzzy.table import VARIANTS
     from facts_damping.studies import portraits
 
-    names = arguments.controllers or [name for name, row in CONTROLLERS.items() if row.network is not None]
+    names = arguments.controllers or list(VARIANTS)
     for name in names:
         kind(name, "CONTROLLER")
     folder, progress = out_folder(arguments, "portraits"), Progress("portray", "controllers")

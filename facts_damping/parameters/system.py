@@ -82,3 +82,7 @@ class System(Model):
     def _consistent(self) -> System:
         check_references(self)
         return self
+
+    def device(self, name: str) -> Device:
+        """The device of a name."""
+        return next(device for device in self.devices if device.name == name)

@@ -42,7 +42,6 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
     """
     steps = stages(system, listed)
     flow = solve(system, installed)
-    by_name = {d.name: d for d in system.devices}
     states = _States()
     rotating = _machines(system, flow, states)
     ports = _Ports()
@@ -57,7 +56,7 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
     for i, x in enumerate(loads):
         ports.add(LOAD, i, Place(x.bus))
     load_rows = [load.row(x, system.base_power, 1.0 if x.at == "nominal" else magnitude[x.bus]) for x in loads]
-    placed = _devices(system, [by_name[name] for name in installed], flow, magnitude, states, ports)
+    placed = _devices(system, [system.device(name) for name in installed], flow, magnitude, states, ports)
     norton = rotating.rows["admittance"]
     stations = [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.stations]
     plant = Plant(

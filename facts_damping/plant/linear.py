@@ -114,7 +114,7 @@ def linear_model(built: Built, signals: Mapping[str, Signal], stations: Sequence
     plant, state = built.plant, built.state
     work = workspace(plant, state)
     machines, devices = np.zeros(len(plant.machines), MACHINE_TRUTH), np.zeros(len(plant.devices), DEVICE_TRUTH)
-    weights = np.array([_weights(signal, stations) for signal in signals.values()])
+    weights = np.array([weights_of(signal, stations).ravel() for signal in signals.values()])
     weights = weights.reshape(len(signals), len(stations) * len(CHANNELS))
 
     def seen(x: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -128,12 +128,12 @@ def linear_model(built: Built, signals: Mapping[str, Signal], stations: Sequence
     return LinearModel(A, B, C, D, np.array([signal.washout for signal in signals.values()]))
 
 
-def _weights(signal: Signal, stations: Sequence[str]) -> NDArray[np.float64]:
-    """Weights of a signal over all stations' channels, (stations * channels,)."""
+def weights_of(signal: Signal, stations: Sequence[str]) -> NDArray[np.float64]:
+    """Weights of a signal over all stations' channels, (stations, channels)."""
     made = np.zeros((len(stations), len(CHANNELS)))
     for station, weight in signal.weights.items():
         made[stations.index(station), list(CHANNELS).index(signal.channel)] = weight
-    return made.ravel()
+    return made
 
 
 def modes(

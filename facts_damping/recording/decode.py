@@ -187,13 +187,13 @@ def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]
     index, rows = _index(devices), []
     for source in sources:
         for tick, message in zip(source.ticks, source.messages, strict=True):
-            place = _place(message.identifier)
+            here = place(message.identifier)
             measured = time_ns(message.header.stamp)
             known = [_lookup(index, name, source.topic) for name in message.input_names]
             for i, (prediction, error) in enumerate(zip(message.prediction, message.error, strict=True)):
                 for j, device in enumerate(known):
                     jacobian = message.jacobian[i * len(known) + j]
-                    rows.append((tick, place, i, device, measured, jacobian, prediction, error))
+                    rows.append((tick, here, i, device, measured, jacobian, prediction, error))
     return np.array(sorted(rows, key=itemgetter(0, 1)), ESTIMATE)
 
 
@@ -203,18 +203,19 @@ def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> ND
     for identifier, sources in enumerate((controllers, identifiers)):
         for source in sources:
             for tick, message in zip(source.ticks, source.messages, strict=True):
-                place = _place(message.identifier if identifier else message.controller)
+                here = place(message.identifier if identifier else message.controller)
                 groups = len(message.parameter_groups)
                 for k, rate in enumerate(message.learning_rates):
                     output, group = divmod(k, groups)
-                    head = (tick, place, identifier, output, group)
+                    head = (tick, here, identifier, output, group)
                     rows.append((*head, rate, message.lyapunov, message.lyapunov_fall))
     return np.array(sorted(rows, key=itemgetter(0, 2, 1)), LEARNING)
 
 
-def _place(name: str) -> int:
-    """Place in the run of a controller, or of the one that an identifier serves, which stands in its name."""
-    return int(re.sub(r"\D*(\d*).*", r"\1", name) or 0)
+def place(name: str) -> int:
+    """Place in the run of a controller (`controller_0_LLC`), or of the one that an identifier serves; 0: other names."""
+    number = re.fullmatch(r"(?:controller|identifier)_(\d+)_.*", name)
+    return int(number[1]) if number else 0
 
 
 def events(messages: Iterable[Any]) -> list[dict[str, Any]]:

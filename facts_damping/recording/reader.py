@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from functools import reduce
 from typing import TYPE_CHECKING, Any
 
@@ -146,7 +145,7 @@ def _link_place(namespace: str, graph: str, issued: Sequence[str]) -> int:
     if namespace == graph:
         return -1
     beside = [name.rsplit("/", 2)[1] for name in issued if name.rsplit("/", 2)[0] == namespace]
-    return max(_place(name) for name in [*beside, namespace.rpartition("/")[2]])
+    return max(decode.place(name) for name in [*beside, namespace.rpartition("/")[2]])
 
 
 def _messages(content: Content, topics: Sequence[str]) -> dict[str, list[Any]]:
@@ -209,12 +208,6 @@ def _check_end(
 def _controllers(issued: Sequence[Series], applied: Sequence[Series]) -> tuple[list[str], list[Series]]:
     """Names of the controllers and their series, in the order of the run, else of the recording."""
     named = [(one.messages[0].controller if one.messages else one.topic.split("/")[-2], one) for one in issued]
-    named.sort(key=lambda pair: _place(pair[0]))
+    named.sort(key=lambda pair: decode.place(pair[0]))
     seen = decode.names_of([message for one in applied for message in one.messages], "setpoints", "controller")
     return list(dict.fromkeys([name for name, _ in named] + seen)), [one for _, one in named]
-
-
-def _place(controller: str) -> int:
-    """Place of a controller in the run, which stands in its name (`controller_0_LLC`); 0 for other names."""
-    number = re.fullmatch(r"controller_(\d+)_.*", controller)
-    return int(number[1]) if number else 0

@@ -10,11 +10,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping import loop
+from facts_damping.analysis.plots import COLOURS
 from facts_damping.analysis.summary import summarise
 from facts_damping.configuration import load_case
 from facts_damping.control.table import CONTROLLERS, MIMO_GAIN, kind
 from facts_damping.studies import compare
+from facts_damping.studies.pages import at, heads, line, save
 from facts_damping.studies.pool import run_all
+from facts_damping.studies.tune import Scheme, every_scheme
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -39,9 +42,7 @@ MEASURES = {
     "ISE": ("indices", "ISE"),
 }
 INTERAREA_HZ = 0.9  # below it a mode of the ringdown is the interarea one
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 MARKERS = ("o", "s", "^", "v")
-DPI = 85
 
 
 class Contender(NamedTuple):
@@ -50,7 +51,7 @@ class Contender(NamedTuple):
     scenario: str
     architecture: str
     name: str
-    scheme: str | None
+    scheme: Scheme
 
 
 def controllers(architecture: str, name: str, scheme: str | None) -> list[str]:
@@ -72,13 +73,6 @@ def controllers(architecture: str, name: str, scheme: str | None) -> list[str]:
     return [f"devices={json.dumps(installed)}", f"controllers={json.dumps(made)}"]
 
 
-def contenders(names: Sequence[str]) -> list[tuple[str, str | None]]:
-    """Controllers and schemes: LLC, LLC-tuned, and every neuro-fuzzy one asked for (none: all) in both schemes."""
-    asked = list(names) or list(CONTROLLERS)
-    schemes = {name: (None,) if kind(name, "CONTROLLER").network is None else ("direct", "indirect") for name in asked}
-    return [(name, scheme) for name in asked for scheme in schemes[name]]
-
-
 def one_run(sets: Sequence[str], what: Contender) -> dict[str, Any]:
     """The figures of one run."""
     own = controllers(what.architecture, what.name, what.scheme)
@@ -96,7 +90,7 @@ def study(
     todo = [
         Contender(scenario, architecture, name, scheme)
         for scenario in compare.scenarios(SYSTEM)
-        for name, scheme in contenders(names)
+        for name, scheme in every_scheme(list(names) or list(CONTROLLERS))
         for architecture in ARCHITECTURES
     ]
     return run_all(partial(one_run, list(sets)), todo, jobs, progress)
@@ -123,11 +117,10 @@ def text(found: Sequence[dict[str, Any]]) -> list[str]:
         rows = [row for row in found if row["scenario"] == scenario]
         lines += [f"### {SYSTEM}, {scenario}", ""]
         for measure, path in MEASURES.items():
-            lines += [f"{measure}:", "", compare.line(["controller", "scheme", *ARCHITECTURES])]
-            lines.append(compare.line(["---"] * 2 + ["--:"] * len(ARCHITECTURES)))
+            lines += [f"{measure}:", "", *heads(["controller", "scheme"], list(ARCHITECTURES))]
             for name, scheme in dict.fromkeys((row["name"], row["scheme"]) for row in rows):
                 own = [row for row in rows if (row["name"], row["scheme"]) == (name, scheme)]
-                lines.append(compare.line([name, scheme or "", *(_cell(row, path) for row in own)]))
+                lines.append(line([name, scheme or "", *(_cell(row, path) for row in own)]))
             lines.append("")
     return lines
 
@@ -136,9 +129,7 @@ def _cell(row: dict[str, Any], path: Sequence[str]) -> str:
     """A figure; in its place the instability, and beside it a note where the oscillation does not die."""
     if not row["stable"]:
         return str(row["instability"])
-    value: Any = row
-    for key in path:
-        value = value[key]
+    value = at(row, path)
     shown = "-" if value is None else f"{value:.4g}"
     return shown + ("" if row["damped"] else " (not damped)")
 
@@ -150,7 +141,7 @@ def draw(found: Sequence[dict[str, Any]], path: Path) -> None:
     figure = Figure(figsize=(13.0, 1.5 + 0.24 * len(labels)), layout="constrained")
     axes: Any = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)
     for axis, scenario in zip(axes[0], scenarios, strict=True):
-        for colour, marker, architecture in zip(COLOURS, MARKERS, ARCHITECTURES, strict=True):
+        for colour, marker, architecture in zip(COLOURS, MARKERS, ARCHITECTURES, strict=False):
             own = [r for r in found if (r["scenario"], r["architecture"]) == (scenario, architecture)]
             places = [
                 (row["indices"]["ITAE"], labels.index((row["name"], row["scheme"]))) for row in own if row["stable"]
@@ -161,4 +152,4 @@ def draw(found: Sequence[dict[str, Any]], path: Path) -> None:
     axes[0, 0].set_yticks(range(len(labels)), [f"{name} {scheme or ''}".strip() for name, scheme in labels])
     axes[0, 0].invert_yaxis()
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(ARCHITECTURES))
-    figure.savefig(path, dpi=DPI, metadata={"Software": None})
+    save(figure, path)

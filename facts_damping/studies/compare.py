@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 from facts_damping import files, loop
 from facts_damping.analysis.summary import summarise
 from facts_damping.configuration import load_case, tuned
+from facts_damping.studies.pages import at, heads, line
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.tune import SCENARIO, Scheme, rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from facts_damping.parameters.run import Controller
 
 # Columns of the table: title, path into a row, format.
 COLUMNS = (
@@ -30,12 +33,11 @@ BARE = ("scenario=[]", "controllers.0.name=ANFTSC")  # a run whose signals and d
 SYSTEMS = ("two_area", "smib")
 
 
-def contenders(system: str, names: Sequence[str], sets: Sequence[str] = ()) -> list[tuple[str, Scheme]]:
+def contenders(system: str, names: Sequence[str], own: Controller) -> list[tuple[str, Scheme]]:
     """No control, LLC and LLC-tuned, and every controller and scheme asked for (no names: all).
 
-    LLC-tuned is left out where it is not tuned for the signals and devices that `sets` say.
+    LLC-tuned is left out where it is not tuned for the signals and devices of `own`.
     """
-    own = load_case(None, [f"system={system}", *BARE, *everybody(sets)]).run.controllers[0]
     others = [name for name in names if name not in (NONE, "LLC")]
     asked = rows(others) if others or not names else []
     plain: list[tuple[str, Scheme]] = [(NONE, None), ("LLC", None)]
@@ -49,26 +51,30 @@ def scenarios(system: str) -> list[str]:
     return [name for name in found if name != SCENARIO]
 
 
-def everybody(sets: Sequence[str]) -> list[str]:
-    """The changes that hold for all controllers: devices and signals."""
-    return [text for text in sets if text.startswith(("devices=", "controllers.0.signals=", "controllers.0.devices="))]
+def everybody(system: str, sets: Sequence[str]) -> Controller:
+    """A controller with the signals and devices that changes of a run give to all controllers."""
+    kept = ("devices=", "controllers.0.signals=", "controllers.0.devices=")
+    return load_case(None, [f"system={system}", *BARE, *(s for s in sets if s.startswith(kept))]).run.controllers[0]
 
 
-def one_run(system: str, sets: Sequence[str], what: tuple[str, str, str | None]) -> dict[str, Any]:
-    """The figures of one run; `what`: scenario, controller, scheme.
+def changes(sets: Sequence[str], own: Controller, name: str, scheme: Scheme) -> list[str]:
+    """The changes that make a run one of a contender.
 
-    Changes of `controllers` are for networks alone, but for signals and devices.
+    Those of `controllers` are for networks alone, but for signals and devices: a lead-lag takes the first signal.
     """
-    scenario, name, scheme = what
-    if scheme is None:
-        plain = [text for text in sets if not text.startswith("controllers.")]
-        own = load_case(None, [f"system={system}", *BARE, *everybody(sets)]).run.controllers[0]
-        more = [f"controllers.0.signals={own.signals[:1]}", f"controllers.0.devices={own.devices}"]
-        sets = [*plain, *(more if name != NONE else [])]  # a lead-lag takes the first signal
-    controllers = ["controllers=[]"] if name == NONE else [f"controllers.0.name={name}"]
     if scheme is not None:
-        controllers.append(f"controllers.0.scheme={scheme}")
-    case = load_case(None, [f"system={system}", f"scenario={scenario}", *controllers, *sets])
+        return [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", *sets]
+    plain = [text for text in sets if not text.startswith("controllers.")]
+    if name == NONE:
+        return ["controllers=[]", *plain]
+    given = [f"controllers.0.signals={own.signals[:1]}", f"controllers.0.devices={own.devices}"]
+    return [f"controllers.0.name={name}", *plain, *given]
+
+
+def one_run(system: str, sets: Sequence[str], own: Controller, what: tuple[str, str, Scheme]) -> dict[str, Any]:
+    """The figures of one run; `what`: scenario, controller, scheme."""
+    scenario, name, scheme = what
+    case = load_case(None, [f"system={system}", f"scenario={scenario}", *changes(sets, own, name, scheme)])
     result = summarise(loop.run(case))
     keep = ("stable", "instability", "damped", "indices", "smoothness", "settling_time_s", "max_injected_voltage_pu")
     return {
@@ -85,8 +91,10 @@ def compare(
 ) -> list[dict[str, Any]]:
     """A row for each scenario and contender, in this order."""
     files.find("systems", system)
-    todo = [(s, *one) for s in scenarios(system) for one in contenders(system, names, sets)]
-    return run_all(partial(one_run, system, list(sets)), todo, jobs, progress)
+    own = everybody(system, sets)
+    asked = contenders(system, names, own)
+    todo = [(scenario, *one) for scenario in scenarios(system) for one in asked]
+    return run_all(partial(one_run, system, list(sets), own), todo, jobs, progress)
 
 
 def page(found: Sequence[dict[str, Any]]) -> list[str]:
@@ -107,8 +115,7 @@ def text(found: Sequence[dict[str, Any]]) -> list[str]:
     lines = []
     for system, scenario in dict.fromkeys((row["system"], row["scenario"]) for row in found):
         own = [row for row in found if (row["system"], row["scenario"]) == (system, scenario)]
-        titles = ["controller", "scheme", *(title for title, _, _ in COLUMNS)]
-        lines += [f"### {system}, {scenario}", "", line(titles), line(["---"] * 2 + ["--:"] * len(COLUMNS))]
+        lines += [f"### {system}, {scenario}", "", *heads(["controller", "scheme"], [title for title, _, _ in COLUMNS])]
         lines += [line([row["controller"], row["scheme"] or "", *_cells(row)]) for row in own]
         lines.append("")
     return lines
@@ -117,18 +124,10 @@ def text(found: Sequence[dict[str, Any]]) -> list[str]:
 def _cells(row: dict[str, Any]) -> list[str]:
     if not row["stable"]:
         return [str(row["instability"]), *[""] * (len(COLUMNS) - 1)]
-    return [_cell(row, path, form) for _, path, form in COLUMNS]
+    return [_cell(at(row, path), form) for _, path, form in COLUMNS]
 
 
-def _cell(row: dict[str, Any], path: Sequence[str], form: str) -> str:
-    value: Any = row
-    for key in path:
-        value = value[key]
+def _cell(value: Any, form: str) -> str:
     if value is None:
         return "-"
     return ("yes" if value else "no") if isinstance(value, bool) else format(value, form)
-
-
-def line(cells: Sequence[str]) -> str:
-    """A row of a table in Markdown."""
-    return f"| {' | '.join(cells)} |"

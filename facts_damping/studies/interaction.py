@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.configuration import load_system
+from facts_damping.errors import InputError
 from facts_damping.plant.build import build
 from facts_damping.sensitivity import sensitivity
-from facts_damping.studies import compare
 from facts_damping.studies.architectures import ARCHITECTURES, SYSTEM
+from facts_damping.studies.pages import heads, line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,10 +35,10 @@ def interactions() -> list[Interaction]:
     """Relative gain arrays of the linearised plant with both devices; they do not depend on units."""
     system, devices = load_system(SYSTEM), ARCHITECTURES["centralised"][0]
     plant = sensitivity(build(system, devices, []), system, devices, 1)
-    found: list[Interaction] = []
     if plant is None:
-        return found
-    limits = np.array([next(d.v_max for d in system.devices if d.name == name) for name in devices])
+        raise InputError(f"SYSTEM: {SYSTEM} has no swing mode; allowed: a system whose machines swing")
+    found = []
+    limits = np.array([system.device(name).v_max for name in devices])
     for signals in PAIRS:
         rows = [plant.signals.index(name) for name in signals]
         swing = np.array([abs(plant.ratio(name, "speed")) for name in signals])
@@ -49,10 +50,9 @@ def interactions() -> list[Interaction]:
 
 def text(found: Sequence[Interaction]) -> list[str]:
     """A table in Markdown."""
-    lines = [compare.line(["signals", "Hz", "relative gain", "largest gain / smallest"])]
-    lines.append(compare.line(["---", "--:", "--:", "--:"]))
+    lines = heads(["signals"], ["Hz", "relative gain", "largest gain / smallest"])
     for one in found:
         value, ratio = one.relative[0, 0], np.linalg.cond(one.gain)
         shown = f"{value.real:.2f} {'+' if value.imag >= 0 else '-'} {abs(value.imag):.2f}j"
-        lines.append(compare.line([", ".join(one.signals), f"{one.frequency_hz:g}", shown, f"{ratio:.3g}"]))
+        lines.append(line([", ".join(one.signals), f"{one.frequency_hz:g}", shown, f"{ratio:.3g}"]))
     return [*lines, ""]

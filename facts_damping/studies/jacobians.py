@@ -9,10 +9,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping import loop
+from facts_damping.analysis.plots import COLOURS
 from facts_damping.configuration import load_case
-from facts_damping.control.table import CONTROLLERS, kind
+from facts_damping.control.table import kind
 from facts_damping.errors import InputError
+from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.studies import architectures, compare
+from facts_damping.studies.pages import heads, line, save
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.true_jacobian import figures, follow
 
@@ -34,17 +37,14 @@ HEAD = [
     "the difference between the two, over that; sign at: against the true one over the horizon that was asked for.",
     "",
 ]
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
-DPI = 85
 
 
 def names(asked: Sequence[str]) -> list[str]:
     """The controllers asked for (none: all with a network). Raises `InputError` for one without identifier."""
-    have = [name for name, row in CONTROLLERS.items() if row.network is not None]
     for name in asked:
         if kind(name, "CONTROLLER").network is None:
-            raise InputError(f"CONTROLLER: '{name}' given, which has no identifier; allowed: {', '.join(have)}")
-    return list(asked) or have
+            raise InputError(f"CONTROLLER: '{name}' given, which has no identifier; allowed: {', '.join(VARIANTS)}")
+    return list(asked) or list(VARIANTS)
 
 
 def scene(scenario: str, name: str, sets: Sequence[str]) -> Case:
@@ -93,15 +93,14 @@ def text(found: Sequence[dict[str, Any]]) -> list[str]:
         first = rows[0]
         names = [f"{signal}/{device}" for signal in first["signals"] for device in first["devices"]]
         stated = first["stated_horizon"]
-        heads = [f"{name}: sign, %" for name in names] + [f"{name}: error" for name in names]
-        heads += [f"{name}: sign at {stated}, %" for name in names] + [f"{name}: answers, %" for name in names]
-        lines += [f"### {first['system']}, {scenario}", "", compare.line(["controller", "horizon", *heads])]
-        lines.append(compare.line(["---"] + ["--:"] * (1 + len(heads))))
+        titles = [f"{name}: sign, %" for name in names] + [f"{name}: error" for name in names]
+        titles += [f"{name}: sign at {stated}, %" for name in names] + [f"{name}: answers, %" for name in names]
+        lines += [f"### {first['system']}, {scenario}", "", *heads(["controller"], ["horizon", *titles])]
         for row in rows:
             cells = [f"{100 * v:.0f}" for v in np.ravel(row["right_sign"])]
             cells += [f"{v:.2g}" for v in np.ravel(row["error"])]
             cells += [f"{100 * v:.0f}" for v in (*np.ravel(row["right_sign_stated"]), *np.ravel(row["answering"]))]
-            lines.append(compare.line([row["controller"], str(row["horizon"]), *cells]))
+            lines.append(line([row["controller"], str(row["horizon"]), *cells]))
         lines.append("")
     return lines
 
@@ -125,7 +124,7 @@ def draw(case: Case, horizon: int, path: Path) -> None:
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3, fontsize="small")
     title = f"{c.name}, {case.scenario.name}: normalised Jacobian {int(c.number('identifier_horizon'))} frames ahead"
     figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
-    figure.savefig(path, dpi=DPI, metadata={"Software": None})
+    save(figure, path)
 
 
 def _learning(rates: Any, lyapunov: Any, record: Record) -> None:

@@ -10,10 +10,12 @@ from matplotlib.figure import Figure
 
 from facts_damping import files, loop
 from facts_damping.analysis.measures import speed_differences
+from facts_damping.analysis.plots import COLOURS
 from facts_damping.configuration import load_case, tuned
 from facts_damping.control.bank import network_of
 from facts_damping.control.table import kind
 from facts_damping.neurofuzzy.network import Network, forward, passes
+from facts_damping.studies.pages import save
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -26,12 +28,11 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
     from facts_damping.studies.tune import Scheme
 
-DPI = 85
 INPUTS = ("e / scale", "de / change scale")
 BASELINES = {"none": ("#999999", 1.0), "LLC": ("#56B4E9", 1.2), "LLC-tuned": ("#009E73", 1.2)}
 STYLES = ("--", ":", "-")  # before, in the midst, after
 MIDST_S = 2.0  # after the first event
-RULES = ("#0072B2", "#D55E00")  # of the rules, and of direct and indirect
+RULES = COLOURS[:2]  # of the two rules
 
 
 class Portrait(NamedTuple):
@@ -87,9 +88,7 @@ def draw(system: str, scenario: str, names: Sequence[str], folder: Path, progres
     for i, name in enumerate(asked):
         schemes: tuple[Scheme, ...] = ("direct", "indirect")
         runs = {str(scheme): portrait(scene(system, scenario, name, scheme)) for scheme in schemes}
-        _picture(f"{name} on {system}, {scenario}", runs, baselines).savefig(
-            folder / f"{name}.png", dpi=DPI, metadata={"Software": None}
-        )
+        save(_picture(f"{name} on {system}, {scenario}", runs, baselines), folder / f"{name}.png")
         progress(i + 1, len(asked))
 
 
@@ -127,7 +126,7 @@ def _response(axes: Axes, record: Record, scheme: str, baselines: dict[str, Reco
                 lw=width,
                 label=label,
             )
-    axes.plot(record.time_s, 1e3 * differences[name], color="#D55E00", lw=1.5, label=scheme)
+    axes.plot(record.time_s, 1e3 * differences[name], color=COLOURS[1], lw=1.5, label=scheme)
     span = 1.6e3 * float(np.max(np.abs(differences[name])))
     axes.set(xlabel="time [s]", ylabel=f"{name} [1e-3 p.u.]", xlim=(0, record.time_s[-1]), ylim=(-span, span))
     axes.legend(fontsize="x-small", loc="upper right")

@@ -15,9 +15,10 @@ from facts_damping.control.lead_lag import section
 from facts_damping.loop import tick_ns
 from facts_damping.parts import build_plant
 from facts_damping.plant.integration import advance
+from facts_damping.plant.linear import weights_of
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
-from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, Record
+from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, Record
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,10 +58,7 @@ class Respondent:
             self._advance(state, k, rows)
         stations = [station.name for station in case.system.stations]
         own = [case.system.signals[name] for name in case.controllers[0].signals]
-        self.weights = np.zeros((len(own), len(stations), len(CHANNELS)))
-        for i, signal in enumerate(own):
-            for station, weight in signal.weights.items():
-                self.weights[i, stations.index(station), list(CHANNELS).index(signal.channel)] = weight
+        self.weights = np.array([weights_of(signal, stations) for signal in own])
         self.washout = [signal.washout for signal in own]
         self.devices = [case.run.devices.index(name) for name in case.controllers[0].devices]
 
@@ -77,12 +75,10 @@ class Respondent:
         measure(self.plant, state, tick_ns(tick, self.rate), frame, machines, devices, self.work)
         return np.asarray((self.weights * np.nan_to_num(frame)).sum(axis=(1, 2)))
 
-    def _held(self, tick: int, frames: int, device: int | None) -> NDArray[np.float64]:
-        """Signals of the frames after a tick, (frames, signals), references held, that of a device moved."""
+    def _held(self, tick: int, frames: int, reference: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signals of the frames after a tick with references held since, (frames, signals)."""
         state = copy(self.states[tick])
-        if device is not None:
-            state.reference[device] += -MOVE if state.reference[device] > 0.0 else MOVE
-        state.target[:] = state.reference
+        state.reference[:] = state.target[:] = reference
         found, nothing = [], np.zeros(0, SETPOINT)
         for k in range(frames):
             self._advance(state, tick + k, nothing)
@@ -91,11 +87,14 @@ class Respondent:
 
     def jacobian(self, tick: int, frames: int) -> NDArray[np.float64]:
         """How the signals, so many frames after a tick, answer references held since, (signals, devices), p.u./p.u."""
-        rest = self._held(tick, frames, None)
+        reference = self.states[tick].reference
+        rest = self._held(tick, frames, reference)
         found = np.zeros((len(self.washout), len(self.devices)))
         for d, device in enumerate(self.devices):
-            move = -MOVE if self.states[tick].reference[device] > 0.0 else MOVE
-            answer = (self._held(tick, frames, device) - rest) / move
+            move = -MOVE if reference[device] > 0.0 else MOVE  # away from the limit
+            moved = reference.copy()
+            moved[device] += move
+            answer = (self._held(tick, frames, moved) - rest) / move
             for i, tau in enumerate(self.washout):
                 found[i, d] = _washed(answer[:, i], tau, 1.0 / self.rate)
         return found

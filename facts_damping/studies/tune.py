@@ -68,11 +68,13 @@ def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
     asked = list(names) or [name for name in CONTROLLERS if name != "LLC"]
     if "LLC" in asked:
         raise InputError("CONTROLLER: 'LLC' given; allowed: LLC-tuned, or a neuro-fuzzy controller")
-    found: list[tuple[str, Scheme]] = []
-    for name in asked:
-        schemes: tuple[Scheme, ...] = (None,) if kind(name, "CONTROLLER").network is None else ("direct", "indirect")
-        found += [(name, scheme) for scheme in schemes]
-    return found
+    return every_scheme(asked)
+
+
+def every_scheme(names: Sequence[str]) -> list[tuple[str, Scheme]]:
+    """Controllers in the schemes that they have: a network in both, a lead-lag in none."""
+    schemes: dict[bool, tuple[Scheme, ...]] = {True: ("direct", "indirect"), False: (None,)}
+    return [(name, scheme) for name in names for scheme in schemes[kind(name, "CONTROLLER").network is not None]]
 
 
 class Trainer:
@@ -93,7 +95,7 @@ class Trainer:
 
     def parameters(self, at: NDArray[np.float64]) -> dict[str, Value]:
         """Parameters at a point of the search, each coordinate from 0 to 1."""
-        limit = next(d.v_max for d in self.case.system.devices if d.name == self.space.devices[0])
+        limit = self.case.system.device(self.space.devices[0]).v_max
         return self.space.parameters(at, self.sensitivity, limit)
 
     def with_parameters(self, values: dict[str, Value]) -> Case:
@@ -119,7 +121,7 @@ def objective(case: Case, plant: Sensitivity) -> float:
     t = record.time_s
     if not record.in_synchronism.all():
         return LOST - float(t[-1])
-    limits = [next(d.v_max for d in case.system.devices if d.name == name) for name in record.device_names]
+    limits = [case.system.device(name).v_max for name in record.device_names]
     effort = RHO * record.devices["setpoint"] / np.array(limits)
     judged = np.hstack([columns(speed_differences(record)), effort])
     return performance_indices(t, judged)["ITAE"]

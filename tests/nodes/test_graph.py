@@ -3,54 +3,24 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
 
 from facts_damping import graph, loop
 from facts_damping.configuration import load_case
 from facts_damping.errors import RunError
 from facts_damping.recording.reader import load
+from tests.nodes.graphs import PATIENCE_S, assert_named, assert_same, nodes_left, payloads, quiet, run_graph
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from facts_damping.signals import Record
-
-ARRAYS = (
-    *("time_ns", "frames", "delivered", "issued", "applied"),
-    *("machines", "devices", "in_synchronism", "estimates", "learning"),
-)
-PATIENCE_S = 60.0
-
-
-def quiet(_done: int, _of: int) -> None:
-    """No progress."""
-
-
-def run_graph(folder: Path, sets: list[str], mode: str = "lockstep", timeout: float = 5.0) -> Record:
-    graph.run(load_case(None, sets), mode, folder, quiet, timeout)
-    return load(folder / "recording")
-
-
-def assert_same(recorded: Record, computed: Record) -> None:
-    for name in ARRAYS:
-        a, b = getattr(recorded, name), getattr(computed, name)
-        assert a.dtype == b.dtype
-        assert a.shape == b.shape, name
-        assert a.tobytes() == b.tobytes(), name
-    assert recorded.notes == []
-    assert str(recorded.events) == str(computed.events)
-    for name in ("stations", "machine_names", "device_names", "controller_names", "configuration"):
-        assert getattr(recorded, name) == getattr(computed, name)
+    from pathlib import Path
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.1234])
@@ -106,14 +76,6 @@ def test_unstable_run_ends_where_the_in_process_run_ends(domain: int, tmp_path: 
     assert list(np.flatnonzero(~recorded.in_synchronism)) == [len(recorded.time_ns) - 1]
 
 
-def payloads(folder: Path) -> dict[str, list[bytes]]:
-    found: dict[str, list[bytes]] = {}
-    with next((folder / "recording").glob("*.mcap")).open("rb") as stream:
-        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
-            found.setdefault(channel.topic, []).append(message.data)
-    return found
-
-
 def test_two_runs_give_identical_recordings_but_for_wall_clock_stamps(domain: int, tmp_path: Path) -> None:
     sets = ["duration=4", "link=delay_100ms"]
     run_graph(tmp_path / "a", sets)
@@ -141,33 +103,6 @@ def test_real_time_loses_nothing_and_keeps_the_clock(domain: int, tmp_path: Path
         assert len(recorded.delivered) == len(loop.run(case).delivered)
 
 
-@pytest.fixture
-def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """The processes that a graph starts, by name."""
-    found: dict[str, Any] = {}
-    original = graph.start
-
-    def spy(name: str, *arguments: Any) -> Any:
-        found[name] = original(name, *arguments)
-        return found[name]
-
-    monkeypatch.setattr(graph, "start", spy)
-    return found
-
-
-def nodes_left(folder: Path) -> list[str]:
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-            except OSError:
-                continue
-            if "facts_damping.nodes" in command and str(folder) in command:
-                found.append(command)
-    return found
-
-
 @pytest.mark.parametrize(
     ("node", "number", "said"),
     [
@@ -183,15 +118,7 @@ def nodes_left(folder: Path) -> list[str]:
 def test_dead_or_silent_node_is_named(
     domain: int, tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
 ) -> None:
-    def strike(done: int, _of: int) -> None:
-        if done > 1 and node in started:
-            os.kill(started.pop(node).popen.pid, number)
-
-    began = time.monotonic()
-    with pytest.raises(RunError, match=said):
-        graph.run(load_case(None, ["duration=1000"]), "lockstep", tmp_path, strike, timeout=1.0)
-    assert time.monotonic() - began < PATIENCE_S
-    assert nodes_left(tmp_path) == []
+    assert_named([], tmp_path, started, node, number, said)
 
 
 def test_killed_recorder_leaves_what_it_had_flushed(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:

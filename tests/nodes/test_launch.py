@@ -13,13 +13,11 @@ import pytest
 from facts_damping import loop
 from facts_damping.configuration import load_case
 from facts_damping.recording.reader import load
-from tests.nodes.test_graph import assert_same
-from tests.nodes.test_nodes import PATIENCE_S, start
+from tests.nodes.graphs import PATIENCE_S, assert_same
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = ["start"]  # a fixture
 FOLDER = Path(__file__).parents[2] / "launch"
 
 

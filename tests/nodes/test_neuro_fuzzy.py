@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,18 +15,15 @@ from rclpy.serialization import deserialize_message
 
 from facts_damping import adapted, graph, loop
 from facts_damping.configuration import load_case
-from facts_damping.errors import RunError
 from facts_damping.files import read_table
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.recording.reader import load
 from facts_damping.studies.architectures import controllers
-from tests.nodes.test_graph import assert_same, nodes_left, quiet
-from tests.nodes.test_nodes import PATIENCE_S, client, start
+from tests.nodes.graphs import assert_named, assert_same, quiet
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["client", "start"]  # fixtures
 SCENARIOS = [
     *(["system=two_area", f"scenario={name}"] for name in ("small", "large", "multiple")),
     *(["system=smib", f"scenario={name}"] for name in ("nominal", "light", "heavy", "multiple")),
@@ -141,26 +136,9 @@ def test_inner_state_and_estimates_are_published_every_tick(domain: int, tmp_pat
     ],
 )
 def test_dead_or_silent_identifier_is_named(
-    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, node: str, number: int, said: str
+    domain: int, tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
 ) -> None:
-    started: dict[str, Any] = {}
-    original = graph.start
-
-    def spy(name: str, *arguments: Any) -> Any:
-        started[name] = original(name, *arguments)
-        return started[name]
-
-    monkeypatch.setattr(graph, "start", spy)
-
-    def strike(done: int, _of: int) -> None:
-        if done > 1 and node in started:
-            os.kill(started.pop(node).popen.pid, number)
-
-    began = time.monotonic()
-    with pytest.raises(RunError, match=said):
-        graph.run(load_case(None, [*HBSWC, "duration=1000"]), "lockstep", tmp_path, strike, timeout=2.0)
-    assert time.monotonic() - began < PATIENCE_S
-    assert nodes_left(tmp_path) == []
+    assert_named(HBSWC, tmp_path, started, node, number, said, timeout=2.0)
 
 
 def test_real_time_with_identifier_loses_nothing(domain: int, tmp_path: Path) -> None:

@@ -1,0 +1,85 @@
+"""What the tests of graphs share: running one, comparing recordings, striking a node."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from mcap.reader import make_reader
+
+from facts_damping import graph
+from facts_damping.configuration import load_case
+from facts_damping.errors import RunError
+from facts_damping.recording.reader import load
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping.signals import Record
+
+ARRAYS = (
+    *("time_ns", "frames", "delivered", "issued", "applied"),
+    *("machines", "devices", "in_synchronism", "estimates", "learning"),
+)
+PATIENCE_S = 60.0
+
+
+def quiet(_done: int, _of: int) -> None:
+    """No progress."""
+
+
+def run_graph(folder: Path, sets: list[str], mode: str = "lockstep", timeout: float = 5.0) -> Record:
+    graph.run(load_case(None, sets), mode, folder, quiet, timeout)
+    return load(folder / "recording")
+
+
+def assert_same(recorded: Record, computed: Record) -> None:
+    for name in ARRAYS:
+        a, b = getattr(recorded, name), getattr(computed, name)
+        assert a.dtype == b.dtype
+        assert a.shape == b.shape, name
+        assert a.tobytes() == b.tobytes(), name
+    assert recorded.notes == []
+    assert str(recorded.events) == str(computed.events)
+    for name in ("stations", "machine_names", "device_names", "controller_names", "configuration"):
+        assert getattr(recorded, name) == getattr(computed, name)
+
+
+def payloads(folder: Path) -> dict[str, list[bytes]]:
+    found: dict[str, list[bytes]] = {}
+    with next((folder / "recording").glob("*.mcap")).open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            found.setdefault(channel.topic, []).append(message.data)
+    return found
+
+
+def nodes_left(folder: Path) -> list[str]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+            except OSError:
+                continue
+            if "facts_damping.nodes" in command and str(folder) in command:
+                found.append(command)
+    return found
+
+
+def assert_named(
+    sets: Sequence[str], folder: Path, started: dict[str, Any], node: str, number: int, said: str, timeout: float = 1.0
+) -> None:
+    """A graph whose node gets a signal ends soon, says so by the node's name, and leaves no process."""
+
+    def strike(done: int, _of: int) -> None:
+        if done > 1 and node in started:
+            os.kill(started.pop(node).popen.pid, number)
+
+    began = time.monotonic()
+    with pytest.raises(RunError, match=said):
+        graph.run(load_case(None, [*sets, "duration=1000"]), "lockstep", folder, strike, timeout)
+    assert time.monotonic() - began < PATIENCE_S
+    assert nodes_left(folder) == []
