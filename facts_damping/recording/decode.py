@@ -213,7 +213,7 @@ def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> ND
 
 
 def place(name: str) -> int:
-    """Place in the run of a controller (`controller_0_LLC`), or of the one that an identifier serves; 0: other names."""
+    """Place in the run of a controller (`controller_0_LLC`), or of the one an identifier serves; 0 for other names."""
     number = re.fullmatch(r"(?:controller|identifier)_(\d+)_.*", name)
     return int(number[1]) if number else 0
 
