@@ -55,8 +55,9 @@ def _allowed_keys(model: type[Model], location: tuple[int | str, ...]) -> str:
 
 
 def _has_tag(model: type[Model], location: tuple[int | str, ...]) -> bool:
-    kind = model.model_fields.get("kind")
-    return kind is not None and any(part in getattr(kind.annotation, "__args__", ()) for part in location)
+    """Whether a member of a union is the one that a location names by its `kind`, or `model` in links."""
+    tag = model.model_fields.get("kind") or model.model_fields.get("model")
+    return tag is not None and any(part in getattr(tag.annotation, "__args__", ()) for part in location)
 
 
 def origin(field: str, source: str, sets: dict[str, str] | None) -> str:
@@ -81,7 +82,8 @@ def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None
     if first["type"] == "extra_forbidden":
         raise InputError(f"{where}: unknown key; allowed: {_allowed_keys(model, location)}")
     if first["type"] == "union_tag_invalid":
-        raise InputError(f"{where}.kind: {short(first['ctx']['tag'])} given; allowed: {first['ctx']['expected_tags']}")
+        tag = first["ctx"]["discriminator"].strip("'")
+        raise InputError(f"{where}.{tag}: {short(first['ctx']['tag'])} given; allowed: {first['ctx']['expected_tags']}")
     if first["type"] == "missing":
         raise InputError(f"{where}: missing; allowed: a value of this field")
     if first["type"] == "value_error":

@@ -13,14 +13,17 @@ from facts_damping.control import bank, identifier
 from facts_damping.control.table import Parameter, Value, defaults, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
+from facts_damping.link.draws import mean_delay
 from facts_damping.linking import open_own, read_links, with_own
 from facts_damping.parameters.placement import place
-from facts_damping.parameters.run import Controller, Link, Run, Scenario, Tuned, Weights
+from facts_damping.parameters.run import Controller, Run, Scenario, Tuned, Weights
 from facts_damping.parameters.system import System
 from facts_damping.plant.events import stages
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from facts_damping.parameters.link import Link
 
 MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
 
@@ -254,7 +257,7 @@ def _filled(
             f"{where('parameters.identifier')}: 'ANFGuMoI' given; allowed: ANFTSI with several signals or devices"
         )
     if values.get("lag") == -1.0:
-        values["lag"] = sum((stage.delay for stage in [*link.up, *link.down]), 0.0)
+        values["lag"] = sum((mean_delay(stage) for stage in [*link.up, *link.down]), 0.0)
     weights = _weights(controller, scheme, values, where)
     return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})
 

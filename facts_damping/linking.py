@@ -5,9 +5,11 @@ from __future__ import annotations
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.checking import check
+from facts_damping.checking import check, origin
 from facts_damping.files import find, read_table
-from facts_damping.parameters.run import Link, Run
+from facts_damping.parameters.link import Link
+from facts_damping.parameters.run import Run
+from facts_damping.traces import with_traces
 
 if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
@@ -40,8 +42,8 @@ def _read(given: str | dict[str, Any], field: str, source: str, sets: dict[str, 
     """A link by name or path, or inline in a field of the run."""
     if isinstance(given, str):
         path = find("links", given)
-        return check(Link, read_table(path), str(path))
-    return check(Link, given, source, sets, field)
+        return with_traces(check(Link, read_table(path), str(path)), str(path))
+    return with_traces(check(Link, given, source, sets, field), origin(field, source, sets))
 
 
 def open_own(content: dict[str, Any], path: str) -> None:

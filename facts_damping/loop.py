@@ -15,6 +15,7 @@ from facts_damping.control.bank import Bank, BankState, act
 from facts_damping.control.identifier import Identifiers, IdentifierState, identify, remember, tell
 from facts_damping.control.table import LEAD_LAG
 from facts_damping.errors import RunError
+from facts_damping.link.chain import SPOOF
 from facts_damping.link.transfer import Links, downlink, merge, uplink
 from facts_damping.neurofuzzy.learning import one, rates_told
 from facts_damping.neurofuzzy.network import shape_of
@@ -106,16 +107,18 @@ def build_loop(case: Case, sensitivity: Sensitivity | None = None) -> Loop:
 def room(case: Case, loop: Loop, ticks: int | None = None) -> Signals:
     """Arrays for all signals of a case, or of its first `ticks`."""
     n, stations = case.ticks if ticks is None else ticks, len(case.system.stations)
-    setpoints = 2 * commands(case)
+    up, down = loop.links.up, loop.links.down
+    stamps = stations if (up.chain.rows["model"] == SPOOF).any() else 1  # a controller acts at each that is new
+    setpoints = 2 * commands(case) * stamps
     return Signals(
         np.zeros(n, np.int64),
         np.zeros((n, stations, len(CHANNELS))),
         np.zeros((n, len(loop.plant.machines)), MACHINE_TRUTH),
         np.zeros((n, len(loop.plant.devices)), DEVICE_TRUTH),
         np.zeros(n, np.bool_),
-        np.zeros(n * stations * len(case.links), DELIVERY),
+        np.zeros(n * stations * len(case.links) * up.packets.now_ns.shape[1], DELIVERY),
         np.zeros(n * setpoints, SETPOINT),
-        np.zeros(n * setpoints, SETPOINT),
+        np.zeros(n * setpoints * down.packets.now_ns.shape[1], SETPOINT),
         np.zeros(n * derivatives(case), ESTIMATE),
         np.zeros(n * learning_rates(case), LEARNING),
         np.zeros(6, np.int64),
@@ -124,8 +127,8 @@ def room(case: Case, loop: Loop, ticks: int | None = None) -> Signals:
 
 @compiled
 def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> int:
-    """Keep `count` entries from index `at` on; the index after the last."""
-    for i in range(count):
+    """Keep `count` entries from index `at` on, as far as there is room; the index after the last."""
+    for i in range(min(count, kept.size - at)):
         kept[at + i] = entries[i]
     return at + count
 
@@ -210,10 +213,12 @@ def finish(case: Case, loop: Loop) -> Record:
     """Run a loop at its start to the end; it keeps the state in which it ended."""
     kept = room(case, loop)
     run_loop(loop, case.run.frame_rate, case.ticks, kept)
-    lost = int(loop.links.up.statistics["lost"].sum() + loop.links.down.statistics["lost"].sum())
-    if lost:
-        raise RunError(f"link: {lost} entries found no room under way; its longest delay is not what was allowed for")
+    refused = int(loop.links.up.ring[:, 3].sum() + loop.links.down.ring[:, 3].sum())
+    if refused:
+        raise RunError(f"link: {refused} entries found no room under way; its delays are not what was allowed for")
     ticks, delivered, issued, applied, estimates, learning = (int(n) for n in kept.used)
+    if delivered > kept.delivered.size or issued > kept.issued.size or applied > kept.applied.size:
+        raise RunError(f"loop: {delivered} entries, {issued} setpoints, {applied} applied: more than there is room for")
     return Record(
         configuration=case.document(),
         stations=[s.name for s in case.system.stations],

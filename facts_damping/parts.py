@@ -12,7 +12,7 @@ from facts_damping.control.bank import Bank, BankState, bank, network_of
 from facts_damping.control.identifier import Identified, Identifiers, IdentifierState, identifiers
 from facts_damping.control.known import Known
 from facts_damping.errors import InputError
-from facts_damping.link.transfer import Links, links
+from facts_damping.link.transfer import Links, Ways, links
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.plant.build import Built, build
@@ -58,8 +58,14 @@ def build_plant(case: Case) -> Built:
 
 def build_links(case: Case) -> Links:
     """The links of a case, with nothing under way."""
-    stations, devices = len(case.system.stations), len(case.run.devices)
-    return links(case.links, case.used_links, stations, devices, commands(case), case.run.frame_rate)
+    return links(case.links, case.used_links, ways(case), commands(case))
+
+
+def ways(case: Case) -> Ways:
+    """What the links of a case join."""
+    stations = [station.name for station in case.system.stations]
+    signals = {name: list(signal.weights) for name, signal in case.system.signals.items()}
+    return Ways(stations, case.run.devices, signals, case.run.frame_rate, case.ticks, case.run.seed)
 
 
 def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:

@@ -1,47 +1,269 @@
-"""A chain of stages, each with its own delay model; compiled.
+"""A chain of stages that entries pass, one after the other; compiled.
 
-A chain is a table of stages. A stage's model is a code that `traverse` branches on; it answers with
-the time at which an entry leaves, so delays are exact and never rounded to frames.
+A chain is a table of stages. A stage's model is a code that `traverse` branches on. What chance decides was drawn
+before (`draws.py`), so `traverse` answers at once with the time at which an entry leaves, in ns and never rounded to
+frames, or with LOST. It takes all entries that are sent together: the stations of a frame, or one setpoint.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.signals import to_ns
+from facts_damping.link.draws import DRAWN as DRAWN_MODELS
+from facts_damping.link.draws import LOST, draw
+from facts_damping.signals import CHANNELS, to_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.run import Stage
+# What a stage does. Chains are filled up with stages of zeros, which must do nothing: constant, without delay.
+CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP = range(12)
+MODELS = {
+    "constant": CONSTANT,
+    **dict.fromkeys(DRAWN_MODELS, DRAWN),
+    "trace": DRAWN,
+    "duplicate": DUPLICATE,
+    "in_order": IN_ORDER,
+    "wait": WAIT,
+    "playout": PLAYOUT,
+    "spoof": SPOOF,
+    "freeze": FREEZE,
+    "replay": REPLAY,
+    "bias": BIAS,
+    "scale": SCALE,
+    "ramp": RAMP,
+}
+NUMBER = {"bias": "bias", "scale": "factor", "ramp": "rate"}  # field of the number that a model needs
+DELAY = {"constant": "delay", "wait": "wait", "playout": "delay", "spoof": "offset"}  # field of a time
+CHANCE = (DRAWN, DUPLICATE)  # codes of stages that need draws
+FOREVER = LOST
 
-MODELS = {"constant": 0}  # chains are filled up with stages of zeros, which must not delay
+STAGE = np.dtype(
+    [
+        ("model", "i8"),
+        ("from_ns", "i8"),  # it acts on what is sent from then on
+        ("until_ns", "i8"),  # and before then
+        ("begin_ns", "i8"),  # the start as the file has it; a replay keeps its window before
+        ("delay_ns", "i8"),  # delay, wait, age or offset of stamps
+        ("number", "f8"),  # bias, factor or rate
+        ("measurement", "i8"),  # column of the values that it disturbs; -1: all
+        ("window", "i8"),  # entries of a replayed window
+        ("stamped", "i8"),  # 1: a wait counts from the time of sending
+        ("complete", "i8"),  # 1: a wait ends once all are there
+        ("hold", "i8"),  # 1: a missing entry is its last one
+    ]
+)
 
-STAGE = np.dtype([("model", "i8"), ("delay_ns", "i8")])
+
+class Chain(NamedTuple):
+    """Chains of one direction of several links, side by side, and what their stages keep; the first axis is the link.
+
+    Shorter ones are filled up with stages that do nothing.
+    """
+
+    rows: NDArray[Any]  # STAGE, (links, stages)
+    concerns: NDArray[np.bool_]  # (links, stages, channels): on whose entries a stage acts
+    drawn: NDArray[np.int64]  # (links, stages, draws, copies, channels): delays in ns, LOST, or whether it is copied
+    last_ns: NDArray[np.int64]  # (links, stages, channels): when the last one left; 1: something is kept
+    kept: NDArray[np.float64]  # (links, stages, window, channels, width): values of earlier entries
 
 
-def chain(stages: Sequence[Stage], most: int = 0) -> NDArray[Any]:
-    """Table of STAGE from a link's stages, filled up to `most` with stages that do not delay."""
-    table = np.zeros(max(len(stages), most), STAGE)
-    for i, stage in enumerate(stages):
-        table[i] = (MODELS[stage.model], to_ns(stage.delay))
-    return table
+class Packets(NamedTuple):
+    """Entries as they pass a chain, a place a channel; several links have a leading axis."""
+
+    now_ns: NDArray[np.int64]  # (copies, channels): when it leaves the stage; LOST
+    stamp_ns: NDArray[np.int64]  # (channels,): its time of measurement
+    values: NDArray[np.float64]  # (channels, width)
+    number: NDArray[np.int64]  # (channels,): how many were sent before
+    copied: NDArray[np.bool_]  # (channels,)
+    held: NDArray[np.bool_]  # (channels,): lost, and the last one is in its place
 
 
-def longest_delay_ns(table: NDArray[Any]) -> int:
-    """Longest delay that a chain can give, ns."""
-    return int(table["delay_ns"].sum())
+def chains(
+    given: Sequence[Sequence[Any]],
+    channels: Sequence[str],
+    groups: Mapping[str, Sequence[str]],
+    width: int,
+    rate: tuple[int, int],
+    seeds: Sequence[np.random.SeedSequence],
+) -> tuple[Chain, Packets]:
+    """Chains from links' stages; `groups`: channels by further names that stages may say; `rate`: frames/s and draws.
+
+    `seeds`: of each link.
+    """
+    frame_rate, ticks = rate
+    stages = [stage for own in given for stage in own]
+    codes = [MODELS[stage.model] for stage in stages]
+    n, most = len(given), max((len(own) for own in given), default=0)
+    draws = ticks if any(code in CHANCE for code in codes) else 1
+    copies = 2 if DUPLICATE in codes else 1
+    windows = [max(1, round(stage.window * frame_rate)) for stage in stages if stage.model == "replay"]
+    made = Chain(
+        rows=np.zeros((n, most), STAGE),
+        concerns=np.zeros((n, most, len(channels)), np.bool_),
+        drawn=np.zeros((n, most, draws, copies, len(channels)), np.int64),
+        last_ns=np.zeros((n, most, len(channels)), np.int64),
+        kept=np.zeros((n, most, max(windows, default=1), len(channels), width)),
+    )
+    for link, own in enumerate(given):
+        for s, stage in enumerate(own):
+            put(made, link, s, stage, channels, groups, frame_rate, seeds[link])
+    packets = Packets(
+        np.zeros((n, copies, len(channels)), np.int64),
+        np.zeros((n, len(channels)), np.int64),
+        np.zeros((n, len(channels), width)),
+        np.zeros((n, len(channels)), np.int64),
+        np.zeros((n, len(channels)), np.bool_),
+        np.zeros((n, len(channels)), np.bool_),
+    )
+    return made, packets
+
+
+def put(
+    made: Chain,
+    link: int,
+    s: int,
+    stage: Any,
+    channels: Sequence[str],
+    groups: Mapping[str, Sequence[str]],
+    frame_rate: int,
+    seed: np.random.SeedSequence,
+) -> None:
+    """A stage into its place, with its draws: the same seed and place give the same ones."""
+    row, code = made.rows[link], MODELS[stage.model]
+    begin = to_ns(stage.start)
+    row[s]["model"], row[s]["begin_ns"] = code, begin
+    row[s]["from_ns"] = 0 if code == REPLAY else begin
+    row[s]["until_ns"] = FOREVER if stage.duration is None else begin + to_ns(stage.duration)
+    row[s]["delay_ns"] = to_ns(getattr(stage, DELAY[stage.model])) if stage.model in DELAY else 0
+    row[s]["number"] = getattr(stage, NUMBER[stage.model]) if stage.model in NUMBER else 0.0
+    measurement = getattr(stage, "measurement", None)
+    row[s]["measurement"] = -1 if measurement is None else list(CHANNELS).index(measurement)
+    if code == REPLAY:
+        row[s]["window"] = max(1, round(stage.window * frame_rate))
+    if code == WAIT:
+        row[s]["stamped"], row[s]["hold"] = stage.reference == "stamp", stage.missing == "hold"
+        row[s]["complete"] = stage.send == "complete"
+    names = [one for name in stage.channels or channels for one in groups.get(name, [name])]
+    made.concerns[link, s] = [name in names for name in channels]
+    if code in CHANCE:
+        random = np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, s)))
+        made.drawn[link, s] = draw(stage, made.drawn.shape[2:], channels, random)
+
+
+def longest_delay_ns(made: Chain) -> int:
+    """Longest delay that one of the chains can give, ns."""
+    rows, drawn = made.rows, np.where(made.drawn == LOST, 0, made.drawn)
+    drawn = np.where((rows["model"] == DRAWN)[..., None], drawn.reshape(*rows.shape, -1), 0)
+    fixed = np.maximum(rows["delay_ns"], 0)  # stamps that are wrong by a negative offset delay nothing
+    return int((fixed + drawn.max(axis=2, initial=0)).sum(axis=1).max(initial=0))
 
 
 @compiled
-def traverse(table: NDArray[Any], sent_ns: int) -> int:
-    """Time at which an entry that enters the chain at `sent_ns` leaves it, ns."""
-    now = sent_ns
-    for i in range(table.size):
-        now += table[i].delay_ns
-    return now
+def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
+    """The entries of the channels from `first` to before `end`, all sent at `sent_ns`, through a chain.
+
+    `p` holds them, and then how they leave: a copy that was not made, or is lost, at LOST.
+    """
+    for s in range(c.rows.size):
+        row = c.rows[s]
+        if sent_ns < row.from_ns or sent_ns >= row.until_ns:
+            continue
+        if row.model == WAIT:
+            _align(c, p, s, sent_ns, first, end)
+            continue
+        for channel in range(first, end):
+            if not c.concerns[s, channel]:
+                continue
+            if row.model >= SPOOF:
+                _disturb(c, p, s, channel, sent_ns)
+            else:
+                _delay(c, p, s, channel)
+
+
+@compiled
+def _delay(c: Chain, p: Packets, s: int, channel: int) -> None:
+    """A stage that changes when an entry arrives, whether, and how often."""
+    row, n = c.rows[s], p.number[channel] % c.drawn.shape[1]
+    if row.model == DUPLICATE:
+        if p.now_ns[0, channel] != LOST and not p.copied[channel] and c.drawn[s, n, 0, channel] != 0:
+            p.now_ns[1, channel] = p.now_ns[0, channel]
+            p.copied[channel] = True
+        return
+    for copy in range(p.now_ns.shape[0]):
+        now = p.now_ns[copy, channel]
+        if now == LOST:
+            continue
+        if row.model == CONSTANT:
+            now += row.delay_ns
+        elif row.model == DRAWN:
+            drawn = c.drawn[s, n, copy, channel]
+            now = LOST if drawn == LOST else now + drawn
+        elif row.model == IN_ORDER:
+            now = max(now, c.last_ns[s, channel])
+            c.last_ns[s, channel] = now
+        else:
+            now = max(now, p.stamp_ns[channel] + row.delay_ns)
+        p.now_ns[copy, channel] = now
+
+
+@compiled
+def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
+    """A stage that changes what an entry says."""
+    row = c.rows[s]
+    if row.model == SPOOF:
+        p.stamp_ns[channel] += row.delay_ns
+        return
+    place = p.number[channel] % row.window if row.model == REPLAY else 0
+    keeps = sent_ns < row.begin_ns or (row.model == FREEZE and c.last_ns[s, channel] == 0)
+    for j in range(p.values.shape[1]):
+        if row.measurement >= 0 and row.measurement != j:
+            continue
+        if row.model == BIAS:
+            p.values[channel, j] += row.number
+        elif row.model == SCALE:
+            p.values[channel, j] *= row.number
+        elif row.model == RAMP:
+            p.values[channel, j] += row.number * (sent_ns - row.begin_ns) * 1e-9
+        elif keeps:
+            c.kept[s, place, channel, j] = p.values[channel, j]
+        else:
+            p.values[channel, j] = c.kept[s, place, channel, j]
+    if row.model == FREEZE:
+        c.last_ns[s, channel] = 1
+
+
+@compiled
+def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> None:
+    """The entries of a frame leave together: once all are there, or at the end of the wait; what is late is lost."""
+    row = c.rows[s]
+    earliest, latest = LOST, 0
+    for channel in range(first, end):
+        if c.concerns[s, channel]:
+            earliest, latest = min(earliest, p.now_ns[0, channel]), max(latest, p.now_ns[0, channel])
+    if earliest == LOST and row.stamped == 0:
+        return
+    deadline = (sent_ns if row.stamped == 1 else earliest) + row.delay_ns
+    leaves = latest if latest <= deadline and row.complete == 1 else deadline
+    for channel in range(first, end):
+        if not c.concerns[s, channel]:
+            continue
+        if p.now_ns.shape[0] > 1:
+            p.now_ns[1, channel] = LOST
+        if p.now_ns[0, channel] <= deadline:
+            p.now_ns[0, channel] = leaves
+            c.last_ns[s, channel] = 1
+            for j in range(p.values.shape[1]):
+                c.kept[s, 0, channel, j] = p.values[channel, j]
+        elif row.hold == 1 and c.last_ns[s, channel] == 1:
+            p.now_ns[0, channel] = leaves
+            p.held[channel] = True
+            for j in range(p.values.shape[1]):
+                p.values[channel, j] = c.kept[s, 0, channel, j]
+        else:
+            p.now_ns[0, channel] = LOST

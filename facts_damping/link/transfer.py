@@ -13,22 +13,25 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled, inlined
-from facts_damping.link.chain import chain, longest_delay_ns, traverse
-from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
+from facts_damping.link.chain import Chain, Packets, chains, longest_delay_ns, put, traverse
+from facts_damping.link.draws import LOST
+from facts_damping.signals import CHANNELS, DELIVERY, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.run import Link, Stage
+    from facts_damping.parameters.link import Link
 
-# What became of the entries of one channel (station or device).
+# What became of the entries of a channel (station or device): sent + duplicated + held = delivered + lost + under way.
 STATISTICS = np.dtype(
     [
         ("sent", "i8"),
         ("delivered", "i8"),
         ("lost", "i8"),
+        ("duplicated", "i8"),
+        ("held", "i8"),
         ("delay_sum_ns", "i8"),
         ("delay_min_ns", "i8"),
         ("delay_max_ns", "i8"),
@@ -42,11 +45,12 @@ class Direction(NamedTuple):
     Several of them have a leading axis.
     """
 
-    chain: NDArray[Any]  # STAGE
+    chain: Chain
+    packets: Packets
     entries: NDArray[Any]  # DELIVERY or SETPOINT, (capacity,)
     arrival_ns: NDArray[np.int64]  # (capacity,)
     sent_ns: NDArray[np.int64]  # (capacity,)
-    ring: NDArray[np.int64]  # head, count, and how many were delivered in the tick
+    ring: NDArray[np.int64]  # head, count, how many were delivered in the tick, how many found no room
     statistics: NDArray[Any]  # STATISTICS, (channels,)
     out: NDArray[Any]  # entries delivered in the tick, (capacity,)
 
@@ -59,41 +63,93 @@ class Links(NamedTuple):
     used: NDArray[np.int64]  # (controllers,), index of the link that each uses
 
 
-def directions(
-    chains: Sequence[Sequence[Stage]], dtype: np.dtype[Any], channels: int, per_tick: int, frame_rate: int
-) -> Direction:
+class Ways(NamedTuple):
+    """What the links of a run join: names of channels, groups of them, and how often frames and draws come."""
+
+    stations: Sequence[str]
+    devices: Sequence[str]
+    signals: Mapping[str, Sequence[str]]  # stations of each signal
+    frame_rate: int
+    draws: int
+    seed: int
+
+
+def directions(chain: tuple[Chain, Packets], dtype: np.dtype[Any], per_tick: int, frame_rate: int) -> Direction:
     """One empty direction of several links, each with room for all that can be under way.
 
     That is `per_tick` entries a tick for the longest delay of all. A second's worth more is for setpoints that come
     late and all at once, in real time.
     """
-    n, stages = len(chains), max(len(own) for own in chains)
-    tables = np.array([chain(own, stages) for own in chains])
-    ticks = max(longest_delay_ns(table) for table in tables) * frame_rate // NANOSECONDS + 3 + frame_rate
-    capacity = max(per_tick, 1) * ticks
+    n, channels = chain[1].number.shape
+    capacity = room_for(chain[0], per_tick, frame_rate)
     statistics = np.zeros((n, max(channels, 1)), STATISTICS)
     statistics["delay_min_ns"] = np.iinfo(np.int64).max
     return Direction(
-        tables,
+        *chain,
         np.zeros((n, capacity), dtype),
         np.zeros((n, capacity), np.int64),
         np.zeros((n, capacity), np.int64),
-        np.zeros((n, 3), np.int64),
+        np.zeros((n, 4), np.int64),
         statistics,
         np.zeros((n, capacity), dtype),
     )
 
 
-def links(
-    given: Sequence[Link], used: Sequence[int], stations: int, devices: int, commands: int, frame_rate: int
-) -> Links:
+def room_for(chain: Chain, per_tick: int, frame_rate: int) -> int:
+    """Number of entries that can be under way."""
+    ticks = longest_delay_ns(chain) * frame_rate // NANOSECONDS + 3 + frame_rate
+    return int(max(per_tick, 1) * chain.drawn.shape[3] * ticks)
+
+
+def links(given: Sequence[Link], used: Sequence[int], ways: Ways, commands: int) -> Links:
     """The links of a run: at least one; `used` says which one each controller uses.
 
-    `commands` is the number of setpoints that all controllers give at one arrival.
+    `commands` is the number of setpoints that all controllers give at one arrival. The draws of each link, direction
+    and stage come from the run's seed by their places.
     """
-    up = directions([link.up for link in given], DELIVERY, stations, stations, frame_rate)
-    down = directions([link.down for link in given], SETPOINT, devices, 2 * commands, frame_rate)
-    return Links(up, down, np.array(used, np.int64))
+    rate = ways.frame_rate, ways.draws
+    up = chains([link.up for link in given], ways.stations, ways.signals, len(CHANNELS), rate, seeds(ways, given, 0))
+    down = chains([link.down for link in given], ways.devices, {}, 1, rate, seeds(ways, given, 1))
+    return Links(
+        directions(up, DELIVERY, len(ways.stations), ways.frame_rate),
+        directions(down, SETPOINT, 2 * commands, ways.frame_rate),
+        np.array(used, np.int64),
+    )
+
+
+def changed(made: Links, link: int, way: str, place: int, stage: Any, ways: Ways, commands: int) -> Links:
+    """Links with a stage of one of them changed, for what is sent from now on; with more room where it needs it."""
+    up = way == "up"
+    own = made.up if up else made.down
+    names, groups = (ways.stations, ways.signals) if up else (ways.devices, {})
+    seed = np.random.SeedSequence(ways.seed, spawn_key=(link, 0 if up else 1))
+    put(own.chain, link, place, stage, names, groups, ways.frame_rate, seed)
+    capacity = room_for(own.chain, len(ways.stations) if up else 2 * commands, ways.frame_rate)
+    if capacity > own.arrival_ns.shape[1]:
+        own = _roomier(own, capacity)
+    return made._replace(up=own) if up else made._replace(down=own)
+
+
+def _roomier(own: Direction, capacity: int) -> Direction:
+    """A direction of several links with more room for what is under way, from the ring's beginning on."""
+    n, old = own.arrival_ns.shape
+
+    def wide(ring: NDArray[Any]) -> NDArray[Any]:
+        found = np.zeros((n, capacity), ring.dtype)
+        for link in range(n):
+            found[link, :old] = np.roll(ring[link], -own.ring[link, 0])
+        return found
+
+    entries, arrival_ns, sent_ns = wide(own.entries), wide(own.arrival_ns), wide(own.sent_ns)
+    own.ring[:, 0] = 0
+    out = np.zeros((n, capacity), own.out.dtype)
+    out[:, :old] = own.out
+    return own._replace(entries=entries, arrival_ns=arrival_ns, sent_ns=sent_ns, out=out)
+
+
+def seeds(ways: Ways, given: Sequence[Link], direction: int) -> list[np.random.SeedSequence]:
+    """The seed of each link in a direction."""
+    return [np.random.SeedSequence(ways.seed, spawn_key=(link, direction)) for link in range(len(given))]
 
 
 @inlined
@@ -103,8 +159,10 @@ def one(several: Direction, link: int) -> Direction:
     Written into its callers, as they are into the loop: called, with all these arrays to hand over, they take half as
     long again.
     """
+    c, p = several.chain, several.packets
     return Direction(
-        several.chain[link],
+        Chain(c.rows[link], c.concerns[link], c.drawn[link], c.last_ns[link], c.kept[link]),
+        Packets(p.now_ns[link], p.stamp_ns[link], p.values[link], p.number[link], p.copied[link], p.held[link]),
         several.entries[link],
         several.arrival_ns[link],
         several.sent_ns[link],
@@ -115,30 +173,48 @@ def one(several: Direction, link: int) -> Direction:
 
 
 @compiled
-def _push(way: Direction, channel: int, sent_ns: int) -> int:
-    """Place for an entry in the ring, ordered by arrival, first come first; -1: the ring is full, it is lost."""
-    capacity = way.arrival_ns.size
-    head, count = way.ring[0], way.ring[1]
-    way.statistics[channel].sent += 1
+def _put_in(p: Packets, channel: int, sent_ns: int, measured_ns: int) -> None:
+    """An entry at the beginning of a chain; its values are the caller's to fill in."""
+    p.now_ns[:, channel] = LOST
+    p.now_ns[0, channel], p.stamp_ns[channel] = sent_ns, measured_ns
+    p.copied[channel] = p.held[channel] = False
+
+
+@compiled
+def _push(
+    entries: NDArray[Any], arrivals: NDArray[np.int64], sent_ns: NDArray[np.int64], ring: NDArray[np.int64], at_ns: int
+) -> int:
+    """Place for an entry that arrives at `at_ns` in the ring, ordered by arrival, first come first; -1: it is full."""
+    capacity = arrivals.size
+    head, count = ring[0], ring[1]
     if count == capacity:
-        way.statistics[channel].lost += 1
+        ring[3] += 1
         return -1
-    arrival = traverse(way.chain, sent_ns)
     place = count
     while place > 0:
         before = (head + place - 1) % capacity
-        if way.arrival_ns[before] <= arrival:
+        if arrivals[before] <= at_ns:
             break
         here = (head + place) % capacity
-        way.entries[here] = way.entries[before]
-        way.arrival_ns[here] = way.arrival_ns[before]
-        way.sent_ns[here] = way.sent_ns[before]
+        entries[here] = entries[before]
+        arrivals[here] = arrivals[before]
+        sent_ns[here] = sent_ns[before]
         place -= 1
     here = (head + place) % capacity
-    way.arrival_ns[here] = arrival
-    way.sent_ns[here] = sent_ns
-    way.ring[1] = count + 1
+    arrivals[here] = at_ns
+    ring[1] = count + 1
     return here  # type: ignore[no-any-return]
+
+
+@compiled
+def _count_sent(p: Packets, statistics: NDArray[Any], channel: int, arriving: int) -> None:
+    """Add an entry that has passed its chain, and that arrives so often, to the statistics of its channel."""
+    s = statistics[channel]
+    s.sent += 1
+    s.duplicated += p.copied[channel]
+    s.held += p.held[channel]
+    s.lost += 1 + p.copied[channel] + p.held[channel] - arriving
+    p.number[channel] += 1
 
 
 @compiled
@@ -170,16 +246,27 @@ def uplink(made: Links, link: int, tick: int, start_ns: int, end_ns: int, frame:
     The delivered entries stand in `made.up.out[link]`, in order of arrival; returns their number.
     """
     way = one(made.up, link)
+    p = way.packets
     for station in range(frame.shape[0]):
-        slot = _push(way, station, start_ns)
-        if slot < 0:
-            continue
-        entry = way.entries[slot]
-        entry.station = station
-        entry.link = link
-        entry.measured_ns = start_ns
+        _put_in(p, station, start_ns, start_ns)
         for i in range(frame.shape[1]):
-            entry.values[i] = frame[station, i]
+            p.values[station, i] = frame[station, i]
+    traverse(way.chain, p, start_ns, 0, frame.shape[0])
+    for station in range(frame.shape[0]):
+        arriving = 0
+        for copy in range(p.now_ns.shape[0]):
+            arrival = p.now_ns[copy, station]
+            slot = -1 if arrival == LOST else _push(way.entries, way.arrival_ns, way.sent_ns, way.ring, arrival)
+            if slot >= 0:
+                arriving += 1
+                way.sent_ns[slot] = start_ns
+                entry = way.entries[slot]
+                entry.station = station
+                entry.link = link
+                entry.measured_ns = p.stamp_ns[station]
+                for i in range(frame.shape[1]):
+                    entry.values[i] = p.values[station, i]
+        _count_sent(p, way.statistics, station, arriving)
     count = 0
     slot = _first_before(way, end_ns)
     while slot >= 0:
@@ -200,12 +287,25 @@ def downlink(made: Links, link: int, tick: int, end_ns: int, setpoints: NDArray[
     Deliver what arrives before `end_ns` into `made.down.out[link]`, as `uplink` does.
     """
     way = one(made.down, link)
+    p = way.packets
     for i in range(given):
         if made.used[setpoints[i].controller] != link:
             continue
-        slot = _push(way, setpoints[i].device, setpoints[i].issued_ns)
-        if slot >= 0:
-            way.entries[slot] = setpoints[i]
+        device, issued = setpoints[i].device, setpoints[i].issued_ns
+        _put_in(p, device, issued, setpoints[i].measured_ns)
+        p.values[device, 0] = setpoints[i].value
+        traverse(way.chain, p, issued, device, device + 1)
+        arriving = 0
+        for copy in range(p.now_ns.shape[0]):
+            arrival = p.now_ns[copy, device]
+            slot = -1 if arrival == LOST else _push(way.entries, way.arrival_ns, way.sent_ns, way.ring, arrival)
+            if slot >= 0:
+                arriving += 1
+                way.sent_ns[slot] = issued
+                way.entries[slot] = setpoints[i]
+                way.entries[slot].measured_ns = p.stamp_ns[device]
+                way.entries[slot].value = p.values[device, 0]
+        _count_sent(p, way.statistics, device, arriving)
     count = 0
     slot = _first_before(way, end_ns)
     while slot >= 0:

@@ -208,14 +208,16 @@ def link_statistics(
 
 
 def _channel(name: str, row: NDArray[Any]) -> LinkChannelStatistics:
-    sent, delivered, lost, total, low, high = (int(value) for value in row.tolist())
+    sent, delivered, lost, duplicated, held, total, low, high = (int(value) for value in row.tolist())
     some = delivered > 0
     return LinkChannelStatistics(
         channel=name,
         sent=sent,
         delivered=delivered,
         lost=lost,
-        in_flight=sent - delivered - lost,
+        duplicated=duplicated,
+        held=held,
+        in_flight=sent + duplicated + held - delivered - lost,
         delay_mean_s=total / delivered / NANOSECONDS if some else math.nan,
         delay_min_s=low / NANOSECONDS if some else math.nan,
         delay_max_s=high / NANOSECONDS if some else math.nan,

@@ -11,6 +11,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
+from facts_damping.checking import check
 from facts_damping.configuration import Case, check_parameter, load_case
 from facts_damping.control.bank import put
 from facts_damping.control.table import kind
@@ -19,15 +20,19 @@ from facts_damping.files import check_writable, dump, write_whole
 from facts_damping.parameters.run import Controller, Run, Weights
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     import numpy as np
     from numpy.typing import NDArray
     from pydantic.fields import FieldInfo
     from rclpy.node import Node
 
+    from facts_damping.parameters.link import Link
+
 # Fields of a run that are parameters of every node; the others are reached through `set`.
 RUN_FIELDS = ("system", "scenario", "link", "frame_rate", "duration", "seed")
+
+FIXED = ("window", "start", "duration")  # of a link's stage: not to be changed while it runs
 
 OPTIONS: dict[str, tuple[Any, str]] = {
     "mode": (
@@ -65,13 +70,13 @@ def descriptor(description: str, unit: str = "", low: Any = None, high: Any = No
     return made
 
 
-def field_descriptor(field: FieldInfo) -> Any:
-    """The descriptor of a run's field, from its declaration."""
+def field_descriptor(field: FieldInfo, read_only: bool = True) -> Any:
+    """The descriptor of a field of a run or of a stage, from its declaration."""
     low = next((m.ge if isinstance(m, Ge) else m.gt for m in field.metadata if isinstance(m, (Ge, Gt))), None)
     high = next((m.le if isinstance(m, Le) else m.lt for m in field.metadata if isinstance(m, (Le, Lt))), None)
     extra = field.json_schema_extra
     unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
-    return descriptor(field.description or "", unit, low, high)
+    return descriptor(field.description or "", unit, low, high, read_only)
 
 
 def read_case(node: Node) -> Case:
@@ -139,6 +144,42 @@ def declare_settings(
         return SetParametersResult(successful=True)
 
     node.add_on_set_parameters_callback(change)
+
+
+def declare_stages(node: Node, link: Link, put: Callable[[str, int, Any], None]) -> None:
+    """Declare the numbers of a link's stages, `up.0.delay`; `put` takes a direction, a place and the changed stage.
+
+    Windows of a replay and times of a start are the run's, the others may change while it runs.
+    """
+    stages = {f"{way}.{i}": stage for way in ("up", "down") for i, stage in enumerate(getattr(link, way))}
+
+    def change(values: Iterable[tuple[str, Any]]) -> None:
+        new = dict(stages)
+        for path, value in values:
+            place, _, name = path.rpartition(".")
+            if place in new:
+                new[place] = check(type(new[place]), {**new[place].model_dump(), name: value}, "link", None, place)
+        for place, stage in new.items():
+            if stage != stages[place]:
+                way, _, i = place.partition(".")
+                put(way, int(i), stage)
+        stages.update(new)
+
+    def changed(parameters: list[Parameter[Any]]) -> SetParametersResult:
+        try:
+            change((one.name, one.value) for one in parameters)
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    given: list[tuple[str, Any]] = []
+    for place, stage in stages.items():
+        for name, value in stage.model_dump().items():
+            if isinstance(value, float):
+                wanted = field_descriptor(type(stage).model_fields[name], read_only=name in FIXED)
+                given.append((f"{place}.{name}", node.declare_parameter(f"{place}.{name}", value, wanted).value))
+    change(given)
+    node.add_on_set_parameters_callback(changed)
 
 
 def plain(value: Any) -> Any:

@@ -9,14 +9,22 @@ import numpy as np
 from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, VoltageSetpoints
 
 from facts_damping.errors import RunError
-from facts_damping.link.transfer import downlink, uplink
+from facts_damping.link.transfer import changed, downlink, uplink
 from facts_damping.loop import rehearse, tick_ns
 from facts_damping.nodes.messages import link_statistics
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
-from facts_damping.nodes.parameters import read_case, read_index, read_options
+from facts_damping.nodes.parameters import declare_stages, read_case, read_index, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
-from facts_damping.parts import build_links, controller_addresses, controller_names, identifier_names, link_addresses
+from facts_damping.parts import (
+    build_links,
+    commands,
+    controller_addresses,
+    controller_names,
+    identifier_names,
+    link_addresses,
+    ways,
+)
 from facts_damping.signals import CHANNELS, SETPOINT
 
 if TYPE_CHECKING:
@@ -34,6 +42,7 @@ class WanLink:
         self.case, self.options = read_case(node), read_options(node)
         self.index = read_index(node, range(len(self.case.links)), "links")
         self.links = build_links(self.case)
+        declare_stages(node, self.case.links[self.index], self.change)
         self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
         served = [c for c, link in enumerate(self.case.used_links) if link == self.index]
         addresses = controller_addresses(self.case)
@@ -60,6 +69,10 @@ class WanLink:
             {self.to_controllers: listeners + extra, self.to_plant: 1 + extra, self.to_recorder: extra},
             self.options,
         )
+
+    def change(self, way: str, place: int, stage: Any) -> None:
+        """A stage that was changed while the link runs: for what is sent from now on."""
+        self.links = changed(self.links, self.index, way, place, stage, ways(self.case), commands(self.case))
 
     def span(self, tick: int) -> tuple[int, int]:
         """Start and end of a tick, ns."""
@@ -100,6 +113,9 @@ class WanLink:
         count = downlink(self.links, self.index, self.tick, end, given, len(given))
         publish(self.to_plant, self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :count], ""))
         self.missing = set()
+        refused = int(self.links.up.ring[self.index, 3] + self.links.down.ring[self.index, 3])
+        if refused:
+            raise RunError(f"{refused} entries found no room under way; its delays are not what was allowed for")
         if (self.tick + 1) % self.case.run.frame_rate == 0:
             self.tell()
 

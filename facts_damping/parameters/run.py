@@ -104,22 +104,6 @@ class Scenario(Model):
     events: list[Event] = []
 
 
-class Stage(Model):
-    """A stage of a link's chain."""
-
-    stage: Literal["pmu", "network", "alignment", "computation", "actuator"] = "network"
-    model: Literal["constant"] = "constant"
-    delay: float = quantity(0.0, "s", "delay of the stage", ge=0, le=60)
-
-
-class Link(Model):
-    """A wide-area link: chains of stages from stations to controllers (up) and from there to devices (down)."""
-
-    description: str = ""
-    up: list[Stage] = []
-    down: list[Stage] = []
-
-
 class Weights(Model):
     """Adapted parameters of a neuro-fuzzy controller and its identifier, as a run left them."""
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.link.chain import chain, longest_delay_ns, traverse
-from facts_damping.link.transfer import Direction, Links, directions, downlink, links, merge, uplink
+from facts_damping.link.chain import Chain, Packets, longest_delay_ns
+from facts_damping.link.transfer import Direction, Links, Ways, downlink, links, merge, uplink
 from facts_damping.loop import tick_ns
-from facts_damping.parameters.run import Link, Stage
+from facts_damping.parameters.link import Constant, Link
 from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
 
 if TYPE_CHECKING:
@@ -24,8 +24,13 @@ rates = st.integers(1, 1000)
 nanoseconds = st.integers(0, 2_000_000_000)
 
 
-def stages(*delays_ns: int) -> list[Stage]:
-    return [Stage(delay=d * 1e-9) for d in delays_ns]
+def stages(*delays_ns: int) -> list[Any]:
+    return [Constant(delay=d * 1e-9) for d in delays_ns]
+
+
+def ways(rate: int, draws: int = TICKS, seed: int = 0) -> Ways:
+    """Stations s0, s1, ... and devices d0, d1, ..."""
+    return Ways([f"s{i}" for i in range(STATIONS)], [f"d{i}" for i in range(DEVICES)], {}, rate, draws, seed)
 
 
 class Sent(NamedTuple):
@@ -37,18 +42,16 @@ class Sent(NamedTuple):
     ticks: int
 
 
-def alone(up: Sequence[Stage], down: Sequence[Stage], per_tick: int, rate: int) -> Links:
+def alone(up: Sequence[Any], down: Sequence[Any], per_tick: int, rate: int) -> Links:
     """A link by itself, used by one controller, with room for `per_tick` setpoints."""
-    return Links(
-        directions([up], DELIVERY, STATIONS, STATIONS, rate),
-        directions([down], SETPOINT, DEVICES, per_tick, rate),
-        np.zeros(1, np.int64),
-    )
+    return links([Link(up=list(up), down=list(down))], [0], ways(rate), per_tick)
 
 
 def first(several: Direction) -> Direction:
     """The first of several, as views."""
-    return Direction(*(part[0] for part in several))
+    chain, packets, *rest = several
+    own = Chain(*(part[0] for part in chain)), Packets(*(part[0] for part in packets))
+    return Direction(*own, *(part[0] for part in rest))
 
 
 def send_up(delays_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
@@ -135,9 +138,7 @@ def test_a_delay_shifts_every_entry_by_itself(rate: int, delay: int) -> None:
 def test_a_chain_delays_by_the_sum_of_its_stages(rate: int, delays: list[int]) -> None:
     chained, single = send_up(delays, rate), send_up([sum(delays)], rate)
     np.testing.assert_array_equal(chained.delivered, single.delivered)
-    table = chain(stages(*delays))
-    assert traverse(table, 12_345) == 12_345 + sum(delays)
-    assert longest_delay_ns(table) == sum(delays)
+    assert longest_delay_ns(alone(stages(*delays), [], 1, rate).up.chain) == sum(delays)
 
 
 @some
@@ -206,7 +207,7 @@ def test_what_finds_no_room_is_counted_as_lost() -> None:
 @pytest.mark.parametrize("delay", [0.0, 0.1, 60.0])
 def test_directions_have_room_for_the_longest_delay(delay: float) -> None:
     """Every tick full, for as long as entries are under way."""
-    made = links([Link(up=[Stage(delay=delay)], down=[Stage(delay=delay)])], [0], STATIONS, DEVICES, 2, 30)
+    made = links([Link(up=[Constant(delay=delay)], down=[Constant(delay=delay)])], [0], ways(30), 2)
     up, down = first(made.up), first(made.down)
     frame, given = np.zeros((STATIONS, len(CHANNELS))), np.zeros(4, SETPOINT)
     for k in range(round(delay * 30) + 60):
@@ -221,7 +222,7 @@ def test_directions_have_room_for_the_longest_delay(delay: float) -> None:
 
 
 def test_directions_do_not_share_their_state() -> None:
-    up, down, _ = links([Link(up=[Stage(delay=0.02)], down=[Stage(delay=0.03)])], [0], STATIONS, DEVICES, 1, 60)
+    up, down, _ = alone([Constant(delay=0.02)], [Constant(delay=0.03)], 1, 60)
     assert (longest_delay_ns(up.chain), longest_delay_ns(down.chain)) == (20_000_000, 30_000_000)
     assert (up.entries.dtype, down.entries.dtype) == (DELIVERY, SETPOINT)
 
@@ -252,10 +253,8 @@ def through(case: Several, order: Sequence[int]) -> list[tuple[NDArray[Any], NDA
     made = links(
         [Link(up=stages(*up), down=stages(*down)) for up, down in case.chains],
         case.used,
-        STATIONS,
-        DEVICES,
+        ways(case.rate),
         max(len(case.issued), 1),
-        case.rate,
     )
     given = np.zeros(len(case.issued), SETPOINT)
     given["controller"], given["issued_ns"] = np.array(case.issued, np.int64).reshape(-1, 2).T
@@ -320,9 +319,13 @@ def test_a_merged_table_keeps_what_was_there_before_what_comes_at_the_same_time(
 
 
 def test_stages_that_fill_up_a_chain_do_not_delay() -> None:
-    short, long = Link(up=[Stage(delay=0.02)]), Link(up=[Stage(delay=0.01)] * 4, down=[Stage(delay=0.5)])
-    made = links([short, long], [0, 1], STATIONS, DEVICES, 1, 60)
-    assert made.up.chain.shape == (2, 4)
-    assert [longest_delay_ns(table) for table in made.up.chain] == [20_000_000, 40_000_000]
-    assert [longest_delay_ns(table) for table in made.down.chain] == [0, 500_000_000]
-    assert [traverse(table, 7) for table in made.up.chain] == [20_000_007, 40_000_007]
+    short, long = Link(up=[Constant(delay=0.02)]), Link(up=[Constant(delay=0.01)] * 4, down=[Constant(delay=0.5)])
+    made = links([short, long], [0, 1], ways(60), 1)
+    assert made.up.chain.rows.shape == (2, 4)
+    arrived: list[list[int]] = [[], []]
+    for k in range(6):
+        for link in range(2):
+            count = uplink(made, link, k, tick_ns(k, 60), tick_ns(k + 1, 60), np.zeros((STATIONS, len(CHANNELS))))
+            out = made.up.out[link, :count]
+            arrived[link] += (out["arrival_ns"] - out["measured_ns"]).tolist()
+    assert [set(found) for found in arrived] == [{20_000_000}, {40_000_000}]
