@@ -14,6 +14,7 @@ from facts_damping import loop, parts
 from facts_damping.configuration import load_case, load_system, make_case, tuned
 from facts_damping.errors import InputError
 from facts_damping.files import dump, read_table, shipped
+from facts_damping.link.draws import mean_delay
 from facts_damping.plant.build import build
 from facts_damping.plant.network import series_devices
 
@@ -325,7 +326,7 @@ LINKS = [
 @pytest.mark.parametrize(("sets", "delays", "used"), LINKS, ids=[" ".join(sets) or "none" for sets, _, _ in LINKS])
 def test_each_controller_uses_its_own_link_or_the_runs(sets: list[str], delays: list[float], used: list[int]) -> None:
     case = load_case(None, [*BOTH, *sets])
-    found = [sum(stage.delay for stage in [*link.up, *link.down]) for link in case.links]
+    found = [sum(mean_delay(stage) for stage in [*link.up, *link.down]) for link in case.links]
     assert found == pytest.approx(delays)
     assert case.used_links == used
     assert all(isinstance(c["link"], dict) or c["link"] is None for c in case.document()["controllers"])

@@ -1,0 +1,365 @@
+"""What each kind of stage does: moments and shares against the textbook, order, alignment, disturbed data, changes."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import TypeAdapter
+from scipy import stats
+
+from facts_damping.link.transfer import Links, Ways, changed, downlink, links, uplink
+from facts_damping.loop import tick_ns
+from facts_damping.parameters.link import Link, Stage
+from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+RATE, STATIONS, DEVICES = 50, 3, 2
+PERIOD_NS = 20_000_000
+MANY = 20_000  # frames of which shares are taken
+one_stage: TypeAdapter[Any] = TypeAdapter(Stage)
+
+
+def ways(ticks: int, seed: int = 0) -> Ways:
+    signals = {"both": ["s0", "s2"]}
+    return Ways([f"s{i}" for i in range(STATIONS)], [f"d{i}" for i in range(DEVICES)], signals, RATE, ticks, seed)
+
+
+def made(up: Sequence[dict[str, Any]], down: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> Links:
+    link = Link.model_validate({"up": list(up), "down": list(down)})
+    return links([link], [0], ways(ticks, seed), DEVICES)
+
+
+def values(tick: int) -> NDArray[np.float64]:
+    """A frame whose values say tick, station and channel."""
+    return np.asarray(tick + 0.1 * np.arange(STATIONS)[:, None] + 0.01 * np.arange(len(CHANNELS)))
+
+
+def send(own: Links, ticks: int, first: int = 0) -> NDArray[Any]:
+    """Everything that is delivered while a frame a tick is sent."""
+    out = [np.zeros(0, DELIVERY)]
+    for k in range(first, first + ticks):
+        count = uplink(own, 0, k, tick_ns(k, RATE), tick_ns(k + 1, RATE), values(k))
+        out.append(own.up.out[0, :count].copy())
+    return np.concatenate(out)
+
+
+def up(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> NDArray[Any]:
+    """All that becomes of `ticks` frames: with those after them, which are left out, all have arrived."""
+    found = send(made(stages, [], ticks, seed), ticks + 2 * RATE)
+    return found[found["measured_ns"] < ticks * PERIOD_NS]
+
+
+def late_s(found: NDArray[Any]) -> NDArray[np.float64]:
+    return np.asarray((found["arrival_ns"] - found["measured_ns"]) * 1e-9)
+
+
+def lateness(found: NDArray[Any], ticks: int) -> NDArray[np.float64]:
+    """Delay of each frame's entries, s, (ticks, stations); NaN: it did not come."""
+    table = np.full((ticks, STATIONS), math.nan)
+    table[found["measured_ns"] // PERIOD_NS, found["station"]] = late_s(found)
+    return table
+
+
+def truncated(mean: float, std: float, low: float, high: float) -> Any:
+    return stats.truncnorm((low - mean) / std, (high - mean) / std, mean, std)
+
+
+JITTER = {"model": "uniform", "low": 0.0, "high": 0.1}
+DISTRIBUTIONS: dict[str, tuple[dict[str, Any], Any]] = {
+    "uniform": ({"model": "uniform", "low": 0.1, "high": 0.15}, stats.uniform(0.1, 0.05)),
+    "normal": (
+        {"model": "normal", "mean": 0.1, "std": 0.03, "low": 0.08, "high": 0.2},
+        truncated(0.1, 0.03, 0.08, 0.2),
+    ),
+    "half a normal": ({"model": "normal", "mean": 0.0, "std": 0.05}, stats.halfnorm(0.0, 0.05)),
+    "gamma": ({"model": "gamma", "delay": 0.069, "shape": 2.6, "scale": 0.005}, stats.gamma(2.6, 0.069, 0.005)),
+    "lognormal": (
+        {"model": "lognormal", "delay": 0.02, "median": 0.05, "sigma": 0.5},
+        stats.lognorm(0.5, 0.02, 0.05),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", DISTRIBUTIONS.values(), ids=DISTRIBUTIONS)
+def test_delays_have_the_distribution_that_they_are_named_after(case: tuple[dict[str, Any], Any]) -> None:
+    """Kolmogorov and Smirnov's test against SciPy's, and moments within three standard errors."""
+    stage, expected = case
+    late = late_s(up([stage], 7000))
+    n = len(late)
+    assert n == 7000 * STATIONS
+    assert abs(late.mean() - expected.mean()) < 3.0 * expected.std() / math.sqrt(n)
+    fourth = float(expected.stats(moments="k")) + 3.0
+    assert abs(late.var() - expected.var()) < 3.0 * expected.var() * math.sqrt((fourth - 1.0) / n)
+    assert stats.kstest(late, expected.cdf).pvalue > 1e-3
+
+
+def test_entries_draw_by_themselves() -> None:
+    """Neither channels nor successive entries are correlated: within three standard errors of zero."""
+    late = lateness(up([JITTER], 5000), 5000).T
+    bound = 3.0 / math.sqrt(5000)
+    assert np.abs(np.corrcoef(late)[np.triu_indices(STATIONS, 1)]).max() < bound
+    assert max(abs(np.corrcoef(own[1:], own[:-1])[0, 1]) for own in late) < bound
+
+
+def test_the_seed_decides_and_places_do_not_share_draws() -> None:
+    first = lateness(up([JITTER], 100, 7), 100)
+    np.testing.assert_array_equal(lateness(up([JITTER], 100, 7), 100), first)
+    assert (lateness(up([JITTER], 100, 8), 100) != first).all()
+    second = lateness(up([JITTER, JITTER], 100, 7), 100) - first
+    assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.2
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.02, 0.3, 1.0])
+def test_a_share_is_lost(loss: float) -> None:
+    own = made([{"model": "bernoulli", "loss": loss}], [], MANY)
+    found, n = send(own, MANY), MANY * STATIONS
+    assert abs(len(found) / n - (1.0 - loss)) <= 3.0 * math.sqrt(loss * (1.0 - loss) / n)
+    assert own.up.statistics[0]["lost"].sum() == n - len(found)
+
+
+def test_losses_come_in_bursts_of_the_length_that_the_chain_has() -> None:
+    """Share loss_B p_GB / (p_GB + p_BG), and with loss_B = 1 bursts of geometric length with mean 1 / p_BG."""
+    p_gb, p_bg = 0.02, 0.25
+    there = ~np.isnan(lateness(up([{"model": "gilbert_elliott", "p_GB": p_gb, "p_BG": p_bg}], MANY), MANY))
+    lengths: list[int] = []
+    for own in there.T:
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], own, [True]])))
+        lengths += (edges[1::2] - edges[::2]).tolist()
+    share, both = p_gb / (p_gb + p_bg), p_gb + p_bg
+    error = math.sqrt(share * (1.0 - share) / there.size * (2.0 - both) / both)  # of a chain of two states
+    assert abs((~there).mean() - share) < 3.0 * error
+    spread = math.sqrt((1.0 - p_bg) / p_bg**2 / len(lengths))
+    assert abs(np.mean(lengths) - 1.0 / p_bg) < 3.0 * spread
+
+
+def test_a_good_state_may_lose_and_a_bad_one_may_deliver() -> None:
+    stage = {"model": "gilbert_elliott", "p_GB": 0.1, "p_BG": 0.1, "loss_G": 0.05, "loss_B": 0.5}
+    there, share = len(up([stage], MANY)) / (MANY * STATIONS), (0.05 + 0.5) / 2.0
+    assert abs(1.0 - there - share) < 3.0 * math.sqrt(share / (MANY * STATIONS) * (2.0 - 0.2) / 0.2)
+
+
+def test_copies_go_their_own_way() -> None:
+    """With a probability of 1 every entry comes twice; a copy draws what comes after by itself, not what came before."""
+    twice = {"model": "duplicate", "probability": 1.0}
+    key = ["station", "measured_ns", "arrival_ns"]
+    found = up([JITTER, twice], 100)
+    assert (len(found), len(np.unique(found[key]))) == (2 * 100 * STATIONS, 100 * STATIONS)
+    apart = up([twice, JITTER], 100)
+    assert (len(apart), len(np.unique(apart[key]))) == (2 * 100 * STATIONS, 2 * 100 * STATIONS)
+
+
+def test_a_share_is_copied() -> None:
+    own = made([{"model": "duplicate", "probability": 0.2}], [], MANY)
+    found, n = send(own, MANY), MANY * STATIONS
+    assert abs(len(found) / n - 1.2) < 3.0 * math.sqrt(0.2 * 0.8 / n)
+    assert own.up.statistics[0]["duplicated"].sum() == len(found) - n
+
+
+def test_entries_overtake_unless_they_are_kept_in_order() -> None:
+    """In order each leaves when it came, or with the latest before it."""
+    plain, ordered = lateness(up([JITTER], 300), 300), lateness(up([JITTER, {"model": "in_order"}], 300), 300)
+    sent = np.arange(300)[:, None] / RATE
+    assert (np.diff(sent + plain, axis=0) < 0.0).any()
+    np.testing.assert_allclose(sent + ordered, np.maximum.accumulate(sent + plain, axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize("reference", ["first", "stamp"])
+@pytest.mark.parametrize("sends", ["complete", "timeout"])
+def test_a_concentrator_sends_what_came_within_its_wait_together(reference: str, sends: str) -> None:
+    """The definitions of both references and ways to send, applied to the arrivals without it."""
+    before = [{"model": "uniform", "low": 0.005, "high": 0.05}, {"model": "bernoulli", "loss": 0.1}]
+    wait = {"model": "wait", "wait": 0.03, "reference": reference, "send": sends}
+    partly = 0
+    for came, left in zip(lateness(up(before, 500), 500), lateness(up([*before, wait], 500), 500), strict=True):
+        if np.isnan(came).all():
+            assert np.isnan(left).all()
+            continue
+        deadline = 0.03 + (np.nanmin(came) if reference == "first" else 0.0)
+        in_time = came <= deadline + 1e-12
+        leaves = came.max() if in_time.all() and sends == "complete" else deadline
+        np.testing.assert_allclose(left, np.where(in_time, leaves, math.nan), atol=2e-9)
+        partly += not in_time.all()
+    assert 50 < partly < 450
+
+
+def test_a_concentrator_may_hold_the_last_entry_in_the_place_of_one_that_is_missing() -> None:
+    """The values are the last ones that it sent of this station, the stamp is the frame's; they are counted as held."""
+    lossy = [{"model": "bernoulli", "loss": 0.3, "channels": ["s1"]}]
+    lost = np.isnan(lateness(up(lossy, 300), 300)[:, 1])
+    own = made([*lossy, {"model": "wait", "wait": 0.05, "missing": "hold"}], [], 300)
+    found = send(own, 300)
+    said = {int(row["measured_ns"] // PERIOD_NS): row for row in found[found["station"] == 1]}
+    newest, held = -1, 0
+    for k in range(300):
+        newest = newest if lost[k] else k
+        held += newest >= 0 and newest != k
+        if newest < 0:
+            assert k not in said
+        elif k < 297:  # later ones may be under way
+            np.testing.assert_allclose(said[k]["values"], values(newest)[1])
+            assert said[k]["arrival_ns"] - said[k]["measured_ns"] == (0 if newest == k else to_ns(0.05))
+    assert held > 50
+    s = own.up.statistics[0, 1]
+    assert (s["held"], s["lost"]) == (held, lost.sum())
+
+
+def test_a_playout_buffer_makes_the_delay_constant_for_what_is_in_time() -> None:
+    plain, smooth = (lateness(up(own, 500), 500) for own in ([JITTER], [JITTER, {"model": "playout", "delay": 0.08}]))
+    np.testing.assert_allclose(smooth, np.maximum(plain, 0.08), atol=1e-9)
+    assert 0.1 < (plain > 0.08).mean() < 0.3
+
+
+def test_setpoints_play_out_by_the_age_of_what_they_rest_on() -> None:
+    own, row = made([], [{"model": "playout", "delay": 0.2}], 10), np.zeros(1, SETPOINT)
+    row["measured_ns"], row["issued_ns"] = to_ns(0.01), to_ns(0.07)
+    assert downlink(own, 0, 0, to_ns(0.1), row, 1) == 0
+    assert downlink(own, 0, 1, to_ns(0.3), row, 0) == 1
+    assert own.down.out[0, 0]["effective_ns"] == to_ns(0.21)
+
+
+def test_a_trace_is_replayed_entry_by_entry_and_again() -> None:
+    delays = [0.03, 0.01, None, 0.05]
+    table = lateness(up([{"model": "trace", "delays": delays}], 8), 8)
+    wanted = [math.nan if d is None else d for d in delays * 2]
+    np.testing.assert_allclose(table, np.array(wanted)[:, None] * np.ones(STATIONS))
+    own = lateness(up([{"model": "trace", "delays": {"s1": [0.02]}}], 5), 5)
+    np.testing.assert_allclose(own, [[0.0, 0.02, 0.0]] * 5)
+
+
+@pytest.mark.parametrize(("names", "who"), [(["s1"], [1]), (["both"], [0, 2]), (["both", "s1"], [0, 1, 2])])
+def test_stages_act_on_stations_or_on_those_of_signals(names: list[str], who: list[int]) -> None:
+    table = lateness(up([{"delay": 0.03, "channels": names}], 5), 5)
+    np.testing.assert_allclose(table, [[0.03 * (s in who) for s in range(STATIONS)]] * 5)
+
+
+def test_stages_act_on_devices() -> None:
+    own, rows = made([], [{"delay": 0.03, "channels": ["d1"]}], 5), np.zeros(2, SETPOINT)
+    rows["device"] = [0, 1]
+    assert downlink(own, 0, 0, 1, rows, 2) == 1
+    assert own.down.out[0, 0]["device"] == 0
+
+
+def test_a_step_of_the_delay_is_two_stages_one_until_and_one_from_then_on() -> None:
+    """By the time of sending: nothing has both delays, nothing has none."""
+    table = lateness(up([{"delay": 0.05, "duration": 0.2}, {"delay": 0.15, "start": 0.2}], 30), 30)
+    np.testing.assert_allclose(table, np.where(np.arange(30) < 10, 0.05, 0.15)[:, None] * np.ones(STATIONS))
+
+
+SPEED = list(CHANNELS).index("speed_deviation")
+T = np.arange(40) / RATE
+DURING = (np.arange(40) >= 15) & (np.arange(40) < 25)
+DISTURBED: dict[str, tuple[dict[str, Any], Callable[[NDArray[np.float64]], NDArray[np.float64]]]] = {
+    "freeze": ({}, lambda y: np.where(DURING, y[15], y)),
+    "replay": ({"window": 0.1}, lambda y: np.where(DURING, y[10 + np.arange(40) % 5], y)),
+    "bias": ({"bias": 0.5}, lambda y: y + 0.5 * DURING),
+    "scale": ({"factor": -2.0}, lambda y: np.where(DURING, -2.0 * y, y)),
+    "ramp": ({"rate": 3.0}, lambda y: y + 3.0 * (T - 0.3) * DURING),
+}
+
+
+@pytest.mark.parametrize("measurement", [None, "speed_deviation"])
+@pytest.mark.parametrize(("model", "case"), DISTURBED.items(), ids=DISTURBED)
+def test_disturbed_data(
+    model: str, case: tuple[dict[str, Any], Callable[[NDArray[np.float64]], NDArray[np.float64]]], measurement: Any
+) -> None:
+    """From 0.3 to 0.5 s, one station, all its values or one; the others and the times stay as they are."""
+    fields, wanted = case
+    stage = {"model": model, **fields, "start": 0.3, "duration": 0.2, "channels": ["s1"], "measurement": measurement}
+    found, plain = up([stage], 40), up([], 40)
+    np.testing.assert_array_equal(found["arrival_ns"], plain["arrival_ns"])
+    for s in range(STATIONS):
+        for j in range(len(CHANNELS)):
+            y = plain["values"][plain["station"] == s][:, j]
+            struck = s == 1 and (measurement is None or j == SPEED)
+            np.testing.assert_allclose(found["values"][found["station"] == s][:, j], wanted(y) if struck else y)
+
+
+def test_time_stamps_may_be_wrong() -> None:
+    found = send(made([{"model": "spoof", "offset": -0.5, "start": 0.1}], [], 10), 10)
+    stamp = np.repeat(np.arange(10) * PERIOD_NS, STATIONS)
+    np.testing.assert_array_equal(found["arrival_ns"], stamp)
+    np.testing.assert_array_equal(found["measured_ns"], stamp - np.where(stamp >= to_ns(0.1), to_ns(0.5), 0))
+
+
+def test_setpoints_are_disturbed_too() -> None:
+    own = made([], [{"model": "scale", "factor": 0.5, "channels": ["d0"]}, {"model": "bias", "bias": 1.0}], 5)
+    rows = np.zeros(2, SETPOINT)
+    rows["device"], rows["value"] = [0, 1], [4.0, 4.0]
+    assert downlink(own, 0, 0, 1, rows, 2) == 2
+    assert own.down.out[0, :2]["value"].tolist() == [3.0, 5.0]
+
+
+def test_a_delay_that_is_changed_holds_for_what_is_sent_after() -> None:
+    """Also where it needs more room than there was; what is under way arrives as it was sent."""
+    own = made([{"delay": 0.1}], [{"delay": 0.1}], 100)
+    before = send(own, 50)
+    later = changed(own, 0, "up", 0, one_stage.validate_python({"delay": 30.0}), ways(100), DEVICES)
+    ticks = 50 + 31 * RATE
+    table = lateness(np.concatenate([before, send(later, ticks - 50, 50)]), ticks)
+    np.testing.assert_allclose(table[:50], 0.1)
+    np.testing.assert_allclose(table[50:90], 30.0)
+    assert later.up.ring[0, 3] == later.up.statistics[0]["lost"].sum() == 0
+
+
+def stage(model: str, **fields: Any) -> st.SearchStrategy[dict[str, Any]]:
+    some = {"start": st.sampled_from([0.0, 0.0, 0.5]), "duration": st.none() | st.floats(0.01, 1.0)}
+    return st.fixed_dictionaries({"model": st.just(model), **some, **fields})
+
+
+delays, shares = st.floats(0.0, 1.0), st.floats(0.0, 1.0)
+anything = st.one_of(
+    stage("constant", delay=delays),
+    stage("uniform", low=st.floats(0.0, 0.1), high=st.floats(0.1, 1.0)),
+    stage("normal", mean=delays, std=delays),
+    stage("gamma", delay=delays, shape=st.floats(0.1, 9.0), scale=st.floats(0.0, 0.2)),
+    stage("lognormal", median=st.floats(0.0, 0.3), sigma=st.floats(0.0, 3.0)),
+    stage("trace", delays=st.lists(st.none() | delays, min_size=1, max_size=9)),
+    stage("bernoulli", loss=shares),
+    stage("gilbert_elliott", p_GB=shares, p_BG=shares),
+    stage("duplicate", probability=shares),
+    stage("in_order"),
+    stage("playout", delay=delays),
+    stage("freeze"),
+    stage("replay", window=st.floats(0.01, 0.5), start=st.just(0.5)),
+    stage("ramp", rate=st.floats(-9.0, 9.0)),
+    stage("spoof", offset=st.floats(-1.0, 1.0)),
+)
+waits = stage(
+    "wait",
+    wait=delays,
+    reference=st.sampled_from(["first", "stamp"]),
+    send=st.sampled_from(["complete", "timeout"]),
+    missing=st.sampled_from(["drop", "hold"]),
+)
+
+
+@settings(deadline=None, max_examples=150)
+@given(chain=st.lists(anything | waits, max_size=6), down=st.lists(anything, max_size=4), seed=st.integers(0, 2**32))
+def test_random_chains_keep_count_and_order(chain: list[dict[str, Any]], down: list[dict[str, Any]], seed: int) -> None:
+    """Every entry is delivered, lost or under way; a tick gets what arrives in it, in order, none before it is sent."""
+    own, given = made(chain, down, 40, seed), np.zeros(DEVICES, SETPOINT)
+    given["device"] = range(DEVICES)
+    for k in range(60):
+        start, end = tick_ns(k, RATE), tick_ns(k + 1, RATE)
+        count = uplink(own, 0, k, start, end, values(k))
+        given["issued_ns"] = given["measured_ns"] = start
+        there = downlink(own, 0, k, end, given, DEVICES)
+        for arrival in (own.up.out[0, :count]["arrival_ns"], own.down.out[0, :there]["effective_ns"]):
+            assert (np.diff(arrival) >= 0).all()
+            assert ((arrival >= start) & (arrival < end)).all()
+    for way in (own.up, own.down):
+        s = way.statistics[0]
+        under_way = s["sent"] + s["duplicated"] + s["held"] - s["delivered"] - s["lost"]
+        assert (under_way >= 0).all()
+        assert under_way.sum() == way.ring[0, 1]
+        assert way.ring[0, 3] == 0
+        assert (s["delay_min_ns"][s["delivered"] > 0] >= 0).all()
