@@ -205,6 +205,7 @@ def _check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
         check_known(origin(f"devices.{i}", source, sets), device, [d.name for d in system.devices])
         if device in run.devices[:i]:
             raise InputError(f"{origin(f'devices.{i}', source, sets)}: '{device}' given twice; allowed: each once")
+    _check_channels(case, source, sets)
     commanded: set[str] = set()
     for c, controller in enumerate(run.controllers):
         here, row = f"controllers.{c}", kind(controller.name)
@@ -227,6 +228,18 @@ def _check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
             raise InputError(
                 f"{where('signals')}: {len(controller.signals)} given; allowed: {row.signals} for {controller.name}"
             )
+
+
+def _check_channels(case: Case, source: str, sets: dict[str, str] | None) -> None:
+    """Stages of links name stations or signals on the way up, installed devices on the way down."""
+    known = {"up": [*(s.name for s in case.system.stations), *case.system.signals], "down": case.run.devices}
+    own = [f"controllers.{c}.link" for c, controller in enumerate(case.run.controllers) if controller.link is not None]
+    fields = [*["link"][: len(case.links) - len(own)], *own]
+    for field, link in zip(fields, case.links, strict=True):
+        for way, names in known.items():
+            for i, stage in enumerate(getattr(link, way)):
+                for name in stage.channels or []:
+                    check_known(origin(f"{field}.{way}.{i}.channels", source, sets), name, names)
 
 
 def _filled(

@@ -260,7 +260,7 @@ def test_unreadable_file_is_named(tmp_path: Path, text: str, said: str) -> None:
 
 def test_set_below_a_name_changes_the_named_files_content() -> None:
     case = load_case("two_area_small", ["link=delay_100ms", "link.up.1.delay=0.0734", "scenario.0.change=-0.2"])
-    assert [stage.delay for stage in case.link.up] == [0.02, 0.0734]
+    assert [mean_delay(stage) for stage in case.link.up] == [0.02, 0.0734]
     assert case.scenario.events[0].change == -0.2  # type: ignore[union-attr]
     assert case.duration == 20.0
 

@@ -148,7 +148,7 @@ def test_a_good_state_may_lose_and_a_bad_one_may_deliver() -> None:
 
 
 def test_copies_go_their_own_way() -> None:
-    """With a probability of 1 every entry comes twice; a copy draws what comes after by itself, not what came before."""
+    """With a probability of 1 every entry comes twice; a copy draws by itself what comes after it was made."""
     twice = {"model": "duplicate", "probability": 1.0}
     key = ["station", "measured_ns", "arrival_ns"]
     found = up([JITTER, twice], 100)
