@@ -53,18 +53,22 @@ def _table(path: Path, where: str) -> Series | dict[str, Series]:
     """The delays of a CSV file with a line of names: `delay_s`, or a column a channel; an empty cell: lost."""
     try:
         with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(stream, restval=""))
+            lines = [*csv.reader(stream), []]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{where}: {path} cannot be read ({error}); allowed: a CSV file or a recording") from error
+    names, rows = lines[0], lines[1:]
+    while rows and not any(rows[-1]):
+        rows.pop()
     if not rows:
         raise InputError(f"{where}: {path} given, which holds no delays; allowed: a line of names, then delays in s")
-    columns = {str(name): [_number(row[name], name, k, where) for k, row in enumerate(rows)] for name in rows[0]}
+    cells = [[*row, *[""] * (len(names) - len(row))] for row in rows]
+    columns = {name: [_number(row[i], name, k, where) for k, row in enumerate(cells)] for i, name in enumerate(names)}
     return columns.get(ALL, columns)
 
 
-def _number(cell: Any, name: str, k: int, where: str) -> float | None:
+def _number(cell: str, name: str, k: int, where: str) -> float | None:
     """A cell's delay; none where it is empty."""
-    text = str(cell).strip()
+    text = cell.strip()
     try:
         return float(text) if text else None
     except ValueError as error:

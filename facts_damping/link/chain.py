@@ -158,10 +158,9 @@ def put(
 
 def longest_delay_ns(made: Chain) -> int:
     """Longest delay that one of the chains can give, ns."""
-    rows, drawn = made.rows, np.where(made.drawn == LOST, 0, made.drawn)
-    drawn = np.where((rows["model"] == DRAWN)[..., None], drawn.reshape(*rows.shape, -1), 0)
-    fixed = np.maximum(rows["delay_ns"], 0)  # stamps that are wrong by a negative offset delay nothing
-    return int((fixed + drawn.max(axis=2, initial=0)).sum(axis=1).max(initial=0))
+    drawn = np.where(made.drawn == LOST, 0, made.drawn).max(axis=(2, 3, 4), initial=0)
+    fixed = np.maximum(made.rows["delay_ns"], 0)  # stamps that are wrong by a negative offset delay nothing
+    return int((fixed + np.where(made.rows["model"] == DRAWN, drawn, 0)).sum(axis=1).max(initial=0))
 
 
 @compiled

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 
 from facts_damping import graph, loop
 from facts_damping.configuration import load_case
@@ -37,6 +39,25 @@ def sets(sssc: dict[str, Any], statcom: dict[str, Any], *more: str) -> list[str]
     return ["devices=[sssc, statcom]", "scenario=large", "duration=4", f"controllers={json.dumps(rows)}", *more]
 
 
+ROUGH = {
+    "up": [
+        {"model": "gamma", "delay": 0.01, "shape": 2.0, "scale": 0.02},
+        {"model": "gilbert_elliott", "p_GB": 0.1, "p_BG": 0.3},
+        {"model": "duplicate", "probability": 0.3},
+        {"model": "uniform", "low": 0.0, "high": 0.05},
+        {"model": "wait", "wait": 0.03, "missing": "hold", "channels": ["w13"]},
+    ],
+    "down": [{"model": "lognormal", "median": 0.02, "sigma": 1.0}, {"model": "duplicate", "probability": 0.5}],
+}
+WRONG = {
+    "up": [
+        {"model": "normal", "mean": 0.03, "std": 0.02},
+        {"model": "spoof", "offset": 0.02, "start": 1.5, "channels": ["w13"]},
+        {"model": "replay", "window": 0.3, "start": 2.0, "duration": 0.5},
+        {"model": "ramp", "rate": 0.01, "start": 2.5},
+    ],
+    "down": [{"model": "bernoulli", "loss": 0.2}, {"model": "in_order"}, {"model": "playout", "delay": 0.1}],
+}
 HBSWC = {"name": "HBsWC", "scheme": "indirect", "signals": ["w13"], "parameters": {}}
 RUNS = {
     "the run's link and an own one": sets({}, {"link": link(0.1)}),
@@ -48,6 +69,10 @@ RUNS = {
     ),
     "namespaces alone": sets({"namespace": "tie"}, {"namespace": "substation"}, "link=delay_100ms"),
     "identifier on an own link in a namespace": sets({}, {**HBSWC, "link": link(0.05, 0.0234), "namespace": "here"}),
+    "jitter, bursts of loss, copies, a concentrator": sets(
+        {"link": ROUGH}, {**HBSWC, "link": "plc", "namespace": "here"}, "duration=3", "seed=5"
+    ),
+    "disturbed data, wrong stamps, order": sets({"link": WRONG}, {"link": "pdci"}, "duration=3", "seed=6"),
     "identifier in a namespace on the run's link": sets(
         {"link": link(0.1)}, {**HBSWC, "namespace": "here"}, "link.up.0.delay=0.0333"
     ),
@@ -186,3 +211,37 @@ def test_a_graph_with_namespaces_moves_below_another(start: Any, tmp_path: Path)
     recorder.terminate()
     assert recorder.communicate(timeout=PATIENCE_S) == ("lost 0\n", "")
     assert_same(load(tmp_path / "bag"), loop.run(load_case(str(run_file))))
+
+
+def test_a_delay_may_be_changed_while_the_link_runs(start: Any, client: Any, tmp_path: Path) -> None:
+    """For what is sent from then on; the recording shows the step. What is not allowed is refused with the reason."""
+    common = {
+        "set": "[link.up.0.delay=0.02]",
+        "recorder": "true",
+        "start_timeout": PATIENCE_S,
+        "mode": "realtime",
+        "duration": 1000.0,
+    }
+    recorder = start("recorder", output=tmp_path / "bag", **common)
+    for name in ("wan_link", "controller"):
+        start(name, **common)
+    plant = start("plant_sim", **common)
+    assert "tick" in plant.stdout.readline()
+
+    def change(name: str, value: float) -> Any:
+        asked = Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
+        request = SetParameters.Request(parameters=[asked])
+        return client(SetParameters, "/wan_link/set_parameters", request).results[0]
+
+    time.sleep(1.0)
+    assert change("up.0.delay", 0.15).successful
+    refused = change("up.0.delay", 61.0)
+    assert not refused.successful
+    time.sleep(1.0)
+    for node in (plant, recorder):
+        node.terminate()
+        node.communicate(timeout=PATIENCE_S)
+    delivered = load(tmp_path / "bag").delivered
+    late = (delivered["arrival_ns"] - delivered["measured_ns"])[np.argsort(delivered["measured_ns"], kind="stable")]
+    assert set(late.tolist()) == {20_000_000, 150_000_000}
+    assert (np.diff(late) >= 0).all()
