@@ -270,7 +270,7 @@ def _filled(
             f"{where('parameters.identifier')}: 'ANFGuMoI' given; allowed: ANFTSI with several signals or devices"
         )
     if values.get("lag") == -1.0:
-        values["lag"] = sum((mean_delay(stage) for stage in [*link.up, *link.down]), 0.0)
+        values["lag"] = mean_delay([*link.up, *link.down])
     weights = _weights(controller, scheme, values, where)
     return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})
 

@@ -12,12 +12,14 @@ from facts_damping.control.bank import Bank, BankState, bank, network_of
 from facts_damping.control.identifier import Identified, Identifiers, IdentifierState, identifiers
 from facts_damping.control.known import Known
 from facts_damping.errors import InputError
-from facts_damping.link.transfer import Links, Ways, links
+from facts_damping.link.chain import Way
+from facts_damping.link.transfer import Links, links
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
 from facts_damping.sensitivity import Sensitivity, sensitivity
+from facts_damping.signals import CHANNELS
 
 if TYPE_CHECKING:
     from facts_damping.configuration import Case
@@ -58,14 +60,18 @@ def build_plant(case: Case) -> Built:
 
 def build_links(case: Case) -> Links:
     """The links of a case, with nothing under way."""
-    return links(case.links, case.used_links, ways(case), commands(case))
+    return links(case.links, case.used_links, *ways(case).values())
 
 
-def ways(case: Case) -> Ways:
-    """What the links of a case join."""
+def ways(case: Case) -> dict[str, Way]:
+    """Both directions of the links of a case."""
     stations = [station.name for station in case.system.stations]
     signals = {name: list(signal.weights) for name, signal in case.system.signals.items()}
-    return Ways(stations, case.run.devices, signals, case.run.frame_rate, case.ticks, case.run.seed)
+    often, seed = (case.run.frame_rate, case.ticks), case.run.seed
+    return {
+        "up": Way(stations, signals, len(CHANNELS), len(stations), *often, (seed, 0)),
+        "down": Way(case.run.devices, {}, 1, 2 * commands(case), *often, (seed, 1)),
+    }
 
 
 def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:

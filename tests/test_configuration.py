@@ -260,7 +260,7 @@ def test_unreadable_file_is_named(tmp_path: Path, text: str, said: str) -> None:
 
 def test_set_below_a_name_changes_the_named_files_content() -> None:
     case = load_case("two_area_small", ["link=delay_100ms", "link.up.1.delay=0.0734", "scenario.0.change=-0.2"])
-    assert [mean_delay(stage) for stage in case.link.up] == [0.02, 0.0734]
+    assert [mean_delay([stage]) for stage in case.link.up] == [0.02, 0.0734]
     assert case.scenario.events[0].change == -0.2  # type: ignore[union-attr]
     assert case.duration == 20.0
 
@@ -326,7 +326,7 @@ LINKS = [
 @pytest.mark.parametrize(("sets", "delays", "used"), LINKS, ids=[" ".join(sets) or "none" for sets, _, _ in LINKS])
 def test_each_controller_uses_its_own_link_or_the_runs(sets: list[str], delays: list[float], used: list[int]) -> None:
     case = load_case(None, [*BOTH, *sets])
-    found = [sum(mean_delay(stage) for stage in [*link.up, *link.down]) for link in case.links]
+    found = [mean_delay([*link.up, *link.down]) for link in case.links]
     assert found == pytest.approx(delays)
     assert case.used_links == used
     assert all(isinstance(c["link"], dict) or c["link"] is None for c in case.document()["controllers"])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-# What a stage does. Chains are filled up with stages of zeros, which must do nothing: constant, without delay.
+# What a stage does. Chains are filled up with stages of zeros, which act on nothing.
 CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP = range(12)
 MODELS = {
     "constant": CONSTANT,
@@ -84,59 +84,56 @@ class Packets(NamedTuple):
     held: NDArray[np.bool_]  # (channels,): lost, and the last one is in its place
 
 
-def chains(
-    given: Sequence[Sequence[Any]],
-    channels: Sequence[str],
-    groups: Mapping[str, Sequence[str]],
-    width: int,
-    rate: tuple[int, int],
-    seeds: Sequence[np.random.SeedSequence],
-) -> tuple[Chain, Packets]:
-    """Chains from links' stages; `groups`: channels by further names that stages may say; `rate`: frames/s and draws.
+class Way(NamedTuple):
+    """A direction of a run's links: what comes through them, how often, and where their draws come from."""
 
-    `seeds`: of each link.
-    """
-    frame_rate, ticks = rate
+    channels: Sequence[str]  # stations or devices
+    groups: Mapping[str, Sequence[str]]  # channels by further names that stages may say
+    width: int  # values of an entry
+    per_tick: int  # most entries that are sent at a tick, of all channels
+    frame_rate: int
+    draws: int
+    seed: tuple[int, int]  # of the run, and the direction's place
+
+
+def chains(given: Sequence[Sequence[Any]], way: Way) -> tuple[Chain, Packets]:
+    """The chains of several links' stages, and room for what passes them."""
     stages = [stage for own in given for stage in own]
     codes = [MODELS[stage.model] for stage in stages]
-    n, most = len(given), max((len(own) for own in given), default=0)
-    draws = ticks if any(code in CHANCE for code in codes) else 1
+    n, most, channels = len(given), max((len(own) for own in given), default=0), len(way.channels)
+    draws = way.draws if any(code in CHANCE for code in codes) else 1
     copies = 2 if DUPLICATE in codes else 1
-    windows = [max(1, round(stage.window * frame_rate)) for stage in stages if stage.model == "replay"]
+    windows = [_window(stage, way) for stage in stages if stage.model == "replay"]
     made = Chain(
         rows=np.zeros((n, most), STAGE),
-        concerns=np.zeros((n, most, len(channels)), np.bool_),
-        drawn=np.zeros((n, most, draws, copies, len(channels)), np.int64),
-        last_ns=np.zeros((n, most, len(channels)), np.int64),
-        kept=np.zeros((n, most, max(windows, default=1), len(channels), width)),
+        concerns=np.zeros((n, most, channels), np.bool_),
+        drawn=np.zeros((n, most, draws, copies, channels), np.int64),
+        last_ns=np.zeros((n, most, channels), np.int64),
+        kept=np.zeros((n, most, max(windows, default=1), channels, way.width)),
     )
     for link, own in enumerate(given):
         for s, stage in enumerate(own):
-            put(made, link, s, stage, channels, groups, frame_rate, seeds[link])
+            put(made, link, s, stage, way)
     packets = Packets(
-        np.zeros((n, copies, len(channels)), np.int64),
-        np.zeros((n, len(channels)), np.int64),
-        np.zeros((n, len(channels), width)),
-        np.zeros((n, len(channels)), np.int64),
-        np.zeros((n, len(channels)), np.bool_),
-        np.zeros((n, len(channels)), np.bool_),
+        now_ns=np.zeros((n, copies, channels), np.int64),
+        stamp_ns=np.zeros((n, channels), np.int64),
+        values=np.zeros((n, channels, way.width)),
+        number=np.zeros((n, channels), np.int64),
+        copied=np.zeros((n, channels), np.bool_),
+        held=np.zeros((n, channels), np.bool_),
     )
     return made, packets
 
 
-def put(
-    made: Chain,
-    link: int,
-    s: int,
-    stage: Any,
-    channels: Sequence[str],
-    groups: Mapping[str, Sequence[str]],
-    frame_rate: int,
-    seed: np.random.SeedSequence,
-) -> None:
+def _window(stage: Any, way: Way) -> int:
+    """Entries of a replayed window."""
+    frames: int = round(stage.window * way.frame_rate)
+    return max(1, frames)
+
+
+def put(made: Chain, link: int, s: int, stage: Any, way: Way) -> None:
     """A stage into its place, with its draws: the same seed and place give the same ones."""
-    row, code = made.rows[link], MODELS[stage.model]
-    begin = to_ns(stage.start)
+    row, code, begin = made.rows[link], MODELS[stage.model], to_ns(stage.start)
     row[s]["model"], row[s]["begin_ns"] = code, begin
     row[s]["from_ns"] = 0 if code == REPLAY else begin
     row[s]["until_ns"] = FOREVER if stage.duration is None else begin + to_ns(stage.duration)
@@ -145,15 +142,16 @@ def put(
     measurement = getattr(stage, "measurement", None)
     row[s]["measurement"] = -1 if measurement is None else list(CHANNELS).index(measurement)
     if code == REPLAY:
-        row[s]["window"] = max(1, round(stage.window * frame_rate))
+        row[s]["window"] = _window(stage, way)
     if code == WAIT:
         row[s]["stamped"], row[s]["hold"] = stage.reference == "stamp", stage.missing == "hold"
         row[s]["complete"] = stage.send == "complete"
-    names = [one for name in stage.channels or channels for one in groups.get(name, [name])]
-    made.concerns[link, s] = [name in names for name in channels]
+    names = [one for name in stage.channels or way.channels for one in way.groups.get(name, [name])]
+    made.concerns[link, s] = [name in names for name in way.channels]
     if code in CHANCE:
-        random = np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, s)))
-        made.drawn[link, s] = draw(stage, made.drawn.shape[2:], channels, random)
+        seed, direction = way.seed
+        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(link, direction, s)))
+        made.drawn[link, s] = draw(stage, made.drawn.shape[2:], way.channels, random)
 
 
 def longest_delay_ns(made: Chain) -> int:

@@ -103,10 +103,8 @@ def _replayed(stage: Any, size: Shape, channels: Sequence[str]) -> NDArray[np.fl
     return found
 
 
-def mean_delay(stage: Any) -> float:
-    """Mean delay of a stage, s: what a link adds on average where nothing is lost; of one that starts later none."""
-    if stage.start > 0.0:
-        return 0.0
+def mean_delay(stages: Sequence[Any]) -> float:
+    """Mean delay of a chain, s, where nothing is lost or waits for others; stages that start later add none."""
     means: dict[str, Callable[[Any], float]] = {
         "constant": lambda s: s.delay,
         "uniform": lambda s: (s.low + s.high) / 2.0,
@@ -115,7 +113,13 @@ def mean_delay(stage: Any) -> float:
         "lognormal": lambda s: s.delay + s.median * math.exp(s.sigma**2 / 2.0),
         "trace": _trace_mean,
     }
-    return float(means[stage.model](stage)) if stage.model in means else 0.0
+    total = 0.0
+    for stage in stages:
+        if stage.start == 0.0 and stage.model in means:
+            total += means[stage.model](stage)
+        elif stage.start == 0.0 and stage.model == "playout":
+            total = max(total, stage.delay)
+    return total
 
 
 def _trace_mean(stage: Any) -> float:

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled, inlined
-from facts_damping.link.chain import Chain, Packets, chains, longest_delay_ns, put, traverse
+from facts_damping.link.chain import Chain, Packets, Way, chains, longest_delay_ns, put, traverse
 from facts_damping.link.draws import LOST
-from facts_damping.signals import CHANNELS, DELIVERY, NANOSECONDS, SETPOINT
+from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -63,29 +63,15 @@ class Links(NamedTuple):
     used: NDArray[np.int64]  # (controllers,), index of the link that each uses
 
 
-class Ways(NamedTuple):
-    """What the links of a run join: names of channels, groups of them, and how often frames and draws come."""
-
-    stations: Sequence[str]
-    devices: Sequence[str]
-    signals: Mapping[str, Sequence[str]]  # stations of each signal
-    frame_rate: int
-    draws: int
-    seed: int
-
-
-def directions(chain: tuple[Chain, Packets], dtype: np.dtype[Any], per_tick: int, frame_rate: int) -> Direction:
-    """One empty direction of several links, each with room for all that can be under way.
-
-    That is `per_tick` entries a tick for the longest delay of all. A second's worth more is for setpoints that come
-    late and all at once, in real time.
-    """
-    n, channels = chain[1].number.shape
-    capacity = room_for(chain[0], per_tick, frame_rate)
-    statistics = np.zeros((n, max(channels, 1)), STATISTICS)
+def directions(given: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: Way) -> Direction:
+    """One empty direction of several links, by their stages, each with room for all that can be under way."""
+    chain, packets = chains(given, way)
+    n, capacity = len(given), room_for(chain, way)
+    statistics = np.zeros((n, max(len(way.channels), 1)), STATISTICS)
     statistics["delay_min_ns"] = np.iinfo(np.int64).max
     return Direction(
-        *chain,
+        chain,
+        packets,
         np.zeros((n, capacity), dtype),
         np.zeros((n, capacity), np.int64),
         np.zeros((n, capacity), np.int64),
@@ -95,39 +81,29 @@ def directions(chain: tuple[Chain, Packets], dtype: np.dtype[Any], per_tick: int
     )
 
 
-def room_for(chain: Chain, per_tick: int, frame_rate: int) -> int:
-    """Number of entries that can be under way."""
-    ticks = longest_delay_ns(chain) * frame_rate // NANOSECONDS + 3 + frame_rate
-    return int(max(per_tick, 1) * chain.drawn.shape[3] * ticks)
+def room_for(chain: Chain, way: Way) -> int:
+    """Number of entries that can be under way: those of the ticks of the longest delay, with their copies.
 
-
-def links(given: Sequence[Link], used: Sequence[int], ways: Ways, commands: int) -> Links:
-    """The links of a run: at least one; `used` says which one each controller uses.
-
-    `commands` is the number of setpoints that all controllers give at one arrival. The draws of each link, direction
-    and stage come from the run's seed by their places.
+    A second's worth more is for setpoints that come late and all at once, in real time.
     """
-    rate = ways.frame_rate, ways.draws
-    up = chains([link.up for link in given], ways.stations, ways.signals, len(CHANNELS), rate, seeds(ways, given, 0))
-    down = chains([link.down for link in given], ways.devices, {}, 1, rate, seeds(ways, given, 1))
+    ticks = longest_delay_ns(chain) * way.frame_rate // NANOSECONDS + 3 + way.frame_rate
+    return int(max(way.per_tick, 1) * chain.drawn.shape[3] * ticks)
+
+
+def links(given: Sequence[Link], used: Sequence[int], up: Way, down: Way) -> Links:
+    """The links of a run: at least one; `used` says which one each controller uses."""
     return Links(
-        directions(up, DELIVERY, len(ways.stations), ways.frame_rate),
-        directions(down, SETPOINT, 2 * commands, ways.frame_rate),
+        directions([link.up for link in given], DELIVERY, up),
+        directions([link.down for link in given], SETPOINT, down),
         np.array(used, np.int64),
     )
 
 
-def changed(made: Links, link: int, way: str, place: int, stage: Any, ways: Ways, commands: int) -> Links:
-    """Links with a stage of one of them changed, for what is sent from now on; with more room where it needs it."""
-    up = way == "up"
-    own = made.up if up else made.down
-    names, groups = (ways.stations, ways.signals) if up else (ways.devices, {})
-    seed = np.random.SeedSequence(ways.seed, spawn_key=(link, 0 if up else 1))
-    put(own.chain, link, place, stage, names, groups, ways.frame_rate, seed)
-    capacity = room_for(own.chain, len(ways.stations) if up else 2 * commands, ways.frame_rate)
-    if capacity > own.arrival_ns.shape[1]:
-        own = _roomier(own, capacity)
-    return made._replace(up=own) if up else made._replace(down=own)
+def changed(own: Direction, link: int, place: int, stage: Any, way: Way) -> Direction:
+    """A direction with a stage of a link changed, for what is sent from now on; with more room where it needs it."""
+    put(own.chain, link, place, stage, way)
+    capacity = room_for(own.chain, way)
+    return _roomier(own, capacity) if capacity > own.arrival_ns.shape[1] else own
 
 
 def _roomier(own: Direction, capacity: int) -> Direction:
@@ -145,11 +121,6 @@ def _roomier(own: Direction, capacity: int) -> Direction:
     out = np.zeros((n, capacity), own.out.dtype)
     out[:, :old] = own.out
     return own._replace(entries=entries, arrival_ns=arrival_ns, sent_ns=sent_ns, out=out)
-
-
-def seeds(ways: Ways, given: Sequence[Link], direction: int) -> list[np.random.SeedSequence]:
-    """The seed of each link in a direction."""
-    return [np.random.SeedSequence(ways.seed, spawn_key=(link, direction)) for link in range(len(given))]
 
 
 @inlined

@@ -18,7 +18,6 @@ from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.parts import (
     build_links,
-    commands,
     controller_addresses,
     controller_names,
     identifier_names,
@@ -72,7 +71,8 @@ class WanLink:
 
     def change(self, way: str, place: int, stage: Any) -> None:
         """A stage that was changed while the link runs: for what is sent from now on."""
-        self.links = changed(self.links, self.index, way, place, stage, ways(self.case), commands(self.case))
+        own = changed(getattr(self.links, way), self.index, place, stage, ways(self.case)[way])
+        self.links = self.links._replace(up=own) if way == "up" else self.links._replace(down=own)
 
     def span(self, tick: int) -> tuple[int, int]:
         """Start and end of a tick, ns."""

@@ -16,7 +16,6 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from facts_damping.errors import InputError
 
@@ -192,6 +191,8 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
         ends = [_at(row, c, angle, voltage, current).mismatch for angle in (low, high)]
         if ends[0] * ends[1] > 0:
             raise InputError(f"machines: {m.name}: S10, S12: {m.S10:g}, {m.S12:g} given; allowed: a steady state")
+        from scipy.optimize import brentq  # noqa: PLC0415 (it takes a third of a node's time to start, and few need it)
+
         delta = float(brentq(lambda angle: _at(row, c, angle, voltage, current).mismatch, low, high, xtol=1e-15))
     s = _at(row, c, delta, voltage, current)
     if m.model == "classical":

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from scipy import stats
 
-from facts_damping.link.transfer import Links, Ways, changed, downlink, links, uplink
+from facts_damping.link.chain import Way
+from facts_damping.link.transfer import Links, changed, downlink, links, uplink
 from facts_damping.loop import tick_ns
 from facts_damping.parameters.link import Link, Stage
 from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
@@ -28,14 +29,18 @@ MANY = 20_000  # frames of which shares are taken
 one_stage: TypeAdapter[Any] = TypeAdapter(Stage)
 
 
-def ways(ticks: int, seed: int = 0) -> Ways:
-    signals = {"both": ["s0", "s2"]}
-    return Ways([f"s{i}" for i in range(STATIONS)], [f"d{i}" for i in range(DEVICES)], signals, RATE, ticks, seed)
+def way_up(ticks: int, seed: int = 0) -> Way:
+    groups = {"both": ["s0", "s2"]}
+    return Way([f"s{i}" for i in range(STATIONS)], groups, len(CHANNELS), STATIONS, RATE, ticks, (seed, 0))
+
+
+def way_down(ticks: int, seed: int = 0) -> Way:
+    return Way([f"d{i}" for i in range(DEVICES)], {}, 1, 2 * DEVICES, RATE, ticks, (seed, 1))
 
 
 def made(up: Sequence[dict[str, Any]], down: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> Links:
     link = Link.model_validate({"up": list(up), "down": list(down)})
-    return links([link], [0], ways(ticks, seed), DEVICES)
+    return links([link], [0], way_up(ticks, seed), way_down(ticks, seed))
 
 
 def values(tick: int) -> NDArray[np.float64]:
@@ -302,7 +307,8 @@ def test_a_delay_that_is_changed_holds_for_what_is_sent_after() -> None:
     """Also where it needs more room than there was; what is under way arrives as it was sent."""
     own = made([{"delay": 0.1}], [{"delay": 0.1}], 100)
     before = send(own, 50)
-    later = changed(own, 0, "up", 0, one_stage.validate_python({"delay": 30.0}), ways(100), DEVICES)
+    longer = changed(own.up, 0, 0, one_stage.validate_python({"delay": 30.0}), way_up(100))
+    later = own._replace(up=longer)
     ticks = 50 + 31 * RATE
     table = lateness(np.concatenate([before, send(later, ticks - 50, 50)]), ticks)
     np.testing.assert_allclose(table[:50], 0.1)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.link.chain import Chain, Packets, longest_delay_ns
-from facts_damping.link.transfer import Direction, Links, Ways, downlink, links, merge, uplink
+from facts_damping.link.chain import Chain, Packets, Way, longest_delay_ns
+from facts_damping.link.transfer import Direction, Links, downlink, links, merge, uplink
 from facts_damping.loop import tick_ns
 from facts_damping.parameters.link import Constant, Link
 from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
@@ -28,9 +28,11 @@ def stages(*delays_ns: int) -> list[Any]:
     return [Constant(delay=d * 1e-9) for d in delays_ns]
 
 
-def ways(rate: int, draws: int = TICKS, seed: int = 0) -> Ways:
+def ways(rate: int, commands: int) -> tuple[Way, Way]:
     """Stations s0, s1, ... and devices d0, d1, ..."""
-    return Ways([f"s{i}" for i in range(STATIONS)], [f"d{i}" for i in range(DEVICES)], {}, rate, draws, seed)
+    stations, devices = [f"s{i}" for i in range(STATIONS)], [f"d{i}" for i in range(DEVICES)]
+    up = Way(stations, {}, len(CHANNELS), STATIONS, rate, TICKS, (0, 0))
+    return up, Way(devices, {}, 1, 2 * commands, rate, TICKS, (0, 1))
 
 
 class Sent(NamedTuple):
@@ -44,7 +46,7 @@ class Sent(NamedTuple):
 
 def alone(up: Sequence[Any], down: Sequence[Any], per_tick: int, rate: int) -> Links:
     """A link by itself, used by one controller, with room for `per_tick` setpoints."""
-    return links([Link(up=list(up), down=list(down))], [0], ways(rate), per_tick)
+    return links([Link(up=list(up), down=list(down))], [0], *ways(rate, per_tick))
 
 
 def first(several: Direction) -> Direction:
@@ -207,7 +209,7 @@ def test_what_finds_no_room_is_counted_as_lost() -> None:
 @pytest.mark.parametrize("delay", [0.0, 0.1, 60.0])
 def test_directions_have_room_for_the_longest_delay(delay: float) -> None:
     """Every tick full, for as long as entries are under way."""
-    made = links([Link(up=[Constant(delay=delay)], down=[Constant(delay=delay)])], [0], ways(30), 2)
+    made = links([Link(up=[Constant(delay=delay)], down=[Constant(delay=delay)])], [0], *ways(30, 2))
     up, down = first(made.up), first(made.down)
     frame, given = np.zeros((STATIONS, len(CHANNELS))), np.zeros(4, SETPOINT)
     for k in range(round(delay * 30) + 60):
@@ -253,8 +255,7 @@ def through(case: Several, order: Sequence[int]) -> list[tuple[NDArray[Any], NDA
     made = links(
         [Link(up=stages(*up), down=stages(*down)) for up, down in case.chains],
         case.used,
-        ways(case.rate),
-        max(len(case.issued), 1),
+        *ways(case.rate, max(len(case.issued), 1)),
     )
     given = np.zeros(len(case.issued), SETPOINT)
     given["controller"], given["issued_ns"] = np.array(case.issued, np.int64).reshape(-1, 2).T
@@ -320,7 +321,7 @@ def test_a_merged_table_keeps_what_was_there_before_what_comes_at_the_same_time(
 
 def test_stages_that_fill_up_a_chain_do_not_delay() -> None:
     short, long = Link(up=[Constant(delay=0.02)]), Link(up=[Constant(delay=0.01)] * 4, down=[Constant(delay=0.5)])
-    made = links([short, long], [0, 1], ways(60), 1)
+    made = links([short, long], [0, 1], *ways(60, 1))
     assert made.up.chain.rows.shape == (2, 4)
     arrived: list[list[int]] = [[], []]
     for k in range(6):
