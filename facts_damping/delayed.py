@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import factorial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, eig, expm
@@ -22,8 +22,9 @@ from scipy.signal import tf2ss
 from facts_damping.control.bank import act
 from facts_damping.errors import InputError
 from facts_damping.parameters.run import Link, Stage
-from facts_damping.parts import build_control, build_plant, controller_names
+from facts_damping.parts import build_control, controller_names
 from facts_damping.plant import linear
+from facts_damping.plant.build import build
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT, to_ns
 
 if TYPE_CHECKING:
@@ -34,9 +35,9 @@ if TYPE_CHECKING:
     from facts_damping.configuration import Case
     from facts_damping.control.bank import Bank, BankState
 
-    Matrices = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+    Matrices = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
-NEAR = 1e-4  # of the largest derivative: a motion that changes less changes nothing
+NEAR = 1e-6  # of what cancels, and of the largest derivative: a motion that changes less changes nothing
 FADED = 1e-6  # in a frame: what shrinks faster is no mode, but the memory of a difference equation
 
 
@@ -89,7 +90,7 @@ def delayed_loop(case: Case) -> DelayedLoop:
                 f"controllers.{i}.name: '{controller.name}' given, which adapts and so has no linear margin; "
                 "allowed: LLC, LLC-tuned (others by a sweep of runs)"
             )
-    built = build_plant(case)
+    built = build(case.system, case.run.devices, [])
     model = linear.linear_model(built, case.system.signals, [s.name for s in case.system.stations])
     delays = link_delays(case)
     made, state, *_ = build_control(case)
@@ -160,7 +161,8 @@ def _rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str])
         motion = np.array([float(name.endswith(end)) for name in names])
         answer = whole @ motion
         answer[: len(A)] -= found @ (found.T @ answer[: len(A)])  # all speeds raised turn all rotors
-        if motion.any() and np.abs(answer).max() <= NEAR * np.abs(whole[:, motion > 0.0]).max():
+        cancelled = np.abs(whole) @ motion + np.abs(whole).max(axis=1)
+        if motion.any() and (np.abs(answer) <= NEAR * cancelled).all():
             found = np.column_stack([found, motion / np.linalg.norm(motion)])
     return found
 
@@ -209,9 +211,9 @@ def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDA
     """
     model, ways = loop.model, []
     for c in loop.controllers:
-        term = pade(delay + c.lag + hold, order)
-        late = tuple(np.kron(np.eye(len(c.devices)), part) for part in term)
-        ways.append(_series(_continuous(c, 1.0 / loop.frame_rate), late))
+        many = np.eye(len(c.devices))
+        A, B, C, D = (np.kron(many, part) for part in pade(delay + c.lag + hold, order))
+        ways.append(_series(_continuous(c, 1.0 / loop.frame_rate), (A, B, C, D)))
     A, B, C, D = (block_diag(*parts) for parts in zip(*ways, strict=True))
     given = [c.signal for c in loop.controllers]
     sent = [device for c in loop.controllers for device in c.devices]

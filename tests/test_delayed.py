@@ -221,18 +221,18 @@ def random_loop(states: int, lag: float, seed: int) -> DelayedLoop:
 
 def by_events(linear: DelayedLoop, delays: Sequence[float], x: NDArray[np.float64], ticks: int) -> NDArray[np.float64]:
     """The plant's state after some frames: measure, then let setpoints take effect at their instants, one by one."""
-    model, period = linear.model, 1 / linear.frame_rate
+    model, period = linear.model, NANOSECONDS // linear.frame_rate
     z, u = [np.zeros(len(c.A)) for c in linear.controllers], np.zeros(2)
-    waiting: list[tuple[float, int, float]] = []
+    waiting: list[tuple[int, int, float]] = []
     for k in range(ticks):
         now, end = k * period, (k + 1) * period
         y = model.C @ x + model.D @ u
         for i, c in enumerate(linear.controllers):
-            waiting.append((now + delays[i], c.devices[0], float(c.C[0] @ z[i] + c.D[0] * y[c.signal])))
+            waiting.append((now + to_ns(delays[i]), c.devices[0], float(c.C[0] @ z[i] + c.D[0] * y[c.signal])))
             z[i] = c.A @ z[i] + c.B * y[c.signal]
         waiting.sort(key=lambda event: event[0])
         while now < end:
-            while waiting and waiting[0][0] <= now + 1e-12:
+            while waiting and waiting[0][0] <= now:
                 _, device, u[device] = waiting.pop(0)
             until = min(end, waiting[0][0]) if waiting else end
             held = model.B @ u
@@ -240,7 +240,7 @@ def by_events(linear: DelayedLoop, delays: Sequence[float], x: NDArray[np.float6
             def slope(_t: float, v: NDArray[np.float64], held: NDArray[np.float64] = held) -> NDArray[np.float64]:
                 return np.asarray(model.A @ v + held)
 
-            x = solve_ivp(slope, (now, until), x, "DOP853", rtol=1e-10, atol=1e-12).y[:, -1]
+            x = solve_ivp(slope, (0.0, (until - now) / NANOSECONDS), x, "DOP853", rtol=1e-10, atol=1e-12).y[:, -1]
             now = until
     return x
 
@@ -276,9 +276,10 @@ def test_pade_loops_near_the_sampled_ones(which: str) -> None:
         ([], 2),  # all rotors turned, all speeds raised
         ([f"system.governors.{g}.enabled=true" for g in range(4)], 1),
         (["controllers.0.signals=[g1]", "system.signals.g1={channel: speed_deviation, weights: {G1: 1}}"], 1),
+        ([f"system.machines.{g}.D=0.01" for g in range(4)], 1),
         (["system=smib"], 0),
     ],
-    ids=["two_area", "with governors", "a signal that is no difference", "infinite bus"],
+    ids=["two_area", "with governors", "a signal that is no difference", "a little damping", "infinite bus"],
 )
 def test_motions_that_nothing_answers_are_left_out(sets: list[str], count: int) -> None:
     """And nothing else: the plant's other eigenvalues stay, with a controller that gives nothing."""
@@ -292,6 +293,13 @@ def test_motions_that_nothing_answers_are_left_out(sets: list[str], count: int) 
     for value in slow:
         assert np.abs(found - value).min() < 1e-5 * (1 + abs(value))
     assert len(found) == len(eigen(linear, sampled(linear, 0.05)).right.T)
+
+
+def test_events_of_the_scenario_do_not_count() -> None:
+    """Also one at the very start, after which the loop is not at rest."""
+    out = "scenario=[{time: 0.0, kind: line_out, line: line_1}]"
+    one, other = (delayed_loop(load_case(None, [row, "duration=1"])) for row in ("scenario=[]", out))
+    np.testing.assert_array_equal(sampled(one, 0.1), sampled(other, 0.1))
 
 
 def test_links_keep_how_much_longer_they_are() -> None:

@@ -93,9 +93,9 @@ def _runs(found: Margin, beside: Beside) -> Iterator[str]:
     """Lines of what runs say."""
     near = "not near the linear one" if beside.pulse is None else _ms(beside.pulse)
     yield f"time domain, a pulse of 0.01 %              {near}"
-    for loss in beside.losses:
-        place = f"beyond {_ms(found.delays[-1])}" if loss.high is None else _ms(loss.high)
-        yield f"{f'  {found.case.scenario.name}, lost within {loss.horizon:g} s':<43} {place}"
+    for one in beside.scenario:
+        place = f"beyond {_ms(found.delays[-1])}" if one.high is None else f"below {_ms(one.high)}"
+        yield f"{f'  {found.case.scenario.name}, {one.criterion} over {one.horizon:g} s':<43} {place}"
     yield "\ndelay ms   ringdown of a run: Hz, ratio       linear: Hz, ratio"
     for delay, modes in beside.ringdown:
         for mode in modes:
@@ -136,7 +136,10 @@ def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
     if beside is not None:
         made["time_domain"] = {
             "pulse_s": beside.pulse,
-            "losses": [{"horizon_s": x.horizon, "low_s": x.low, "high_s": x.high} for x in beside.losses],
+            "scenario": [
+                {"criterion": x.criterion, "horizon_s": x.horizon, "low_s": x.low, "high_s": x.high}
+                for x in beside.scenario
+            ],
             "ringdown": [
                 {
                     "delay_s": delay,

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from facts_damping import loop
-from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.oscillation import WINDOW, envelope
+from facts_damping.analysis.measures import columns, event_times, speed_differences
+from facts_damping.analysis.oscillation import WINDOW, envelope, is_damped
 from facts_damping.analysis.ringdown import ringdown_modes
 from facts_damping.delayed import with_delay
 from facts_damping.parameters.run import Scenario
@@ -29,18 +29,20 @@ BEGIN, END = 1.0, 1.5  # s, of the pulse
 LENGTH = 40.0  # s, of a run after the pulse
 REACH = 0.04  # s, to both sides of the linear margin: where that of the pulse is looked for
 FINE = 5e-4  # s, of the margin of the pulse
-HORIZONS = (20.0, 40.0)  # s, from the start of a run: within which it must not lose synchronism
+HORIZONS = (20.0, 40.0)  # s, from the start of a run of a scenario
+CRITERIA = ("in synchronism", "damped")
 LOOKS = 6  # delays at which a ringdown is looked at
-RUNS = 40  # about so many, for the line of progress
-COARSE, CLOSE = 0.02, 1e-3  # s, of the search for a loss of synchronism: steps, then halved
+RUNS = 90  # about so many, for the line of progress
+COARSE, CLOSE = 0.005, 1e-3  # s, of the search over a scenario: steps, then halved; a narrower pocket may be missed
 
 
-class Loss(NamedTuple):
-    """Where a scenario begins to lose synchronism within a horizon, s: it holds it with `low`, loses it with `high`.
+class Bound(NamedTuple):
+    """The smallest delay that a run does not bear over a horizon, s: it bears `low` and does not bear `high`.
 
-    Either is none where no delay looked at does so.
+    Either is none where no delay looked at is like that.
     """
 
+    criterion: str  # in synchronism, or damped
     horizon: float
     low: float | None
     high: float | None
@@ -51,7 +53,7 @@ class Beside(NamedTuple):
 
     ringdown: list[tuple[float, list[Mode]]]  # delay, s, and the modes after a pulse, the strongest first
     pulse: float | None  # s, the margin for a pulse; none: not near the linear one
-    losses: list[Loss]  # of the run's own scenario
+    scenario: list[Bound]  # of the run's own scenario
 
 
 def pulsed(case: Case, delay: float, length: float = LENGTH) -> Case:
@@ -103,33 +105,40 @@ def pulse_margin(case: Case, linear: float, looked: Callable[[], None] = lambda:
     return float(brentq(rate, low, high, xtol=FINE))
 
 
-def lost_after(case: Case, delay: float, length: float) -> float:
-    """When the run's scenario loses synchronism with a delay, s; infinite where it does not within a length (s)."""
-    record = loop.run(with_delay(_lasting(case, length), delay))
-    return float("inf") if record.in_synchronism.all() else float(record.time_s[-1])
+def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
+    """What a run of the case's scenario meets with a delay (s), by criterion and horizon (s)."""
+    record = loop.run(with_delay(_lasting(case, max(HORIZONS)), delay))
+    t, signals, last = record.time_s, columns(speed_differences(record)), (event_times(record) or [0.0])[-1]
+    lost = np.inf if record.in_synchronism.all() else t[-1]
+    found = {}
+    for horizon in HORIZONS:
+        kept = t < horizon
+        found["in synchronism", horizon] = bool(lost >= horizon)
+        found["damped", horizon] = bool(lost >= horizon) and is_damped(t[kept], signals[kept], last)
+    return found
 
 
-def losses(case: Case, longest: float, looked: Callable[[], None]) -> list[Loss]:
-    """Where the run's scenario begins to lose synchronism within each horizon: in steps, then halved.
+def bounds(case: Case, longest: float, looked: Callable[[], None]) -> list[Bound]:
+    """Where the run's scenario no longer meets each criterion over each horizon: in steps, then halved.
 
     `looked` is called after each run.
     """
 
     @cache
-    def time_of_loss(delay: float) -> float:
-        found = lost_after(case, delay, max(HORIZONS))
+    def met(delay: float) -> dict[tuple[str, float], bool]:
+        found = bears(case, delay)
         looked()
         return found
 
-    made = []
-    for horizon in HORIZONS:
-        steps = np.arange(0.0, longest + 1e-9, COARSE).tolist()
-        high = next((delay for delay in steps if time_of_loss(delay) < horizon), None)
-        low = steps[-1] if high is None else max((delay for delay in steps if delay < high), default=None)
-        while high is not None and low is not None and high - low > CLOSE:
-            middle = (low + high) / 2.0
-            low, high = (low, middle) if time_of_loss(middle) < horizon else (middle, high)
-        made.append(Loss(horizon, low, high))
+    made, steps = [], np.arange(0.0, longest + 1e-9, COARSE).tolist()
+    for criterion in CRITERIA:
+        for horizon in HORIZONS:
+            high = next((delay for delay in steps if not met(delay)[criterion, horizon]), None)
+            low = max((delay for delay in steps if high is None or delay < high), default=None)
+            while high is not None and low is not None and high - low > CLOSE:
+                middle = (low + high) / 2.0
+                low, high = (middle, high) if met(middle)[criterion, horizon] else (low, middle)
+            made.append(Bound(criterion, horizon, low, high))
     return made
 
 
@@ -149,4 +158,4 @@ def beside(found: Margin, progress: Callable[[int, int], None]) -> Beside:
         rung.append((delay, ringdown(case, delay)))
         looked()
     pulse = pulse_margin(case, found.margin, looked) if found.margin else None
-    return Beside(rung, pulse, losses(case, longest, looked) if case.scenario.events else [])
+    return Beside(rung, pulse, bounds(case, longest, looked) if case.scenario.events else [])
