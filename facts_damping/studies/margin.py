@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from facts_damping.configuration import Case
     from facts_damping.delayed import DelayedLoop, Eigen
 
-STEP = 0.005  # s, between the delays that are looked at; a window of stability that is narrower may be missed
+STEP = 0.005  # s, between the delays that are looked at, beside those of whole frames; what is narrower may be missed
 EXACT = 1e-6  # s, of a margin
 STILL = 1e-6  # 1/s: what grows more slowly counts as standing still, such as an integrator without feedback
 FASTEST = 2.0 * np.pi * 10.0  # 1/s: beyond 10 Hz modes are not followed
@@ -38,7 +38,7 @@ class Margin(NamedTuple):
     case: Case
     own: list[float]  # s, delays of the run's links, in whose place the delays stand
     delays: NDArray[np.float64]  # s
-    growth: NDArray[np.float64]  # 1/s, largest real part at each
+    worst: NDArray[np.complex128]  # 1/s, eigenvalue with the largest real part at each, imag >= 0
     tracks: list[Track]  # electromechanical modes, then others that become unstable
     stable: list[tuple[float, float]]  # s, intervals in which the loop is stable
     margin: float | None  # s, smallest delay at which it is not; none: stable at all delays looked at
@@ -52,7 +52,7 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
     Raises `InputError` where the loop has no linear model.
     """
     loop = delayed_loop(case)
-    delays = np.linspace(0.0, longest, max(2, round(longest / STEP) + 1))
+    delays = looks(longest, loop.frame_rate)
     found, listed = [], []
     for i, delay in enumerate(delays):
         progress(i, len(delays))
@@ -63,17 +63,24 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
     def sampled_growth(delay: float) -> float:
         return eigen(loop, sampled(loop, delay)).growth
 
-    growth = np.array([one.growth for one in found])
-    stable = intervals(sampled_growth, delays, growth)
+    worst = np.array([one.values[0].real + 1j * abs(one.values[0].imag) for one in found])
+    stable = intervals(sampled_growth, delays, worst.real)
     limit = first_limit(stable, longest)
     critical = None if limit is None else _critical(loop, limit, case)
     holds = {} if order is None else {"held": 0.5 / loop.frame_rate, "continuous": 0.0}
     by_pade = {name: _pade_margin(loop, delays, order or 0, hold) for name, hold in holds.items()}
-    return Margin(case, link_delays(case), delays, growth, follow(listed), stable, limit, critical, by_pade)
+    return Margin(case, link_delays(case), delays, worst, follow(listed), stable, limit, critical, by_pade)
+
+
+def looks(longest: float, frame_rate: int) -> NDArray[np.float64]:
+    """Delays from none to the longest, s: every 5 ms, and whole frames, where a fast controller may swing by itself."""
+    steps = np.arange(0.0, longest, STEP)
+    frames = np.arange(0.0, longest, 1.0 / frame_rate) if STEP * frame_rate < 1.0 else steps
+    return np.unique(np.round([*steps, *frames, longest], 9))
 
 
 def oscillations(loop: DelayedLoop, found: Eigen, case: Case) -> list[linear.Mode]:
-    """The modes that oscillate, or grow, up to 10 Hz."""
+    """The modes up to 10 Hz that oscillate, or grow."""
     shown = (found.values.imag > 0.0) | ((found.values.imag == 0.0) & (found.values.real > STILL))
     return [
         linear.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)

@@ -30,8 +30,7 @@ def names(found: Margin) -> list[str]:
 
 def rows(found: Margin) -> list[int]:
     """Indices of the delays that the table shows: every 20 ms."""
-    every = max(1, round(ROW / float(found.delays[1] - found.delays[0])))
-    return list(range(0, len(found.delays), every))
+    return [i for i, delay in enumerate(found.delays) if abs(delay / ROW - round(delay / ROW)) < 1e-6]
 
 
 def shown_to(found: Margin) -> float:
@@ -46,23 +45,23 @@ def text(found: Margin, beside: Beside | None) -> Iterator[str]:
     given = ", ".join(f"{c.name} from {c.signals[0]} to {'+'.join(c.devices)}" for c in case.controllers)
     yield f"{case.system.name}: {given}; {case.run.frame_rate} frames/s"
     yield from _meaning(found.own)
-    if found.critical is not None and found.margin:
-        limit = f"{_ms(found.margin)}: there a mode of {found.critical.frequency_hz:.3f} Hz grows"
-    else:
-        limit = "none: it is not stable without delay" if found.margin == 0.0 else f"beyond {_ms(longest)}"
+    limit = _limit(found.margin, longest)
+    if found.critical is not None:
+        limit += f": there a mode of {found.critical.frequency_hz:.3f} Hz grows"
     yield f"\ndelay margin, linear, sampled and held      {limit}"
     for name, value in found.pade.items():
         yield f"{f'  with a Pade term, {PADE[name]}':<43} {_limit(value, longest)}"
-    spans = " and ".join(f"{_ms(a)} to {_ms(b)}" for a, b in found.stable) or "nowhere"
-    yield f"stable{'':<38}{spans}, of 0 to {_ms(longest)}"
+    spans = ", ".join(f"{1e3 * a:.4g} to {_ms(b)}" for a, b in found.stable) or "nowhere"
+    yield f"{f'stable, of 0 to {_ms(longest)}':<43} {spans}"
     if beside is not None:
         yield from _runs(found, beside)
     heads = [f"{name}: Hz, ratio" for name in names(found)]
-    yield "\ndelay ms  " + "".join(f"{head:>26}" for head in heads) + "   largest growth 1/s"
+    yield "\ndelay ms  " + "".join(f"{head:>26}" for head in heads) + "   growth 1/s of, Hz"
     for i in rows(found):
         if found.delays[i] <= shown_to(found) + 1e-9:
             cells = "".join(f"{_cell(track.modes[i]):>26}" for track in found.tracks)
-            yield f"{1e3 * found.delays[i]:8.0f}  {cells}{found.growth[i]:22.4f}"
+            worst = found.worst[i]
+            yield f"{1e3 * found.delays[i]:8.0f}  {cells}{worst.real:13.4f}{worst.imag / (2.0 * np.pi):8.3f}"
 
 
 PADE = {"held": "delay and half a frame", "continuous": "delay alone"}
@@ -91,7 +90,7 @@ def _cell(mode: linear.Mode | None) -> str:
 
 def _runs(found: Margin, beside: Beside) -> Iterator[str]:
     """Lines of what runs say."""
-    near = "not near the linear one" if beside.pulse is None else _ms(beside.pulse)
+    near = "not near the linear margin" if beside.pulse is None else _ms(beside.pulse)
     yield f"time domain, a pulse of 0.01 %              {near}"
     for one in beside.scenario:
         place = f"beyond {_ms(found.delays[-1])}" if one.high is None else f"below {_ms(one.high)}"
@@ -123,7 +122,8 @@ def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
         "delays": [
             {
                 "delay_s": float(found.delays[i]),
-                "growth": float(found.growth[i]),
+                "growth": float(found.worst[i].real),
+                "growth_hz": float(found.worst[i].imag / (2.0 * np.pi)),
                 "modes": [
                     {"name": name, **_mode(mode)}
                     for name, mode in zip(names(found), (track.modes[i] for track in found.tracks), strict=True)
