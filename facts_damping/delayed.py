@@ -20,6 +20,7 @@ from scipy.linalg import block_diag, eig, expm
 from scipy.signal import tf2ss
 
 from facts_damping.control.bank import act
+from facts_damping.control.table import CONTROLLERS, LEAD_LAG_PARAMETERS
 from facts_damping.errors import InputError
 from facts_damping.parameters.run import Link, Stage
 from facts_damping.parts import build_control, controller_names
@@ -84,11 +85,12 @@ def delayed_loop(case: Case) -> DelayedLoop:
     """
     if not case.controllers:
         raise InputError("controllers: none given; allowed: one lead-lag at least")
+    linear_ones = [name for name, row in CONTROLLERS.items() if row.parameters is LEAD_LAG_PARAMETERS]
     for i, controller in enumerate(case.controllers):
-        if controller.scheme is not None:
+        if controller.name not in linear_ones:
             raise InputError(
-                f"controllers.{i}.name: '{controller.name}' given, which adapts and so has no linear margin; "
-                "allowed: LLC, LLC-tuned (others by a sweep of runs)"
+                f"controllers.{i}.name: '{controller.name}' given, which is not linear and has no linear margin; "
+                f"allowed: {', '.join(linear_ones)} (of others a sweep of runs gives the margin)"
             )
     built = build(case.system, case.run.devices, [])
     model = linear.linear_model(built, case.system.signals, [s.name for s in case.system.stations])
@@ -207,7 +209,8 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
 def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDArray[np.float64]:
     """The loop in continuous time, 1/s, with a Pade term of an order for each total delay and the hold (s).
 
-    A hold over a frame is taken for half a frame of delay.
+    A hold over a frame is taken for half a frame of delay. States are the plant's, then each controller's with those of
+    its term.
     """
     model, ways = loop.model, []
     for c in loop.controllers:
@@ -260,13 +263,15 @@ def pade(delay: float, order: int) -> Matrices:
 
 
 def eigen(loop: DelayedLoop, matrix: NDArray[np.float64], *, discrete: bool = True) -> Eigen:
-    """Eigenvalues and eigenvectors of a closed loop, its rigid motions left out: s = f ln z where it is discrete."""
+    """Eigenvalues and eigenvectors of a closed loop, its rigid motions left out: s = f ln z where it is discrete.
+
+    Rigid motions are the eigenvectors that lie nearest to `loop.rigid`.
+    """
     values, left, right = eig(matrix, left=True, right=True)
-    n, rigid = len(loop.names), len(loop.rigid)
-    size = np.linalg.norm(right[:rigid], axis=0)
-    across = np.linalg.norm(right[:rigid] - loop.rigid @ (loop.rigid.T @ right[:rigid]), axis=0)
-    beside = np.hypot(across, np.linalg.norm(right[rigid:], axis=0))
-    kept = np.argsort(beside / np.hypot(size, beside))[loop.rigid.shape[1] :]
+    n, plant = len(loop.names), len(loop.rigid)
+    beside = right.copy()  # of length one
+    beside[:plant] -= loop.rigid @ (loop.rigid.T @ right[:plant])
+    kept = np.argsort(np.linalg.norm(beside, axis=0))[loop.rigid.shape[1] :]
     if discrete:
         kept = kept[np.abs(values[kept]) > FADED]
         values = np.where(np.abs(values) > FADED, values, 1.0)

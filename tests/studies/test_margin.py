@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,13 +23,19 @@ from tests.appendix_b import lead_lag
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
 FRAME = 1.0 / 60.0
 LONGEST = 0.4
 # Computed before by a separate program: damping ratios without delay, at 100 and 200 ms in continuous time; margin, s.
 EARLIER = {"w13": ((0.036, 0.022, 0.002), 0.21), "speed": ((0.038, 0.019, -0.005), 0.177)}
 HELD = 0.168  # s, of `speed` with the hold of 60 frames/s
+
+
+def table(columns: int) -> list[list[str]]:
+    """Rows of so many cells of the page's tables."""
+    page = (Path(__file__).parents[2] / "docs" / "delay.md").read_text(encoding="utf-8").splitlines()
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page if line.startswith("|")]
+    return [row for row in cells if len(row) == columns]
 
 
 def nothing(_done: int, _of: int) -> None:
@@ -141,7 +148,7 @@ def spans(loop: DelayedLoop, longest: float) -> list[tuple[float, float]]:
 
 def test_stability_that_comes_back_is_told() -> None:
     """A damped oscillator with delayed damping: limits where -g i w exp(-i w tau) = w0^2 - w^2 + 2 i r w0 w."""
-    w0, ratio, gain, rate = 6.0, 0.02, 0.6, 60
+    w0, ratio, gain, rate = 6.0, 0.02, 0.6, 30
     loop = oscillator(w0, ratio, gain, rate)
     grid = np.linspace(3, 12, 200_001)
     opened = -gain * 1j * grid / (w0**2 - grid**2 + 2j * ratio * w0 * grid)
@@ -149,18 +156,18 @@ def test_stability_that_comes_back_is_told() -> None:
     assert len(at) == 2
     turns = [np.angle(opened[i]) % (2 * np.pi) / grid[i] + 2 * np.pi * np.arange(3) / grid[i] for i in at]
     limits = np.sort(np.concatenate(turns)) - 0.5 / rate
-    expected = [t for t in limits if 0 < t < 1.8]
+    expected = [t for t in limits if 0 < t < 1.5]
     assert len(expected) >= 3
-    given_ = [end for span in spans(loop, 1.8) for end in span if 0 < end < 1.8]
-    np.testing.assert_allclose(given_, expected, rtol=0, atol=1e-3)
+    given_ = [end for span in spans(loop, 1.5) for end in span if 0 < end < 1.5]
+    np.testing.assert_allclose(given_, expected, rtol=0, atol=2e-3)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=8)
 @given(w=st.floats(3, 8), ratio=st.floats(-0.03, 0.03), gain=st.floats(0.5, 3))
 def test_margin_is_where_a_simulation_begins_to_grow(w: float, ratio: float, gain: float) -> None:
     """Frame by frame by hand with the oscillator's closed form, a little below the margin and a little above."""
     loop = oscillator(w, ratio, gain)
-    found_ = first_limit(spans(loop, 1.0), 1.0)
+    found_ = first_limit(spans(loop, 0.6), 0.6)
     assume(found_ is not None and found_ > 0.01)
     assert found_ is not None
     below, above = (simulated_growth(w, ratio, gain, found_ + step) for step in (-0.004, 0.004))
@@ -213,23 +220,27 @@ def test_a_small_pulse_of_the_nonlinear_loop_has_the_linear_margin() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scenario", "criterion", "horizon", "met", "not_met"),
-    [
-        ("small", "in synchronism", 20.0, 0.385, 0.395),
-        ("small", "in synchronism", 40.0, 0.250, 0.265),
-        ("small", "damped", 20.0, 0.178, 0.185),
-        ("large", "in synchronism", 20.0, 0.208, 0.214),
-        ("large", "in synchronism", 40.0, 0.159, 0.169),
-        ("large", "damped", 20.0, 0.148, 0.158),
-    ],
+    "row", [row for row in table(4) if row[0].strip("`") in ("small", "large", "multiple")], ids=str
 )
-def test_a_margin_of_a_scenario_is_that_of_a_criterion_and_a_horizon(
-    scenario: str, criterion: str, horizon: float, met: float, not_met: float
-) -> None:
-    """docs/delay.md; the same delay bears one and not the other."""
+def test_margins_of_scenarios_are_those_of_the_page(row: list[str]) -> None:
+    """Each by its criterion and horizon: 3 ms below the run meets it, 3 ms above it does not."""
+    scenario, criterion, horizon, delay = row[0].strip("`"), row[1], float(row[2].split()[0]), float(row[3].split()[0])
     case = load_case(None, [f"scenario={scenario}"])
-    assert bears(case, met)[criterion, horizon]
-    assert not bears(case, not_met)[criterion, horizon]
+    assert bears(case, delay / 1e3 - 0.003)[criterion, horizon]
+    assert not bears(case, delay / 1e3 + 0.003)[criterion, horizon]
+
+
+def test_linear_figures_are_those_of_the_page() -> None:
+    rows = [row for row in table(6) if row[1].startswith(("continuous", "sampled"))]
+    assert len(rows) == 4
+    for signal, (continuous, sampled_) in zip(("w13", "speed"), (rows[:2], rows[2:]), strict=True):
+        one = found(signal)
+        assert f"{1e3 * (one.pade['continuous'] or 0.0):.1f} ms" == continuous[-1]
+        assert f"{1e3 * limit(one):.1f} ms" == sampled_[-1]
+        for delay, ratio in zip((0.0, 0.1, 0.2), sampled_[2:5], strict=True):
+            mode = one.tracks[0].modes[int(np.argmin(np.abs(one.delays - delay)))]
+            assert mode is not None
+            assert f"{mode.damping_ratio:.4f}" == ratio
 
 
 def test_bounds_of_a_scenario_lie_between_two_runs() -> None:
@@ -284,6 +295,21 @@ def test_command_gives_json_alone(inside: Callable[..., tuple[int, str, str]]) -
     assert "time_domain" not in made
 
 
+def test_command_gives_what_runs_say(inside: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    target = tmp_path / "found.json"
+    status, out, err = inside("two_area_large", "--max-delay", "0.2", "--time-domain", "--json", str(target))
+    assert (status, err) == (0, "")
+    made = json.loads(target.read_text())["time_domain"]
+    assert made["pulse_s"] == pytest.approx(limit(found("speed")), abs=3e-3)
+    assert {(row["criterion"], row["horizon_s"]) for row in made["scenario"]} == {
+        (criterion, horizon) for criterion in ("in synchronism", "damped") for horizon in (20.0, 40.0)
+    }
+    assert [row["delay_s"] for row in made["ringdown"]] == [0.0, 0.04, 0.08, 0.12, 0.16, 0.2]
+    assert all(row["modes"] for row in made["ringdown"])
+    assert "a pulse of 0.01 %" in out
+    assert "large, damped over 40 s" in out
+
+
 def test_command_writes_a_picture_and_a_table(inside: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     status, out, err = inside("two_area_small", "--max-delay", "0.2", "--out", str(tmp_path / "new"))
     assert (status, err) == (0, "")
@@ -296,7 +322,7 @@ def test_command_writes_a_picture_and_a_table(inside: Callable[..., tuple[int, s
     ("arguments", "named"),
     [
         (["--set", "controllers=[]"], "controllers: none given"),
-        (["--set", "controllers.0.name=HBsWC"], "controllers.0.name: 'HBsWC' given, which adapts"),
+        (["--set", "controllers.0.name=HBsWC"], "controllers.0.name: 'HBsWC' given, which is not linear"),
         (["--max-delay", "0"], "--max-delay: 0 given; allowed: 0.01 to 10 s"),
         (["--pade", "99"], "--pade: 99 given; allowed: 1 to 10"),
         (["no_such_run"], "no_such_run"),
@@ -326,6 +352,19 @@ def test_a_fast_controller_swings_by_itself_with_delays_of_whole_frames() -> Non
         alternating = setpoints * (-1.0) ** np.arange(len(setpoints))
         assert (abs(alternating.mean()) > 5e-4) == lasts
         assert lasts or np.abs(setpoints).max() < 1e-4
+
+
+@pytest.mark.parametrize("name", ["LLC", "LLC-tuned"])
+def test_the_power_of_its_own_line_drives_the_setpoint_from_limit_to_limit(name: str) -> None:
+    """`power_rate` jumps with the SSSC's setpoint: never stable; and a run reaches both limits from round-off alone."""
+    case = load_case(None, [f"controllers.0.name={name}", "controllers.0.signals=[power_rate]"])
+    one = margin(case, 0.1, None, nothing)
+    assert one.stable == []
+    assert one.worst[0].real > 100
+    setpoints = loop.run(pulsed(case, 0.0, 1.0)).applied["value"]
+    assert (setpoints.min(), setpoints.max()) == (-0.1, 0.1)
+    gentle = load_case(None, ["controllers.0.signals=[power_rate]", "controllers.0.parameters.gain=0.2"])
+    assert margin(gentle, 0.1, None, nothing).stable == [(0.0, 0.1)]
 
 
 @pytest.mark.parametrize("gain", [0.0, 1e-3])
