@@ -1,7 +1,7 @@
 """The linearised closed loop of lead-lags with delay: exact with sampling and hold, or continuous with a Pade term.
 
 From frame to frame, T apart, with a delay of n frames and a rest `part` < T between measurement and device
-(K. J. Astrom, B. Wittenmark, Computer-Controlled Systems, 3rd ed. 1997, 2.3 and 3.2):
+(K. J. Astrom, B. Wittenmark, Computer-Controlled Systems, 3rd ed. 1997, 2.3):
 
     x(k+1) = Phi(T) x(k) + Phi(T - part) Gamma(part) u(k-n-1) + Gamma(T - part) u(k-n)
 
