@@ -65,6 +65,12 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("--devices", metavar="NAME,...", help="devices installed, or none; default: sssc, where it is")
     command.add_argument("--scenario", metavar="NAME", help="scenario from whose dispatch it starts")
     _common(command)
+    command = add("margin", study_commands.margin)
+    command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
+    command.add_argument("--max-delay", type=_delay, default=1.0, metavar="S", help="longest delay; default: 1 s")
+    command.add_argument("--pade", type=_order, metavar="N", help="also with Pade terms of order N, 1 to 10")
+    command.add_argument("--time-domain", action="store_true", help="also by runs of the nonlinear loop")
+    _common(command)
     command = add("validate", commands.validate)
     command.add_argument("tables", nargs="*", metavar="TABLE", help="which tables; none: all")
     command.add_argument("--out", metavar="FILE", help="write the tables as a Markdown page")
@@ -144,6 +150,24 @@ def _seconds(text: str) -> float:
     if not 0.05 <= value <= 3600.0:
         raise argparse.ArgumentTypeError(f"{text} given; allowed: 0.05 to 3600 s")
     return value
+
+
+def _delay(text: str) -> float:
+    """A longest delay, s."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.01 <= value <= 10.0:
+        raise argparse.ArgumentTypeError(f"{text} given; allowed: 0.01 to 10 s")
+    return value
+
+
+def _order(text: str) -> int:
+    """The order of a Pade term."""
+    if not text.isdecimal() or not 1 <= int(text) <= 10:
+        raise argparse.ArgumentTypeError(f"{text} given; allowed: 1 to 10")
+    return int(text)
 
 
 def main(argv: list[str] | None = None) -> int:

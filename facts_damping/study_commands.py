@@ -1,11 +1,11 @@
-"""What the commands that make many runs do: tune, compare, architectures, jacobian, portray."""
+"""What the commands that make many runs do: tune, compare, architectures, jacobian, portray, margin."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from facts_damping import files
+from facts_damping import configuration, files
 from facts_damping.commands import out_folder, say
 from facts_damping.terminal import Progress, write_json
 
@@ -115,3 +115,29 @@ def portray(arguments: argparse.Namespace) -> None:
     finally:
         progress.close()
     say(arguments, f"pictures: {folder}")
+
+
+def margin(arguments: argparse.Namespace) -> None:
+    """How much delay a loop of lead-lags bears, and its modes against delay, linearised with sampling and hold."""
+    from facts_damping.studies import margin as study
+    from facts_damping.studies import margin_pages as pages
+    from facts_damping.studies.margin_runs import beside
+
+    case, runs = configuration.load_case(arguments.run, arguments.set), None
+    progress = Progress("margin", "delays")
+    try:
+        found = study.margin(case, arguments.max_delay, arguments.pade, progress)
+    finally:
+        progress.close()
+    if arguments.time_domain:
+        progress = Progress("margin", "runs")
+        try:
+            runs = beside(found, progress)
+        finally:
+            progress.close()
+    pictures = []
+    if arguments.out is not None:
+        pictures.append(pages.draw(found, runs, files.new_folder(Path(arguments.out)) / "margin.png"))
+    write_json(arguments.json, pages.document(found, runs))
+    for line in (*pages.text(found, runs), *(f"plot: {path}" for path in pictures)):
+        say(arguments, line)

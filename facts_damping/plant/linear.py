@@ -155,21 +155,34 @@ def modes(
         if values[i].imag < 0:
             continue
         v, w = right[:, i], left[:, i].conj()
-        share = np.abs(w * v)
-        share /= share.sum()
-        listed = {names[k]: float(share[k]) for k in np.argsort(-share) if share[k] >= NEGLIGIBLE}
-        size = abs(values[i])
-        ratio = float(-values[i].real / size) if size > 0 else 0.0
-        shape = _shape(names, v)
-        label = _label(_swing_share(names, share), shape, system)
-        residues = []
-        if model is not None and system is not None and label not in ("common", "control"):
+        one = mode(complex(values[i]), v, w, names, system)
+        if model is not None and system is not None and one.label not in ("common", "control"):
             seen = model.washed(values[i]) * (model.C @ v)
             matrix_of_residues = np.outer(seen, w @ model.B) / (w @ v)
-            residues = _residues(matrix_of_residues, list(system.signals), devices)
-        frequency = float(values[i].imag / (2 * np.pi))
-        found.append(Mode(complex(values[i]), frequency, ratio, listed, label, shape, residues))
+            one = one._replace(residues=_residues(matrix_of_residues, list(system.signals), devices))
+        found.append(one)
     return found
+
+
+def mode(
+    eigenvalue: complex,
+    right: NDArray[Any],
+    left: NDArray[Any],
+    names: Sequence[str],
+    system: System | None = None,
+) -> Mode:
+    """A mode, without residues, of its eigenvalue (1/s) and eigenvectors, whose entries have the names of states.
+
+    `left` as in w A = lambda w. The speeds of the system's machines are among the states.
+    """
+    share = np.abs(left * right)
+    share /= share.sum()
+    listed = {names[k]: float(share[k]) for k in np.argsort(-share) if share[k] >= NEGLIGIBLE}
+    size = abs(eigenvalue)
+    ratio = float(-eigenvalue.real / size) if size > 0 else 0.0
+    shape = _shape(names, right)
+    label = _label(_swing_share(names, share), shape, system)
+    return Mode(eigenvalue, float(eigenvalue.imag / (2 * np.pi)), ratio, listed, label, shape, [])
 
 
 def _shape(names: Sequence[str], vector: NDArray[Any]) -> dict[str, complex]:
