@@ -66,7 +66,7 @@ def case_of(which: str, up: float = 0.0, down: float = 0.0) -> Case:
     rows = [*SETS[which], "scenario=[]", f"duration={TICKS / 60}"]
     case = load_case(None, rows)
     for i, link in enumerate(case.links):
-        has = link.up[0].delay if link.up else 0.0
+        has = mean_delay(link.up)
         place = f"controllers.{i}.link" if which.startswith("two") else "link"
         rows += [f"{place}.up.0.delay={up + has!r}", f"{place}.down.0.delay={down!r}"]
     return load_case(None, rows)
