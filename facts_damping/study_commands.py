@@ -119,9 +119,9 @@ def portray(arguments: argparse.Namespace) -> None:
 
 def margin(arguments: argparse.Namespace) -> None:
     """How much delay a loop of lead-lags bears, and its modes against delay, linearised with sampling and hold."""
-    from facts_damping.studies import margin as study
-    from facts_damping.studies import margin_pages as pages
-    from facts_damping.studies.margin_runs import beside
+    from facts_damping.studies import linear_margin as study
+    from facts_damping.studies import linear_margin_pages as pages
+    from facts_damping.studies.linear_margin_runs import beside
 
     case, runs = configuration.load_case(arguments.run, arguments.set), None
     progress = Progress("margin", "delays")

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.plant import linear
-    from facts_damping.studies.margin import Margin
-    from facts_damping.studies.margin_runs import Beside
+    from facts_damping.studies.linear_margin import Margin
+    from facts_damping.studies.linear_margin_runs import Beside
 
 ROW = 0.02  # s, between the rows of the table
 BEYOND = 0.1  # s, that table and picture go beyond the margin

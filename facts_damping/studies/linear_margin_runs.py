@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from facts_damping.analysis.ringdown import Mode
     from facts_damping.configuration import Case
     from facts_damping.signals import Record
-    from facts_damping.studies.margin import Margin
+    from facts_damping.studies.linear_margin import Margin
 
 PULSE = 1e-4  # of a load, or of a mechanical power
 BEGIN, END = 1.0, 1.5  # s, of the pulse

@@ -16,9 +16,9 @@ from facts_damping import cli, loop
 from facts_damping.configuration import load_case
 from facts_damping.delayed import DelayedLoop, Discrete, approximate, delayed_loop, eigen, sampled
 from facts_damping.plant.linear import LinearModel
-from facts_damping.studies.margin import Margin, first_limit, intervals, margin
-from facts_damping.studies.margin_pages import document, draw, text
-from facts_damping.studies.margin_runs import bears, beside, bounds, pulse_margin, pulsed
+from facts_damping.studies.linear_margin import Margin, first_limit, intervals, margin
+from facts_damping.studies.linear_margin_pages import document, draw, text
+from facts_damping.studies.linear_margin_runs import bears, beside, bounds, pulse_margin, pulsed
 from tests.appendix_b import lead_lag
 
 if TYPE_CHECKING:
