@@ -9,14 +9,26 @@ from pydantic import Field, model_validator
 from facts_damping.parameters.base import Model, Name, quantity
 
 
-class Series(Model):
+class _Device(Model):
+    """What every kind has."""
+
+    name: Name
+    kind: str
+    hold: float | None = quantity(
+        None,
+        "s",
+        "longest time that a setpoint is in force without a new one; none: for ever",
+        gt=0,
+        le=1e5,
+    )
+
+
+class Series(_Device):
     """What every kind in series has: two buses, or a line in which it stands next to its `from` or `to` bus.
 
     It acts behind an impedance, and where it is not installed it is its resistance alone.
     """
 
-    name: Name
-    kind: str
     from_bus: Name | None = Field(None, alias="from")
     to_bus: Name | None = Field(None, alias="to")
     line: Name | None = Field(None, description="the line it stands in, instead of `from` and `to`")
@@ -42,11 +54,9 @@ class Series(Model):
         return self.line or "-".join(self.ends)
 
 
-class Parallel(Model):
+class Parallel(_Device):
     """What every kind in parallel has: a bus. It starts without current, and is nothing where it is not installed."""
 
-    name: Name
-    kind: str
     bus: Name
 
     @property

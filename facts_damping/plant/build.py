@@ -78,7 +78,8 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
         station_machine=np.array(stations),
     )
     n = len(installed)
-    state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), np.zeros(len(ports.rows), np.complex128))
+    source = np.zeros(len(ports.rows), np.complex128)
+    state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), np.full(n, devices.FOREVER), source)
     return Built(plant, state, flow, states.names)
 
 

@@ -52,8 +52,20 @@ def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], fi
         if math.isfinite(value):
             limit = plant.devices[device].v_max
             state.target[device] = min(max(value, -limit), limit)
+            state.until_ns[device] = setpoints[first].effective_ns + plant.devices[device].hold_ns
         first += 1
     return first
+
+
+@compiled
+def _let_go(state: PlantState, end: int, now: int) -> int:
+    """Setpoints that have been in force as long as they may be become zero; where the next one does, or `end`."""
+    for d in range(state.target.size):
+        if state.until_ns[d] <= now:
+            state.target[d] = 0.0
+        else:
+            end = min(end, state.until_ns[d])
+    return end
 
 
 @compiled
@@ -94,14 +106,15 @@ def advance(
     """Advance the plant in place from `start_ns` to `end_ns` under `count` setpoints, ordered by time.
 
     Setpoints, events and the ends of reference ramps split the interval exactly; each part is divided
-    into equal steps of at most `plant.step_ns`. A setpoint that is not finite is passed over.
+    into equal steps of at most `plant.step_ns`. A setpoint that is not finite is passed over; one that has been in
+    force for the device's `hold` without a new one is zero from then on.
     """
     now, following = start_ns, 0
     ramp = work.slopes[5, : state.reference.size]
     while now < end_ns:
         following = _take_setpoints(plant, state, setpoints, following, count, now)
         stage = begin_stage(plant, state, now)
-        end = end_ns
+        end = _let_go(state, end_ns, now)
         if following < count:
             end = min(end, setpoints[following].effective_ns)
         if stage + 1 < plant.stage_start_ns.size:
