@@ -25,13 +25,13 @@ from facts_damping.parts import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
     from facts_damping.configuration import Case
 
 POLL_S = 0.02
-STOP_ORDER = {"plant_sim": 2, "recorder": 1}  # the source first; the rest wait until the recorder has it all
+STOPPED_FIRST = ("plant_sim", "recorder")  # the source, then who has to hear it all, then the others together
 STOP_S = 15.0  # patience with a node that was told to stop
 PR_SET_PDEATHSIG = 1
 MOST_DOMAIN = 232
@@ -106,15 +106,17 @@ def start(name: str, module: str, parameters: dict[str, Any]) -> Process:
     return Process(name, popen, output, errors)
 
 
-def _end(process: Process, number: int) -> None:
-    """Tell a process to stop; kill it when it does not."""
-    if process.popen.poll() is None:
-        process.popen.send_signal(number)
+def _end(processes: Iterable[Process], number: int) -> None:
+    """Tell processes to stop; kill those that do not."""
+    running = [process.popen for process in processes if process.popen.poll() is None]
+    for popen in running:
+        popen.send_signal(number)
+    for popen in running:
         try:
-            process.popen.wait(STOP_S)
+            popen.wait(STOP_S)
         except subprocess.TimeoutExpired:
-            process.popen.kill()
-            process.popen.wait()
+            popen.kill()
+            popen.wait()
 
 
 def _part(out: Path, name: str) -> Path:
@@ -156,8 +158,9 @@ def graph(case: Case, mode: str, out: Path, timeout: float) -> Iterator[dict[str
         running["plant_sim"] = start("plant_sim", "plant_sim", common)
         yield running
     finally:
-        for name in sorted(running, key=lambda name: -STOP_ORDER.get(name, 0)):
-            _end(running[name], signal.SIGINT)
+        for name in STOPPED_FIRST:
+            _end([running[name]] if name in running else [], signal.SIGINT)
+        _end(running.values(), signal.SIGINT)
         for process in running.values():
             process.output.close()
             process.errors.close()
@@ -195,7 +198,7 @@ def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], 
         _check_others(running)  # who ended first knows why: a second graph in the same domain, say
         wall = time.monotonic() - began
         recorder = running["recorder"]
-        _end(recorder, signal.SIGINT)
+        _end([recorder], signal.SIGINT)
         if recorder.popen.returncode != 0:
             raise RunError(recorder.reason())
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
