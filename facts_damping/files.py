@@ -15,7 +15,7 @@ from ruamel.yaml.error import YAMLError
 from facts_damping.checking import short
 from facts_damping.errors import InputError
 
-KINDS = ("systems", "scenarios", "controllers", "links", "runs")
+KINDS = ("systems", "scenarios", "controllers", "links", "runs", "studies")
 MAX_FILE_BYTES = 10_000_000
 UNREADABLE = (YAMLError, ValueError, TypeError, RecursionError, AttributeError, KeyError, IndexError)
 

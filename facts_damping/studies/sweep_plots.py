@@ -1,0 +1,294 @@
+"""Pictures of a sweep, drawn from its table: which ones follow from what was swept."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from facts_damping.analysis.plots import COLOURS
+from facts_damping.studies.batch import QUANTILES
+from facts_damping.studies.margins import share
+from facts_damping.studies.pages import save
+from facts_damping.studies.results import FOUND, spans, varying
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    Rows = Sequence[dict[str, Any]]
+
+STYLES = ("-", "--", ":", "-.")
+CURVES = {
+    "ITAE": "ITAE [p.u. s²]",
+    "interarea_damping_ratio": "interarea damping ratio",
+    "smoothness": "smoothness [p.u./s²]",
+}
+SCHEMES = {None: COLOURS[6], "direct": COLOURS[0], "indirect": COLOURS[1]}
+WORDS = {"unstable": "loses synchronism", "not_damped": "is not damped"}
+BINS = 20  # of a drawn variable
+LEAST = 3  # values that make an axis
+MOST_DISTINCT = 60  # values that a drawn variable has more of
+
+
+def draw(rows: Rows, swept: Sequence[str], margins: Rows, folder: Path) -> list[Path]:
+    """All pictures that the table of a sweep has something for; `swept`: columns that were swept."""
+    sound = [row for row in rows if not row["error"]]
+    axes = sorted(numeric(sound, swept), key=lambda name: -len({row[name] for row in sound}))
+    made: dict[str, Figure | None] = {"margins": draw_margins(margins) if margins else None}
+    if axes and sound:
+        x = next((m["field"] for m in margins), axes[0])
+        made["curves"] = draw_curves(sound, x, swept, axes)
+        made["probability"] = draw_probability(sound, x, swept, axes)
+        others = [name for name in axes if name != x]
+        made["map"] = draw_map(sound, x, others[0], swept) if others else None
+    made["latency"] = draw_latency(sound, swept)
+    for stem, figure in made.items():
+        if figure is not None:
+            save(figure, folder / f"{stem}.png")
+    return [folder / f"{stem}.png" for stem, figure in made.items() if figure is not None]
+
+
+def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:
+    """Swept columns of numbers with at least three values, but for the seed."""
+    found = []
+    for name in dict.fromkeys(swept):
+        values = {row.get(name) for row in rows}
+        if name != "seed" and len(values) >= LEAST and all(type(value) in (int, float) for value in values):
+            found.append(name)
+    return found
+
+
+def groups(rows: Rows, swept: Sequence[str], without: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
+    """Rows by a label of what tells them apart, but for these columns, scenario and seed."""
+    places = dict.fromkeys(["system", "controller", "scheme", "link", *swept, "horizon_s"])
+    kept = [name for name in places if name not in (*without, "scenario", "seed")]
+    names = varying([{name: row.get(name) for name in kept} for row in rows], ())
+    found: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        found.setdefault(label(row, names), []).append(row)
+    return found
+
+
+def label(row: dict[str, Any], names: Sequence[str]) -> str:
+    """A row by these columns; a number with its column's name."""
+    told = [(name, row[name]) for name in names if row.get(name) is not None]
+    return " ".join(value if isinstance(value, str) else f"{name.split('.')[-1]}={value}" for name, value in told)
+
+
+def by_scenario(rows: Rows) -> dict[str, list[dict[str, Any]]]:
+    """Rows by scenario."""
+    return {name: [r for r in rows if r["scenario"] == name] for name in dict.fromkeys(r["scenario"] for r in rows)}
+
+
+def styles() -> Iterator[dict[str, Any]]:
+    """Colours, then other dashes."""
+    for style in STYLES * 10:
+        for colour in COLOURS:
+            yield {"color": colour, "linestyle": style}
+
+
+def draw_margins(margins: Rows) -> Figure:
+    """Bars of margins: a panel a scenario, who bears most on top; other criteria as diamonds."""
+    names = [n for n in varying(margins, (*FOUND, "horizon_s", "criterion", "scenario")) if n != "system"]
+    labelled = [{**row, "label": label(row, names)} for row in margins]
+    panels, first = by_scenario(labelled), margins[0]["criterion"]
+    order: dict[str, list[float]] = {}
+    for row in labelled:
+        if row["criterion"] == first:
+            order.setdefault(row["label"], []).append(_reach(row))
+    labels = sorted(order, key=lambda one: float(np.median(order[one])))
+    figure = Figure(figsize=(4.6 + 3.4 * len(panels), 1.8 + 0.27 * len(labels)), layout="constrained")
+    drawn: Any = figure.subplots(1, len(panels), sharey=True, sharex=True, squeeze=False)
+    for axes, (scenario, rows) in zip(drawn[0], panels.items(), strict=True):
+        for row in rows:
+            _bar(axes, labels.index(row["label"]), row) if row["criterion"] == first else _diamond(axes, labels, row)
+        horizons = sorted({row["horizon_s"] for row in rows if row["horizon_s"]})
+        axes.set(title=f"{scenario}, horizon {' / '.join(f'{h:g}' for h in horizons)} s", xlabel=f"{rows[0]['field']}")
+        axes.grid(visible=True, axis="x", lw=0.3)
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.margins(x=0.16, y=0.01)
+    drawn[0][0].set_yticks(range(len(labels)), labels)
+    figure.suptitle(f"Least {margins[0]['field']} at which a run {WORDS[first]}", x=0.01, ha="left", fontsize="medium")
+    _margin_legend(figure, margins)
+    return figure
+
+
+def _reach(row: dict[str, Any]) -> float:
+    """A margin for sorting and drawing; beyond the range its end."""
+    if row["margin_s"] is not None:
+        return float(row["margin_s"])
+    return float(row["low_s"] or 0.0) if row["beyond"] == "high" else 0.0
+
+
+def _bar(axes: Axes, y: int, row: dict[str, Any]) -> None:
+    reach, beyond = _reach(row), row["beyond"] == "high"
+    axes.barh(y, reach, color=SCHEMES.get(row["scheme"], COLOURS[2]), height=0.72, alpha=0.55 if beyond else 1.0)
+    if row["low_s"] is not None and row["high_s"] is not None:
+        axes.plot([row["low_s"], row["high_s"]], [y, y], "|-", color="0.1", lw=1.2, ms=7)
+    text = f"> {reach:.3g}" if beyond else f"{reach:.3f}" if row["margin_s"] is not None else "-"
+    again = "" if row["monotonic"] else f"  again {spans(row['holds_again'])}"
+    place: dict[str, Any] = {"xytext": (5, 0), "textcoords": "offset points", "va": "center", "fontsize": "x-small"}
+    axes.annotate(text + again, (max(reach, row["high_s"] or 0.0), y), **place)
+
+
+def _diamond(axes: Axes, labels: Sequence[str], row: dict[str, Any]) -> None:
+    if row["margin_s"] is not None:
+        axes.plot(row["margin_s"], labels.index(row["label"]), "D", color="white", mec="0.1", ms=4.5)
+
+
+def _margin_legend(figure: Figure, margins: Rows) -> None:
+    schemes = [scheme for scheme in SCHEMES if any(row["scheme"] == scheme for row in margins)]
+    handles: list[Any] = [Patch(color=SCHEMES[scheme], label=scheme or "no adaptation") for scheme in schemes]
+    axes = figure.axes[0]
+    for criterion in dict.fromkeys(row["criterion"] for row in margins):
+        if criterion != margins[0]["criterion"]:
+            handles += axes.plot(
+                [], [], "D", color="white", mec="0.1", ms=4.5, label=f"{WORDS[criterion]} from here on"
+            )
+    handles += axes.plot([], [], "|-", color="0.1", lw=1.2, ms=7, label="bracket or 95 % interval")
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize="small", frameon=False)
+
+
+def _panels(rows: Rows, height: int, label: str) -> tuple[Figure, dict[str, Any]]:
+    """A figure with a column of panels for each scenario, and the axes of each."""
+    columns = by_scenario(rows)
+    figure = Figure(figsize=(3.0 + 4.0 * len(columns), 1.2 + 2.6 * height), layout="constrained")
+    made: Any = figure.subplots(height, len(columns), sharex=True, sharey="row", squeeze=False)
+    for j, scenario in enumerate(columns):
+        made[0, j].set_title(scenario)
+        made[-1, j].set_xlabel(label)
+        for axes in made[:, j]:
+            axes.grid(visible=True, lw=0.3)
+            axes.spines[["top", "right"]].set_visible(False)
+    return figure, {scenario: made[:, j] for j, scenario in enumerate(columns)}
+
+
+def _legend(figure: Figure) -> None:
+    """One legend for all panels, at the right."""
+    entries = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        entries.update(dict(zip(labels, handles, strict=True)))
+    entries.pop("", None)
+    if entries:
+        figure.legend(entries.values(), entries, loc="outside right center", fontsize="small", frameon=False)
+
+
+def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
+    """Index, damping ratio and smoothness against a numeric axis: medians, and points where values are drawn."""
+    shown = {name: label for name, label in CURVES.items() if any(row.get(name) is not None for row in rows)}
+    if not shown:
+        return None
+    figure, panels = _panels(rows, len(shown), x)
+    for scenario, own in by_scenario(rows).items():
+        for (name, some), style in zip(groups(own, swept, axes).items(), styles(), strict=False):
+            for panel, index in zip(panels[scenario], shown, strict=True):
+                told = np.array([(r[x], r[index]) for r in some if r.get(index) is not None], float)
+                _curve(panel, told.reshape(-1, 2), style, name)
+    for panel, (name, title) in zip(next(iter(panels.values())), shown.items(), strict=True):
+        panel.set(ylabel=title, yscale="linear" if name.startswith("interarea") else "log")
+    _legend(figure)
+    return figure
+
+
+def _curve(panel: Axes, told: NDArray[np.float64], style: dict[str, Any], name: str) -> None:
+    """Values against x; many are points with the medians of bins."""
+    if len(np.unique(told[:, 0])) > MOST_DISTINCT:
+        faint = max(0.05, min(0.5, 300 / len(told)))
+        panel.plot(*told.T, ".", color=style["color"], ms=2, alpha=faint)
+    middles, parts = binned(told[:, 0])
+    medians = [float(np.median(told[part, 1])) for part in parts]
+    panel.plot(middles, medians, label=name, lw=1.2, **style)
+
+
+def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]]:
+    """Values by which to group, and which belong to each: each value by itself, or bins of equal width where many."""
+    distinct = np.unique(x)
+    if len(distinct) <= MOST_DISTINCT:
+        return [float(value) for value in distinct], [x == value for value in distinct]
+    edges = np.linspace(distinct[0], distinct[-1], BINS + 1)
+    at = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
+    kept = [i for i in range(BINS) if np.any(at == i)]
+    return [float((edges[i] + edges[i + 1]) / 2) for i in kept], [at == i for i in kept]
+
+
+def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
+    """Share of unstable runs against a numeric axis with Wilson's interval; none where no two runs share a value."""
+    figure, panels = _panels(rows, 1, x)
+    several = False
+    for scenario, own in by_scenario(rows).items():
+        for (name, some), style in zip(groups(own, swept, axes).items(), styles(), strict=False):
+            values, failed = np.array([row[x] for row in some], float), np.array([not row["stable"] for row in some])
+            middles, parts = binned(values)
+            several |= any(int(part.sum()) > 1 for part in parts)
+            shares = [share(int(failed[part].sum()), int(part.sum())) for part in parts]
+            (panel,) = panels[scenario]
+            panel.plot(middles, [one["share"] for one in shares], label=name, lw=1.3, marker=".", **style)
+            ends = [[one[end] for one in shares] for end in ("low", "high")]
+            panel.fill_between(middles, *ends, color=style["color"], alpha=0.15, lw=0)
+            panel.set_ylim(-0.02, 1.02)
+    if not several:
+        return None
+    next(iter(panels.values()))[0].set_ylabel("share of unstable runs, 95 % interval")
+    _legend(figure)
+    return figure
+
+
+def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str]) -> Figure:
+    """Share of unstable runs over two numeric axes: a panel for each scenario and group, at most twelve."""
+    panels = {
+        ", ".join(text for text in (scenario, name) if text): some
+        for scenario, own in by_scenario(rows).items()
+        for name, some in groups(own, swept, (x, y)).items()
+    }
+    kept = list(panels.items())[:12]
+    across = min(4, len(kept))
+    down = -(-len(kept) // across)
+    figure = Figure(figsize=(1.6 + 3.6 * across, 0.6 + 3.2 * down), layout="constrained")
+    drawn: Any = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True).ravel()
+    for axes, (title, some) in zip(drawn, kept, strict=False):
+        columns, wide = binned(np.array([row[x] for row in some], float))
+        lines, high = binned(np.array([row[y] for row in some], float))
+        failed = np.array([not row["stable"] for row in some])
+        shares = [[failed[a & b].mean() if np.any(a & b) else np.nan for a in wide] for b in high]
+        looks: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1, "shading": "nearest"}
+        image = axes.pcolormesh(columns, lines, np.array(shares, float), **looks)
+        axes.set(title=title, xlabel=x, ylabel=y)
+    for axes in drawn[len(kept) :]:
+        axes.set_visible(False)
+    figure.colorbar(image, ax=list(drawn), label="share of unstable runs", shrink=0.8)
+    return figure
+
+
+def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
+    """Distribution of the latency over all setpoints of all runs of a group, from each run's quantiles."""
+    names = [*(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms"]
+    told = [row for row in rows if row.get("latency_max_ms")]
+    if not told:
+        return None
+    figure = Figure(figsize=(7.5, 3.8), layout="constrained")
+    axes = figure.subplots()
+    for (name, some), style in zip(groups(told, swept, numeric(told, swept)).items(), styles(), strict=False):
+        quantiles = np.array([[row[name] for name in names] for row in some], float)
+        at = np.unique(quantiles)
+        at = np.concatenate([[at[0] - 1e-9], at]) if len(at) < 2000 else np.linspace(at[0] - 1e-9, at[-1], 2000)
+        shares = np.mean([_below(one, at) for one in quantiles], axis=0)
+        axes.plot(at, 100 * shares, label=name, lw=1.3, **style)
+    axes.set(xlabel="latency from measurement to device [ms]", ylabel="setpoints with at most that [%]", ylim=(-1, 101))
+    axes.grid(visible=True, lw=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+    _legend(figure)
+    return figure
+
+
+def _below(quantiles: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of a run's setpoints with a latency of at most so much, between its quantiles a straight line."""
+    steps = np.maximum.accumulate(quantiles) + 1e-9 * np.arange(len(quantiles))
+    return np.asarray(np.interp(at + 1e-9 * len(quantiles), steps, np.array(QUANTILES) / 100, left=0.0, right=1.0))
