@@ -61,6 +61,7 @@ setup(
         "ruamel.yaml>=0.18,<1",
         "rosbags>=0.10,<1",
         "scipy>=1.15,<2",  # also for Numba: its matrix product calls SciPy's BLAS
+        "threadpoolctl>=3,<4",
         "zstandard>=0.22,<1",
     ],
     extras_require={

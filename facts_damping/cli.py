@@ -163,7 +163,7 @@ def main(argv: list[str] | None = None) -> int:
     except FactsDampingError as error:
         return _fail(error, FAILED)
     except KeyboardInterrupt as error:
-        return _fail(f"interrupted; {error or 'what was recorded by then is readable'}", INTERRUPTED)
+        return _fail(f"interrupted; {str(error) or 'what was recorded by then is readable'}", INTERRUPTED)
     except BrokenPipeError:
         sys.stderr.close()
         return DONE

@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import os
 import re
-from functools import cache
+from copy import deepcopy
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -52,10 +53,22 @@ def find(kind: str, name: str, within: str = "") -> Path:
 
 
 def read_yaml(path: Path) -> Any:
-    """Content of a YAML file; `InputError` where it cannot be read."""
+    """Content of a YAML file; `InputError` where it cannot be read.
+
+    A process parses a file once, as long as it does not change: that takes longer than a run.
+    """
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise InputError(f"{path}: {path.stat().st_size} bytes; allowed: at most {MAX_FILE_BYTES}")
+        told = path.stat()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error}; allowed: a text file, UTF-8") from error
+    if told.st_size > MAX_FILE_BYTES:
+        raise InputError(f"{path}: {told.st_size} bytes; allowed: at most {MAX_FILE_BYTES}")
+    return deepcopy(_parsed(path.absolute(), told.st_mtime_ns, told.st_size, path))
+
+
+@lru_cache(maxsize=256)
+def _parsed(_place: Path, _changed_ns: int, _bytes: int, path: Path) -> Any:
+    try:
         return YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}; allowed: a text file, UTF-8") from error

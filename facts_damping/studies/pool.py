@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import signal
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from joblib import Parallel, delayed
+from joblib import Parallel, delayed, parallel_config
 from joblib.externals.loky.process_executor import TerminatedWorkerError
+from threadpoolctl import threadpool_limits
 
 from facts_damping.errors import InputError, RunError
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 PR_SET_PDEATHSIG = 1
 CONNECT_S = 10  # longest wait for a scheduler
+MOST_AT_ONCE = 16  # handed to a process: the more, the less it waits; a kill costs what was under way
 TASKS_AHEAD = 4  # for each thread of a cluster: enough that none waits, few enough that a scheduler stays small
 
 
@@ -56,9 +58,14 @@ def workers(jobs: int, scheduler: str | None = None) -> Iterator[Each]:
 
 
 def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]) -> Iterator[Any]:
-    pool = Parallel(n_jobs=min(jobs, max(1, len(todo))), return_as="generator_unordered", initializer=_worker)
+    """One BLAS thread each: on matrices as small as these several wait for each other longer than they work."""
+    many = min(jobs, max(1, len(todo)))
+    batch = max(1, min(MOST_AT_ONCE, len(todo) // (8 * many)))
+    with parallel_config("loky", inner_max_num_threads=1):
+        pool = Parallel(n_jobs=many, return_as="generator_unordered", batch_size=batch, initializer=_worker)
     try:
-        yield from pool(delayed(function)(one) for one in todo)
+        with threadpool_limits(1) if many == 1 else nullcontext():
+            yield from pool(delayed(function)(one) for one in todo)
     except TerminatedWorkerError as error:
         raise RunError("a process of the sweep was killed, perhaps for want of memory: try fewer --jobs") from error
 

@@ -58,8 +58,8 @@ def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:
     """Swept columns of numbers with at least three values, but for the seed."""
     found = []
     for name in dict.fromkeys(swept):
-        values = {row.get(name) for row in rows}
-        if name != "seed" and len(values) >= LEAST and all(type(value) in (int, float) for value in values):
+        values = [row.get(name) for row in rows]
+        if name != "seed" and all(type(value) in (int, float) for value in values) and len(set(values)) >= LEAST:
             found.append(name)
     return found
 
