@@ -75,7 +75,7 @@ def _on_cluster(client: Any, function: Callable[[Any], Any], todo: Iterable[Any]
 
     ahead = max(1, TASKS_AHEAD * sum(client.nthreads().values()))
     left = iter(todo)
-    running = as_completed([client.submit(function, one, pure=False) for one in islice(left, ahead)])
+    running = as_completed([client.submit(function, one, pure=False) for one in islice(left, ahead)], loop=client.loop)
     for future in running:
         try:
             found = future.result()

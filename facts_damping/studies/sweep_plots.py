@@ -33,6 +33,8 @@ SCHEMES = {None: COLOURS[6], "direct": COLOURS[0], "indirect": COLOURS[1]}
 WORDS = {"unstable": "loses synchronism", "not_damped": "is not damped"}
 BINS = 20  # of a drawn variable
 LEAST = 3  # values that make an axis
+MOST_TOGETHER = 8  # groups with all figures in one picture
+SPREAD_MS = 1e-3  # a latency that varies less is one number, not a distribution
 MOST_DISTINCT = 60  # values that a drawn variable has more of
 
 
@@ -64,11 +66,13 @@ def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:
     return found
 
 
-def groups(rows: Rows, swept: Sequence[str], without: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
-    """Rows by a label of what tells them apart, but for these columns, scenario and seed."""
+def groups(
+    rows: Rows, swept: Sequence[str], without: Sequence[str], every: Rows | None = None
+) -> dict[str, list[dict[str, Any]]]:
+    """Rows by a label of what tells them apart, or all of `every`, but for these columns, scenario and seed."""
     places = dict.fromkeys(["system", "controller", "scheme", "link", *swept, "horizon_s"])
     kept = [name for name in places if name not in (*without, "scenario", "seed")]
-    names = varying([{name: row.get(name) for name in kept} for row in rows], ())
+    names = varying([{name: row.get(name) for name in kept} for row in (rows if every is None else every)], ())
     found: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         found.setdefault(label(row, names), []).append(row)
@@ -150,23 +154,25 @@ def _margin_legend(figure: Figure, margins: Rows) -> None:
     for criterion in dict.fromkeys(row["criterion"] for row in margins):
         if criterion != margins[0]["criterion"]:
             handles += axes.plot(
-                [], [], "D", color="white", mec="0.1", ms=4.5, label=f"{WORDS[criterion]} from here on"
+                [], [], "D", color="white", mec="0.1", ms=4.5, label=f"first value that {WORDS[criterion]}"
             )
     handles += axes.plot([], [], "|-", color="0.1", lw=1.2, ms=7, label="bracket or 95 % interval")
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize="small", frameon=False)
 
 
-def _panels(rows: Rows, height: int, label: str) -> tuple[Figure, dict[str, Any]]:
-    """A figure with a column of panels for each scenario, and the axes of each."""
+def _panels(rows: Rows, titles: Sequence[str], label: str) -> tuple[Figure, dict[str, Any]]:
+    """A figure with a column of panels for each scenario, one below the other, and the axes of each."""
     columns = by_scenario(rows)
-    figure = Figure(figsize=(3.0 + 4.0 * len(columns), 1.2 + 2.6 * height), layout="constrained")
-    made: Any = figure.subplots(height, len(columns), sharex=True, sharey="row", squeeze=False)
+    figure = Figure(figsize=(3.0 + 4.0 * len(columns), 1.2 + 2.6 * len(titles)), layout="constrained")
+    made: Any = figure.subplots(len(titles), len(columns), sharex=True, sharey="row", squeeze=False)
     for j, scenario in enumerate(columns):
         made[0, j].set_title(scenario)
         made[-1, j].set_xlabel(label)
         for axes in made[:, j]:
             axes.grid(visible=True, lw=0.3)
             axes.spines[["top", "right"]].set_visible(False)
+    for axes, title in zip(made[:, 0], titles, strict=True):
+        axes.set_ylabel(title)
     return figure, {scenario: made[:, j] for j, scenario in enumerate(columns)}
 
 
@@ -182,30 +188,38 @@ def _legend(figure: Figure) -> None:
 
 
 def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
-    """Index, damping ratio and smoothness against a numeric axis: medians, and points where values are drawn."""
-    shown = {name: label for name, label in CURVES.items() if any(row.get(name) is not None for row in rows)}
+    """Index, damping ratio and smoothness against a numeric axis: medians, and points where values are drawn.
+
+    Of more than eight groups ITAE alone, direct and indirect schemes apart, controllers without adaptation in both.
+    """
+    shown = {name: title for name, title in CURVES.items() if any(row.get(name) is not None for row in rows)}
     if not shown:
         return None
-    figure, panels = _panels(rows, len(shown), x)
+    schemes = [one for one in dict.fromkeys(row["scheme"] for row in rows) if one]
+    crowd = len(groups(rows, swept, axes)) > MOST_TOGETHER and schemes
+    titles = [f"{CURVES['ITAE']}, {one}" for one in schemes] if crowd else list(shown.values())
+    figure, panels = _panels(rows, titles, x)
+    names = ["ITAE"] * len(schemes) if crowd else list(shown)
+    looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
     for scenario, own in by_scenario(rows).items():
-        for (name, some), style in zip(groups(own, swept, axes).items(), styles(), strict=False):
-            for panel, index in zip(panels[scenario], shown, strict=True):
-                told = np.array([(r[x], r[index]) for r in some if r.get(index) is not None], float)
-                _curve(panel, told.reshape(-1, 2), style, name)
-    for panel, (name, title) in zip(next(iter(panels.values())), shown.items(), strict=True):
-        panel.set(ylabel=title, yscale="linear" if name.startswith("interarea") else "log")
+        for group, some in groups(own, swept, axes, rows).items():
+            for i, (panel, name) in enumerate(zip(panels[scenario], names, strict=True)):
+                if not crowd or some[0]["scheme"] in (None, schemes[i]):
+                    values = [np.nan if row.get(name) is None else row[name] for row in some]
+                    _curve(panel, np.array([row[x] for row in some], float), np.array(values), looks[group], group)
+                panel.set_yscale("linear" if name.startswith("interarea") else "log")
     _legend(figure)
     return figure
 
 
-def _curve(panel: Axes, told: NDArray[np.float64], style: dict[str, Any], name: str) -> None:
-    """Values against x; many are points with the medians of bins."""
-    if len(np.unique(told[:, 0])) > MOST_DISTINCT:
-        faint = max(0.05, min(0.5, 300 / len(told)))
-        panel.plot(*told.T, ".", color=style["color"], ms=2, alpha=faint)
-    middles, parts = binned(told[:, 0])
-    medians = [float(np.median(told[part, 1])) for part in parts]
-    panel.plot(middles, medians, label=name, lw=1.2, **style)
+def _curve(panel: Axes, x: NDArray[np.float64], y: NDArray[np.float64], style: dict[str, Any], name: str) -> None:
+    """Values against x, with a gap where there is none; many are points with the medians of bins."""
+    if len(np.unique(x)) > MOST_DISTINCT:
+        faint = max(0.05, min(0.5, 300 / len(x)))
+        panel.plot(x, y, ".", color=style["color"], ms=2, alpha=faint)
+    middles, parts = binned(x)
+    known = [y[part][np.isfinite(y[part])] for part in parts]
+    panel.plot(middles, [float(np.median(one)) if len(one) else np.nan for one in known], label=name, lw=1.2, **style)
 
 
 def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]]:
@@ -221,24 +235,22 @@ def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]
 
 def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
     """Share of unstable runs against a numeric axis with Wilson's interval; none where no two runs share a value."""
-    figure, panels = _panels(rows, 1, x)
+    figure, panels = _panels(rows, ["share of unstable runs, 95 % interval"], x)
+    looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
     several = False
     for scenario, own in by_scenario(rows).items():
-        for (name, some), style in zip(groups(own, swept, axes).items(), styles(), strict=False):
-            values, failed = np.array([row[x] for row in some], float), np.array([not row["stable"] for row in some])
-            middles, parts = binned(values)
+        for group, some in groups(own, swept, axes, rows).items():
+            failed = np.array([not row["stable"] for row in some])
+            middles, parts = binned(np.array([row[x] for row in some], float))
             several |= any(int(part.sum()) > 1 for part in parts)
             shares = [share(int(failed[part].sum()), int(part.sum())) for part in parts]
             (panel,) = panels[scenario]
-            panel.plot(middles, [one["share"] for one in shares], label=name, lw=1.3, marker=".", **style)
+            panel.plot(middles, [one["share"] for one in shares], label=group, lw=1.3, marker=".", **looks[group])
             ends = [[one[end] for one in shares] for end in ("low", "high")]
-            panel.fill_between(middles, *ends, color=style["color"], alpha=0.15, lw=0)
+            panel.fill_between(middles, *ends, color=looks[group]["color"], alpha=0.15, lw=0)
             panel.set_ylim(-0.02, 1.02)
-    if not several:
-        return None
-    next(iter(panels.values()))[0].set_ylabel("share of unstable runs, 95 % interval")
     _legend(figure)
-    return figure
+    return figure if several else None
 
 
 def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str]) -> Figure:
@@ -246,7 +258,7 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str]) -> Figure:
     panels = {
         ", ".join(text for text in (scenario, name) if text): some
         for scenario, own in by_scenario(rows).items()
-        for name, some in groups(own, swept, (x, y)).items()
+        for name, some in groups(own, swept, (x, y), rows).items()
     }
     kept = list(panels.items())[:12]
     across = min(4, len(kept))
@@ -268,9 +280,12 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str]) -> Figure:
 
 
 def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
-    """Distribution of the latency over all setpoints of all runs of a group, from each run's quantiles."""
+    """Distribution of the latency over all setpoints of all runs of a group, from each run's quantiles.
+
+    None where no run's latency varies.
+    """
     names = [*(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms"]
-    told = [row for row in rows if row.get("latency_max_ms")]
+    told = [r for r in rows if r["latency_max_ms"] is not None and r["latency_max_ms"] - r["latency_p0_ms"] > SPREAD_MS]
     if not told:
         return None
     figure = Figure(figsize=(7.5, 3.8), layout="constrained")

@@ -78,7 +78,7 @@ def test_the_folder_explains_itself(tmp_path: Path) -> None:
     assert {"facts_damping", "python", "numpy", "numba", "scipy", "git"} <= set(
         json.loads((out / "versions.json").read_text())
     )
-    assert {picture.name for picture in out.glob("*.png")} == {"curves.png", "latency.png"}
+    assert {picture.name for picture in out.glob("*.png")} == {"curves.png"}
     assert all(picture.stat().st_size > 5000 for picture in out.glob("*.png"))
 
 
