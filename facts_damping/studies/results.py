@@ -7,6 +7,7 @@ import platform
 import shutil
 import subprocess
 from importlib.metadata import version
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
@@ -104,29 +105,57 @@ FOUND = ("margin_s", "low_s", "high_s", "seeds", "monotonic", "holds_again", "be
 COUNTED = ("runs", "failed", "share", "low", "high")
 
 
-def margin_table(margins: Rows) -> list[str]:
-    """Margins in Markdown, with their horizon."""
-    told = varying(margins, (*FOUND, "horizon_s", "criterion"))
-    titles = [*told, "criterion", "horizon [s]"]
-    lines = heads(titles, ["margin", "low", "high", "holds again at"])
+def margin_names(margins: Rows) -> list[str]:
+    """Columns that tell margins apart, but for the scenario and the criterion."""
+    return varying(margins, (*FOUND, "horizon_s", "criterion", "scenario"))
+
+
+def ranked(margins: Rows) -> list[tuple[Any, ...]]:
+    """What tells margins apart, who bears most first, by the median over the scenarios of the first criterion."""
+    names, reached = margin_names(margins), dict[tuple[Any, ...], list[float]]()
     for row in margins:
-        cells = [cell(row.get(name)) for name in [*told, "criterion", "horizon_s"]]
-        lines.append(line([*cells, *told_margin(row)]))
+        if row["criterion"] == margins[0]["criterion"]:
+            reached.setdefault(tuple(row.get(name) for name in names), []).append(reach(row))
+    return sorted(reached, key=lambda one: -median(reached[one]))
+
+
+def reach(row: dict[str, Any]) -> float:
+    """A margin to sort and draw by; beyond the range its end."""
+    known = row["margin_s"] if row["beyond"] is None else row["low_s"]
+    return float(known or 0.0)
+
+
+def margin_table(margins: Rows) -> list[str]:
+    """Margins in Markdown: a table a criterion, a column a scenario; a star where it holds again at larger values."""
+    names, scenarios = margin_names(margins), list(dict.fromkeys(row["scenario"] for row in margins))
+    lines: list[str] = []
+    for criterion in dict.fromkeys(row["criterion"] for row in margins):
+        own = [row for row in margins if row["criterion"] == criterion]
+        place = {(row["scenario"], *(row.get(name) for name in names)): row for row in own}
+        horizons = "/".join(f"{h:g}" for h in dict.fromkeys(row["horizon_s"] for row in own) if h is not None)
+        titles = [f"{name} [low, high]" for name in scenarios]
+        lines += [f"{criterion}, {own[0]['field']}, horizon {horizons} s:", "", *heads(names, titles)]
+        for one in ranked(own):
+            rows = [place.get((name, *one)) for name in scenarios]
+            cells = ["" if row is None else told_margin(row) for row in rows]
+            lines.append(line([*map(cell, one), *cells]))
+        lines.append("")
     return lines
 
 
-def told_margin(row: dict[str, Any]) -> list[str]:
-    """Margin, both ends, and where it holds again, as text."""
-    bound = {"high": f"> {cell(row['low_s'])}", "low": f"< {cell(row['high_s'])}", None: "-"}[row["beyond"]]
-    middle = bound if row["margin_s"] is None else f"{row['margin_s']:.4g}"
-    return [middle, cell(row["low_s"]), cell(row["high_s"]), spans(row["holds_again"])]
+def told_margin(row: dict[str, Any]) -> str:
+    """A margin with its bracket or interval."""
+    star = "" if row["monotonic"] else " *"
+    if row["margin_s"] is None:
+        return {"high": f"> {cell(row['low_s'])}", "low": f"< {cell(row['high_s'])}", None: "-"}[row["beyond"]] + star
+    return f"{row['margin_s']:.3f} [{cell(row['low_s'])}, {cell(row['high_s'])}]{star}"
 
 
 def spans(values: Sequence[float]) -> str:
     """Values as the least and the largest."""
     if not values:
         return ""
-    return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} to {values[-1]:g} ({len(values)})"
+    return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} to {values[-1]:g}"
 
 
 def share_table(shares: Rows) -> list[str]:

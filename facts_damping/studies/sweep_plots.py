@@ -12,7 +12,7 @@ from facts_damping.analysis.plots import COLOURS
 from facts_damping.studies.batch import QUANTILES
 from facts_damping.studies.margins import share
 from facts_damping.studies.pages import save
-from facts_damping.studies.results import FOUND, spans, varying
+from facts_damping.studies.results import margin_names, ranked, reach, spans, varying
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -99,14 +99,10 @@ def styles() -> Iterator[dict[str, Any]]:
 
 def draw_margins(margins: Rows) -> Figure:
     """Bars of margins: a panel a scenario, who bears most on top; other criteria as diamonds."""
-    names = [n for n in varying(margins, (*FOUND, "horizon_s", "criterion", "scenario")) if n != "system"]
+    names, first = margin_names(margins), margins[0]["criterion"]
     labelled = [{**row, "label": label(row, names)} for row in margins]
-    panels, first = by_scenario(labelled), margins[0]["criterion"]
-    order: dict[str, list[float]] = {}
-    for row in labelled:
-        if row["criterion"] == first:
-            order.setdefault(row["label"], []).append(_reach(row))
-    labels = sorted(order, key=lambda one: float(np.median(order[one])))
+    panels = by_scenario(labelled)
+    labels = [label(dict(zip(names, one, strict=True)), names) for one in reversed(ranked(margins))]
     figure = Figure(figsize=(4.6 + 3.4 * len(panels), 1.8 + 0.27 * len(labels)), layout="constrained")
     drawn: Any = figure.subplots(1, len(panels), sharey=True, sharex=True, squeeze=False)
     for axes, (scenario, rows) in zip(drawn[0], panels.items(), strict=True):
@@ -119,27 +115,24 @@ def draw_margins(margins: Rows) -> Figure:
         axes.spines[["top", "right"]].set_visible(False)
         axes.margins(x=0.16, y=0.01)
     drawn[0][0].set_yticks(range(len(labels)), labels)
-    figure.suptitle(f"Least {margins[0]['field']} at which a run {WORDS[first]}", x=0.01, ha="left", fontsize="medium")
+    title = f"Least {margins[0]['field']} at which a run {WORDS[first]}"
+    title += (
+        "" if all(row["monotonic"] for row in margins if row["criterion"] == first) else "; again: where it does not"
+    )
+    figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
     _margin_legend(figure, margins)
     return figure
 
 
-def _reach(row: dict[str, Any]) -> float:
-    """A margin for sorting and drawing; beyond the range its end."""
-    if row["margin_s"] is not None:
-        return float(row["margin_s"])
-    return float(row["low_s"] or 0.0) if row["beyond"] == "high" else 0.0
-
-
 def _bar(axes: Axes, y: int, row: dict[str, Any]) -> None:
-    reach, beyond = _reach(row), row["beyond"] == "high"
-    axes.barh(y, reach, color=SCHEMES.get(row["scheme"], COLOURS[2]), height=0.72, alpha=0.55 if beyond else 1.0)
+    end, beyond = reach(row), row["beyond"] == "high"
+    axes.barh(y, end, color=SCHEMES.get(row["scheme"], COLOURS[2]), height=0.72, alpha=0.55 if beyond else 1.0)
     if row["low_s"] is not None and row["high_s"] is not None:
         axes.plot([row["low_s"], row["high_s"]], [y, y], "|-", color="0.1", lw=1.2, ms=7)
-    text = f"> {reach:.3g}" if beyond else f"{reach:.3f}" if row["margin_s"] is not None else "-"
+    text = f"> {end:.3g}" if beyond else f"{end:.3f}" if row["margin_s"] is not None else "-"
     again = "" if row["monotonic"] else f"  again {spans(row['holds_again'])}"
     place: dict[str, Any] = {"xytext": (5, 0), "textcoords": "offset points", "va": "center", "fontsize": "x-small"}
-    axes.annotate(text + again, (max(reach, row["high_s"] or 0.0), y), **place)
+    axes.annotate(text + again, (max(end, row["high_s"] or 0.0), y), **place)
 
 
 def _diamond(axes: Axes, labels: Sequence[str], row: dict[str, Any]) -> None:
@@ -196,17 +189,21 @@ def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
     if not shown:
         return None
     schemes = [one for one in dict.fromkeys(row["scheme"] for row in rows) if one]
-    crowd = len(groups(rows, swept, axes)) > MOST_TOGETHER and schemes
-    titles = [f"{CURVES['ITAE']}, {one}" for one in schemes] if crowd else list(shown.values())
-    figure, panels = _panels(rows, titles, x)
-    names = ["ITAE"] * len(schemes) if crowd else list(shown)
+    if len(groups(rows, swept, axes)) <= MOST_TOGETHER or not schemes:
+        parts: list[tuple[str, str, set[str | None]]] = [
+            (title, name, {None, *schemes}) for name, title in shown.items()
+        ]
+    else:
+        parts = [(f"{CURVES['ITAE']}, {one}", "ITAE", {None, one}) for one in schemes]
+        axes = [*axes, "scheme", *(name for name in swept if all(row.get(name) == row["scheme"] for row in rows))]
+    figure, panels = _panels(rows, [title for title, _, _ in parts], x)
     looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
     for scenario, own in by_scenario(rows).items():
         for group, some in groups(own, swept, axes, rows).items():
-            for i, (panel, name) in enumerate(zip(panels[scenario], names, strict=True)):
-                if not crowd or some[0]["scheme"] in (None, schemes[i]):
-                    values = [np.nan if row.get(name) is None else row[name] for row in some]
-                    _curve(panel, np.array([row[x] for row in some], float), np.array(values), looks[group], group)
+            for panel, (_, name, kept) in zip(panels[scenario], parts, strict=True):
+                told = [row for row in some if row["scheme"] in kept]
+                values = [np.nan if row.get(name) is None else row[name] for row in told]
+                _curve(panel, np.array([row[x] for row in told], float), np.array(values), looks[group], group)
                 panel.set_yscale("linear" if name.startswith("interarea") else "log")
     _legend(figure)
     return figure
@@ -214,6 +211,8 @@ def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
 
 def _curve(panel: Axes, x: NDArray[np.float64], y: NDArray[np.float64], style: dict[str, Any], name: str) -> None:
     """Values against x, with a gap where there is none; many are points with the medians of bins."""
+    if not len(x):
+        return
     if len(np.unique(x)) > MOST_DISTINCT:
         faint = max(0.05, min(0.5, 300 / len(x)))
         panel.plot(x, y, ".", color=style["color"], ms=2, alpha=faint)
@@ -290,7 +289,9 @@ def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
         return None
     figure = Figure(figsize=(7.5, 3.8), layout="constrained")
     axes = figure.subplots()
-    for (name, some), style in zip(groups(told, swept, numeric(told, swept)).items(), styles(), strict=False):
+    apart = groups(told, swept, ())
+    apart = apart if len(apart) <= MOST_TOGETHER else groups(told, swept, numeric(told, swept))
+    for (name, some), style in zip(apart.items(), styles(), strict=False):
         quantiles = np.array([[row[name] for name in names] for row in some], float)
         at = np.unique(quantiles)
         at = np.concatenate([[at[0] - 1e-9], at]) if len(at) < 2000 else np.linspace(at[0] - 1e-9, at[-1], 2000)
