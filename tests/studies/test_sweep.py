@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,9 @@ from facts_damping.cli import main
 from facts_damping.configuration import load_case
 from facts_damping.files import shipped
 from facts_damping.studies import sweep
+from facts_damping.studies.batch import Task, one_run
 from facts_damping.studies.journal import Journal
+from facts_damping.studies.pool import workers
 
 ONE = """
 run: two_area_small
@@ -413,6 +417,31 @@ def test_the_example(tmp_path: Path) -> None:
     assert all(row["error"] is None for row in found["rows"])
     assert found["margins"] == []
     assert {row["scheme"] for row in found["rows"]} == {None, "direct"}
+
+
+def test_the_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_ones() -> None:
+    """All 144 of them, by single runs; they were found by `facts-damping sweep delay_margin`."""
+    plan = sweep.plan("delay_margin", [])
+    page = (Path(__file__).parents[2] / "docs" / "studies.md").read_text(encoding="utf-8")
+    tasks: dict[str, Task] = {}
+    expected: list[tuple[str, str, bool]] = []
+    for criterion, text in zip(("unstable", "not_damped"), page.split(", horizon 20 s:")[1:], strict=True):
+        for line in text.split("\n\n")[1].splitlines()[2:]:
+            controller, scheme, *cells = [cell.strip() for cell in line.strip("|").split("|")]
+            own = {"controllers.0.name": controller} | ({} if scheme == "-" else {"controllers.0.scheme": scheme})
+            for scenario, cell in zip(("small", "large", "multiple"), cells, strict=True):
+                # The page is rounded; the values that were run are multiples of 25 ms / 8.
+                low, high = (round(float(one) * 320) / 320 for one in re.findall(r"[\d.]+", cell.split("[")[1]))
+                assert high - low == pytest.approx(1 / 320)
+                for delay, fails in ((low, False), (high, True)):
+                    half = {"link.up.0.delay": delay / 2, "link.down.0.delay": delay / 2}
+                    key = f"{controller} {scheme} {scenario} {delay}"
+                    tasks[key] = Task(key, {**own, "scenario": scenario, **half}, {})
+                    expected.append((key, criterion, fails))
+    assert len(expected) == 2 * 2 * 3 * 24
+    with workers(2) as each:
+        rows = dict(each(partial(one_run, plan.base), list(tasks.values())))
+    assert [one for one in expected if sweep.FAILED[one[1]](rows[one[0]]) is not one[2]] == []
 
 
 def test_the_study_of_delay_margins_asks_for_every_controller_and_scenario() -> None:
