@@ -27,19 +27,19 @@ class Journal:
     again. Raises `InputError` for the journal of another study, or one that another process writes.
     """
 
-    def __init__(self, path: Path, study: str, out: str) -> None:
+    def __init__(self, path: Path, study: str) -> None:
         """Open the journal of a study, by its fingerprint, and read what it holds."""
         self._file: IO[bytes] = path.open("a+b")
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             self._file.close()
-            raise InputError(f"--out {out}: another sweep writes there; allowed: a folder of its own") from error
+            raise InputError(f"--out {path.parent}: another sweep writes there; allowed: another folder") from error
         self.rows: dict[str, dict[str, Any]] = {}
         self._synced = time.monotonic()
-        self._read(study, out)
+        self._read(study, path)
 
-    def _read(self, study: str, out: str) -> None:
+    def _read(self, study: str, path: Path) -> None:
         self._file.seek(0)
         content = self._file.read()
         lines = [one for one in map(_parsed, content.splitlines()) if one is not None]
@@ -50,7 +50,7 @@ class Journal:
         elif lines[0].get("study") != study:
             self._file.close()
             raise InputError(
-                f"--out {out}: holds runs of another study, or of this one before it, a file that it names or this "
+                f"--out {path.parent}: holds runs of another study, or of one before it, its files or this "
                 "package was changed; allowed: a new folder"
             )
         self.rows = {one["key"]: one["row"] for one in lines if "key" in one and "row" in one}

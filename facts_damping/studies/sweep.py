@@ -79,9 +79,8 @@ def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Pr
 
     Raises `InputError` where the folder is another study's, `RunError` where the runs cannot go on.
     """
-    files.new_folder(folder)
     most = len(made.points) * (margins.most_runs(made.study.margin) if made.study.margin else 1)
-    with Journal(folder / JOURNAL, made.fingerprint, str(folder)) as journal, workers(jobs, scheduler) as each:
+    with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, made.fingerprint) as journal:
         files.write_whole(folder / COPY, made.path.read_text(encoding="utf-8"))
         progress.resume(len(journal.rows))
         progress(len(journal.rows), most)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import re
@@ -26,6 +27,7 @@ from facts_damping.studies import sweep
 from facts_damping.studies.batch import Task, one_run
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.pool import workers
+from facts_damping.terminal import Progress
 
 ONE = """
 run: two_area_small
@@ -301,7 +303,7 @@ def test_another_study_in_the_same_folder_is_refused(
 def test_two_sweeps_cannot_write_the_same_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = study(tmp_path), tmp_path / "out"
     out.mkdir()
-    with Journal(out / sweep.JOURNAL, sweep.plan(str(path), []).fingerprint, str(out)):
+    with Journal(out / sweep.JOURNAL, sweep.plan(str(path), []).fingerprint):
         assert main(["sweep", str(path), "--jobs", "1", "--out", str(out)]) == 2
     assert "another sweep writes there" in capsys.readouterr().err
 
@@ -333,7 +335,10 @@ def test_no_scheduler_is_one_line(
     monkeypatch.setattr("facts_damping.studies.pool.CONNECT_S", 0.5)
     out = str(tmp_path / "out")
     assert main(["sweep", str(study(tmp_path)), "--scheduler", "tcp://127.0.0.1:9", "--out", out]) == 2
-    assert "--scheduler tcp://127.0.0.1:9: no scheduler answers" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "--scheduler tcp://127.0.0.1:9: no scheduler answers" in said
+    assert said.count("\n") == 1
+    assert not Path(out).exists()
 
 
 # What users get wrong
@@ -448,3 +453,21 @@ def test_the_study_of_delay_margins_asks_for_every_controller_and_scenario() -> 
     plan = sweep.plan("delay_margin", [])
     assert len(plan.points) == 3 * (2 + 2 * 11)
     assert len({json.dumps(point.changes, sort_keys=True) for point in plan.points}) == len(plan.points)
+
+
+def test_progress_tells_what_is_left_and_leaves_out_what_was_there_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    now, shown = [0.0], Terminal()
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(sys, "stderr", shown)
+    progress = Progress("mine", "runs")
+    progress.resume(100)
+    progress(100, 200)
+    now[0] = 10.0
+    progress(120, 200)
+    first, second = shown.getvalue().split("\r")[1:]
+    assert "100/200 runs, 0 s\x1b" in first
+    assert "120/200 runs, 10 s, 40 s left" in second
