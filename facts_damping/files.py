@@ -53,23 +53,11 @@ def find(kind: str, name: str, within: str = "") -> Path:
 
 
 def read_yaml(path: Path) -> Any:
-    """Content of a YAML file; `InputError` where it cannot be read.
-
-    A process parses a file once, as long as it does not change: that takes longer than a run.
-    """
+    """Content of a YAML file; `InputError` where it cannot be read."""
     try:
-        told = path.stat()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error}; allowed: a text file, UTF-8") from error
-    if told.st_size > MAX_FILE_BYTES:
-        raise InputError(f"{path}: {told.st_size} bytes; allowed: at most {MAX_FILE_BYTES}")
-    return deepcopy(_parsed(path.absolute(), told.st_mtime_ns, told.st_size, path))
-
-
-@lru_cache(maxsize=256)
-def _parsed(_place: Path, _changed_ns: int, _bytes: int, path: Path) -> Any:
-    try:
-        return YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise InputError(f"{path}: {path.stat().st_size} bytes; allowed: at most {MAX_FILE_BYTES}")
+        return deepcopy(_parsed(path.read_text(encoding="utf-8")))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}; allowed: a text file, UTF-8") from error
     except UNREADABLE as error:
@@ -77,6 +65,12 @@ def _parsed(_place: Path, _changed_ns: int, _bytes: int, path: Path) -> Any:
         line = f"line {mark.line + 1}: " if mark is not None else ""
         problem = getattr(error, "problem", None) or str(error).splitlines()[0] or type(error).__name__
         raise InputError(f"{path}: {line}unreadable YAML: {problem}; allowed: YAML 1.2") from error
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str) -> Any:
+    """Content of YAML text, parsed once: of a system that takes longer than a run."""
+    return YAML(typ="safe", pure=True).load(text)
 
 
 def read_table(path: Path) -> dict[str, Any]:
