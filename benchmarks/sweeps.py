@@ -16,6 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from joblib import Parallel, delayed
+from threadpoolctl import threadpool_limits
 
 from facts_damping import loop
 from facts_damping.analysis.measures import columns, speed_differences
@@ -102,8 +103,9 @@ def many(plan: sweep.Plan) -> None:
 def main() -> None:
     """All parts."""
     plan = sweep.plan(STUDY, [])
-    parts_of_a_run(plan)
-    many(plan)
+    with threadpool_limits(1):  # as in a sweep
+        parts_of_a_run(plan)
+        many(plan)
     with TemporaryDirectory() as folder:
         short = plan._replace(points=plan.points[:MANY])
         began = time.perf_counter()

@@ -57,6 +57,7 @@ def sweep(arguments: argparse.Namespace) -> None:
     """Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."""
     from facts_damping.studies import results
     from facts_damping.studies import sweep as study
+    from facts_damping.studies.sweep_plots import draw
 
     plan = study.plan(arguments.study, arguments.set)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
@@ -71,8 +72,6 @@ def sweep(arguments: argparse.Namespace) -> None:
     shares = study.found_shares(plan, found)
     write_json(arguments.json, {"rows": rows, "margins": margins, "shares": shares})
     written = results.write(folder, rows, margins, shares)
-    from facts_damping.studies.sweep_plots import draw
-
     pictures = draw(rows, study.swept(plan), margins, folder)
     for line in (*results.text(rows, margins, shares), "", *(f"table: {p}" for p in written)):
         say(arguments, line)

@@ -105,6 +105,17 @@ FOUND = ("margin_s", "low_s", "high_s", "seeds", "monotonic", "holds_again", "be
 COUNTED = ("runs", "failed", "share", "low", "high")
 
 
+def label(row: dict[str, Any], names: Sequence[str]) -> str:
+    """A row by these columns; a number with its column's name."""
+    told = [(name, row[name]) for name in names if row.get(name) is not None]
+    return " ".join(value if isinstance(value, str) else f"{name.split('.')[-1]}={value}" for name, value in told)
+
+
+def by_scenario(rows: Rows) -> dict[str, list[dict[str, Any]]]:
+    """Rows by scenario."""
+    return {name: [r for r in rows if r["scenario"] == name] for name in dict.fromkeys(r["scenario"] for r in rows)}
+
+
 def margin_names(margins: Rows) -> list[str]:
     """Columns that tell margins apart, but for the scenario and the criterion."""
     return varying(margins, (*FOUND, "horizon_s", "criterion", "scenario"))

@@ -27,9 +27,8 @@ if TYPE_CHECKING:
 
 JOURNAL = "rows.jsonl"
 COPY = "study.yaml"
-Seen = dict[
-    float | None, dict[str, Any]
-]  # rows of a point by the value of the margin's field; None: there is no margin
+# Rows of a point by the value of the margin's field; None: there is no margin.
+Seen = dict[float | None, dict[str, Any]]
 FAILED = {"unstable": lambda row: not row["stable"], "not_damped": lambda row: not row["damped"]}
 
 
@@ -134,7 +133,7 @@ def _failed(seen: Seen, criterion: str) -> dict[float, bool | None]:
 
 
 def found_margins(made: Plan, found: Sequence[Seen]) -> list[dict[str, Any]]:
-    """A margin for each point and criterion; points that differ by the seed alone are one."""
+    """A margin for each point and criterion; points that differ by seed or draw alone are one."""
     margin = made.study.margin
     if margin is None:
         return []

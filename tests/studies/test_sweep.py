@@ -321,7 +321,7 @@ def test_processes_and_one_process_give_the_same_table(tmp_path: Path) -> None:
 def test_a_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     path = study(tmp_path)
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0") as cluster:
         out = str(tmp_path / "dask")
         assert main(["sweep", str(path), "--scheduler", cluster.scheduler_address, "--out", out]) == 0
     assert main(["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "here")]) == 0
