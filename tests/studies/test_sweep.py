@@ -214,31 +214,52 @@ def table(out: Path) -> list[dict[str, Any]]:
     return list(pq.read_table(out / "rows.parquet").to_pylist())
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["kill -9", "Ctrl-C"])
-def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path: Path, number: signal.Signals) -> None:
-    path, out = study(tmp_path, MANY), tmp_path / "out"
-    command = [sys.executable, "-m", "facts_damping.cli", "sweep", str(path), "--jobs", "2"]
-    child = subprocess.Popen([*command, "--out", str(out)], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+def started(tmp_path: Path) -> tuple[subprocess.Popen[bytes], list[str]]:
+    """A sweep that has made 20 of 400 runs, and the command's arguments."""
+    arguments = ["sweep", str(study(tmp_path, MANY)), "--jobs", "2"]
+    command = [sys.executable, "-m", "facts_damping.cli", *arguments, "--out", str(tmp_path / "out")]
+    child = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
     began = time.monotonic()
-    while rows_there(out) < 20:
+    while rows_there(tmp_path / "out") < 20:
         assert child.poll() is None, child.communicate()
         assert time.monotonic() - began < 120
         time.sleep(0.01)
-    workers = children(child.pid)
+    return child, arguments
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["kill -9", "Ctrl-C"])
+def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path: Path, number: signal.Signals) -> None:
+    out = tmp_path / "out"
+    child, arguments = started(tmp_path)
+    left = children(child.pid)
     os.kill(child.pid, number)
     _, said = child.communicate(timeout=60)
     if number == signal.SIGINT:
         assert child.returncode == 130
         assert said.decode() == f"facts-damping: interrupted; the same command goes on where it stopped: {out}\n"
-    gone(workers)
+    gone(left)
     before = rows_there(out)
     assert 20 <= before < 400
     kept = (out / sweep.JOURNAL).read_bytes().splitlines()[1 : 1 + before]
-    assert main([*command[3:], "--out", str(out)]) == 0
+    assert main([*arguments, "--out", str(out)]) == 0
     assert (out / sweep.JOURNAL).read_bytes().splitlines()[1 : 1 + before] == kept
     assert rows_there(out) == 400  # none twice
-    assert main([*command[3:], "--out", str(tmp_path / "whole")]) == 0
+    assert main([*arguments, "--out", str(tmp_path / "whole")]) == 0
     assert table(out) == table(tmp_path / "whole")
+
+
+def test_a_process_that_is_killed_ends_the_sweep_with_one_line(tmp_path: Path) -> None:
+    child, arguments = started(tmp_path)
+    left = children(child.pid)
+    os.kill(next(pid for pid in left if b"popen_loky" in Path(f"/proc/{pid}/cmdline").read_bytes()), signal.SIGKILL)
+    _, said = child.communicate(timeout=60)
+    assert child.returncode == 1
+    assert said.decode().startswith("facts-damping: a process of the sweep was killed")
+    assert said.count(b"\n") == 1
+    gone(left)
+    assert 20 <= rows_there(tmp_path / "out") < 400
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    assert rows_there(tmp_path / "out") == 400
 
 
 def children(pid: int) -> list[int]:
