@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from facts_damping.analysis.plots import COLOURS
-from facts_damping.studies.results import by_scenario, label, margin_names, ranked, reach, spans
+from facts_damping.studies.results import by_scenario, label, margin_names, ranked, reach, spans, told_margin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,7 +53,7 @@ def _bar(axes: Axes, y: int, row: dict[str, Any]) -> None:
     axes.barh(y, end, color=SCHEMES.get(row["scheme"], COLOURS[2]), height=0.72, alpha=0.55 if beyond else 1.0)
     if row["low_s"] is not None and row["high_s"] is not None:
         axes.plot([row["low_s"], row["high_s"]], [y, y], "|-", color="0.1", lw=1.2, ms=7)
-    text = f"> {end:.3g}" if beyond else f"{end:.3f}" if row["margin_s"] is not None else "-"
+    text = f"{end:.3f}" if row["margin_s"] is not None else told_margin(row)
     again = "" if row["monotonic"] else f"  again {spans(row['holds_again'])}"
     place: dict[str, Any] = {"xytext": (5, 0), "textcoords": "offset points", "va": "center", "fontsize": "x-small"}
     axes.annotate(text + again, (max(end, row["high_s"] or 0.0), y), **place)

@@ -172,7 +172,11 @@ def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
         for group, some in groups(own, swept, axes, rows).items():
             failed = np.array([not row["stable"] for row in some])
             middles, parts = binned(np.array([row[x] for row in some], float))
-            several |= any(int(part.sum()) > 1 for part in parts)
+            most = max(int(part.sum()) for part in parts)
+            several |= most > 1
+            # Bisection brings values that few seeds were run at, those whose margin is near.
+            kept = [i for i, part in enumerate(parts) if part.sum() > most / 2 or len(parts) == BINS]
+            middles, parts = [middles[i] for i in kept], [parts[i] for i in kept]
             shares = [share(int(failed[part].sum()), int(part.sum())) for part in parts]
             (panel,) = panels[scenario]
             panel.plot(middles, [one["share"] for one in shares], label=group, lw=1.3, marker=".", **looks[group])
@@ -210,14 +214,20 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str]) -> Figure:
 
 
 def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
-    """Distribution of the latency over all setpoints of all runs of a group, from each run's quantiles.
+    """Distribution of the latency over all setpoints of the runs of a group, from each run's quantiles.
 
-    None where no run's latency varies.
+    Where numbers are swept, at the least value of each. None where no run's latency varies.
     """
     names = [*(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms"]
     told = [r for r in rows if r["latency_max_ms"] is not None and r["latency_max_ms"] - r["latency_p0_ms"] > SPREAD_MS]
     if not told:
         return None
+    title = []
+    for name in numeric(rows, swept):
+        if len({row[name] for row in rows}) <= MOST_DISTINCT:
+            least = min(row[name] for row in told)
+            told = [row for row in told if row[name] == least]
+            title.append(f"{name} = {least:g}")
     figure = Figure(figsize=(7.5, 3.8), layout="constrained")
     axes = figure.subplots()
     apart = groups(told, swept, ())
@@ -229,6 +239,7 @@ def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
         shares = np.mean([_below(one, at) for one in quantiles], axis=0)
         axes.plot(at, 100 * shares, label=name, lw=1.3, **style)
     axes.set(xlabel="latency from measurement to device [ms]", ylabel="setpoints with at most that [%]", ylim=(-1, 101))
+    axes.set_title(", ".join(title), fontsize="medium")
     axes.grid(visible=True, lw=0.3)
     axes.spines[["top", "right"]].set_visible(False)
     _legend(figure)

@@ -118,6 +118,25 @@ def test_saturation_duty_is_the_share_of_frames_at_the_limit(tmp_path: Path) -> 
     assert 0.1 < row["saturation_duty"] < 1
 
 
+def test_every_picture_is_drawn_where_the_table_has_something_for_it(tmp_path: Path) -> None:
+    """Two controllers with links of their own, so latencies vary; two numbers; seeds."""
+    text = """
+run: two_area_decentralised
+set: {duration: 2, scenario: small}
+sweep:
+  - {field: controllers.0.link.up.0.delay, range: {start: 0, step: 0.01, number: 3}}
+  - {field: controllers.1.link.up.1.delay, range: {start: 0.03, step: 0.01, number: 3}}
+  - {field: seed, values: [1, 2]}
+"""
+    found = swept(tmp_path, study(tmp_path, text))
+    pictures = {path.stem for path in (tmp_path / "out").glob("*.png")}
+    assert pictures == {"curves", "probability", "map", "latency"}
+    (row,) = [r for r in found["rows"] if r["latency_max_ms"] == pytest.approx(70.0) and r["latency_p0_ms"] == 0.0][:1]
+    assert (row["controller"], row["scheme"]) == ("ANFTSC+HBsWC", "indirect")
+    assert (row["controllers.0.link.up.0.delay"], row["controllers.1.link.up.1.delay"]) == (0, 0.05)
+    assert [share["runs"] for share in found["shares"]] == [2] * 9
+
+
 def test_a_run_that_fails_is_a_row(tmp_path: Path) -> None:
     """A gain out of range, a device that is not there: lines of `error`; the others are run."""
     text = """
