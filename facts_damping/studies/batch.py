@@ -108,12 +108,13 @@ def _identity(case: Case) -> dict[str, Any]:
 
 def closed_loop(case: Case) -> Record:
     """`loop.run(case)`, with plant and sensitivity shared between runs."""
-    place = dumps([case.run.system, case.run.scenario, case.run.devices])
-    built = shared(_plants, place, lambda: build_plant(case))
+    # By content, not by name: a worker of a cluster may outlive a file.
+    system = f"{case.run.devices} {case.system.model_dump_json()}"
+    events = [event.model_dump_json() for event in case.scenario.events]
+    built = shared(_plants, f"{events} {system}", lambda: build_plant(case))
     plant = None
     if any(controller.scheme for controller in case.controllers):
-        rate = case.run.frame_rate
-        plant = shared(_sensitivities, f"{place} {rate}", lambda: _sensitivity(case))
+        plant = shared(_sensitivities, f"{case.run.frame_rate} {system}", lambda: _sensitivity(case))
     own = built._replace(state=copy(built.state))
     return loop.finish(case, loop.build_loop(case, plant, own))
 

@@ -18,7 +18,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from facts_damping import loop
+from facts_damping import files, loop
 from facts_damping.analysis.summary import summarise
 from facts_damping.cli import main
 from facts_damping.configuration import load_case
@@ -108,6 +108,20 @@ sweep:
         ]
         told = summarise(loop.run(load_case("two_area_small", [*own, "duration=3"])))
         assert {name: row[name] for name in told["indices"]} == told["indices"]
+
+
+def test_a_system_that_changes_between_two_sweeps_of_a_process_is_built_anew(tmp_path: Path) -> None:
+    system, found = files.read_table(files.find("systems", "two_area")), {}
+    path = study(tmp_path, f"run: {{system: {tmp_path / 'grid.yaml'}, duration: 3}}\n")
+    for factor in (1.0, 1.5):
+        system["machines"][0]["H"] *= factor
+        (tmp_path / "grid.yaml").write_text(files.dump(system), encoding="utf-8")
+        out, target = tmp_path / str(factor), tmp_path / "result.json"
+        assert main(["sweep", str(path), "--jobs", "1", "--out", str(out), "--json", str(target)]) == 0
+        found[factor] = json.loads(target.read_text())["rows"][0]["ITAE"]
+        case = load_case(None, [f"system={tmp_path / 'grid.yaml'}", "duration=3"])
+        assert found[factor] == summarise(loop.run(case))["indices"]["ITAE"]
+    assert found[1.0] != found[1.5]
 
 
 def test_saturation_duty_is_the_share_of_frames_at_the_limit(tmp_path: Path) -> None:
