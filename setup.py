@@ -50,12 +50,12 @@ setup(
     zip_safe=False,
     # Lower bounds: what runs on Python 3.10. Upper bounds: the next release that may break.
     install_requires=[
-        "joblib>=1.4,<2",  # its generator of results as they come
+        "joblib>=1.5,<2",  # which hands an initializer to its processes
         "matplotlib>=3.8,<4",
         "mcap>=1.5,<2",
         "numba>=0.60,<1",
         "numpy>=1.26,<2.5",  # the type information of 2.5 rejects a plain array.max()
-        "pyarrow>=15",  # no upper bound: a major release a quarter, and only tables are written
+        "pyarrow>=17",  # no upper bound: a major release a quarter, and only tables are written
         "pydantic>=2.6,<3",
         "pyyaml>=6,<7",
         "ruamel.yaml>=0.18,<1",
