@@ -50,15 +50,18 @@ setup(
     zip_safe=False,
     # Lower bounds: what runs on Python 3.10. Upper bounds: the next release that may break.
     install_requires=[
+        "joblib>=1.5,<2",  # which hands an initializer to its processes
         "matplotlib>=3.8,<4",
         "mcap>=1.5,<2",
         "numba>=0.60,<1",
         "numpy>=1.26,<2.5",  # the type information of 2.5 rejects a plain array.max()
+        "pyarrow>=17",  # no upper bound: a major release a quarter, and only tables are written
         "pydantic>=2.6,<3",
         "pyyaml>=6,<7",
         "ruamel.yaml>=0.18,<1",
         "rosbags>=0.10,<1",
         "scipy>=1.15,<2",  # also for Numba: its matrix product calls SciPy's BLAS
+        "threadpoolctl>=3,<4",
         "zstandard>=0.22,<1",
     ],
     extras_require={
@@ -70,6 +73,7 @@ setup(
             "ros-kilted-std-msgs==5.5.1",
         ],
         "bench": ["andes>=1.9,<3"],
+        "dask": ["distributed>=2024.1"],  # for `facts-damping sweep --scheduler`; versions are dates
         "matpower": ["matpowercaseframes==2.1.1", "pandas<4"],  # for `facts-damping import`
         "test": [
             # For the colcon build of tests/test_packaging.py, with the generators of the messages.
@@ -82,6 +86,7 @@ setup(
             "ros-kilted-ament-package==0.17.2",
             "ros-kilted-rosidl-core-generators==0.3.1",
             "ros-kilted-rosidl-default-generators==1.7.1",
+            "distributed>=2024.1",
             "hypothesis>=6.100,<7",
             "import-linter>=2,<3",
             "matpowercaseframes==2.1.1",

@@ -91,6 +91,11 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
     command.add_argument("--out", metavar="FILE.md", help="write the tables as a Markdown page")
     _common(command, out=False)
+    command = add("sweep", study_commands.sweep)
+    command.add_argument("study", metavar="STUDY", help="name under config/studies, or a YAML file")
+    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
+    command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose cluster makes the runs")
+    _common(command)
     command = add("architectures", study_commands.architectures)
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
     command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
@@ -181,8 +186,8 @@ def main(argv: list[str] | None = None) -> int:
         return _fail(error, BAD_INPUT)
     except FactsDampingError as error:
         return _fail(error, FAILED)
-    except KeyboardInterrupt:
-        return _fail("interrupted; what was recorded by then is readable", INTERRUPTED)
+    except KeyboardInterrupt as error:
+        return _fail(f"interrupted; {str(error) or 'what was recorded by then is readable'}", INTERRUPTED)
     except BrokenPipeError:
         sys.stderr.close()
         return DONE

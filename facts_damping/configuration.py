@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -21,7 +22,7 @@ from facts_damping.parameters.system import System
 from facts_damping.plant.events import stages
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from facts_damping.parameters.link import Link
 
@@ -101,14 +102,17 @@ def load_case(name: str | None, sets: list[str] | None = None) -> Case:
     path = None if name is None else find("runs", name)
     content = {} if path is None else read_table(path)
     pairs = dict(parse_set(text) for text in sets or [])
-    if pairs:
-        content.pop("asked", None)  # no longer what was asked for
-    ordered = sorted(pairs.items(), key=lambda pair: pair[0].count("."))  # names before what lies below them
-    for key, value in ordered:
-        where = f"--set {key}={value}"
-        _open_name(content, key)
-        set_field(content, key, read_value(value, where), where)
+    change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
     return make_case(content, str(path or "defaults"), pairs)
+
+
+def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str, str]) -> None:
+    """Set fields of a run's content by their paths; `sets`: each value as the text that `--set` would take."""
+    if values:
+        content.pop("asked", None)  # no longer what was asked for
+    for key in sorted(values, key=lambda key: key.count(".")):  # names before what lies below them
+        _open_name(content, key)
+        set_field(content, key, deepcopy(values[key]), f"--set {key}={sets[key]}")
 
 
 def _open_name(content: dict[str, Any], key: str) -> None:

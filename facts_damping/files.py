@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import os
 import re
-from functools import cache
+from copy import deepcopy
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from ruamel.yaml.error import YAMLError
 from facts_damping.checking import short
 from facts_damping.errors import InputError
 
-KINDS = ("systems", "scenarios", "controllers", "links", "runs")
+KINDS = ("systems", "scenarios", "controllers", "links", "runs", "studies")
 MAX_FILE_BYTES = 10_000_000
 UNREADABLE = (YAMLError, ValueError, TypeError, RecursionError, AttributeError, KeyError, IndexError)
 
@@ -56,7 +57,7 @@ def read_yaml(path: Path) -> Any:
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise InputError(f"{path}: {path.stat().st_size} bytes; allowed: at most {MAX_FILE_BYTES}")
-        return YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+        return deepcopy(_parsed(path.read_text(encoding="utf-8")))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}; allowed: a text file, UTF-8") from error
     except UNREADABLE as error:
@@ -64,6 +65,12 @@ def read_yaml(path: Path) -> Any:
         line = f"line {mark.line + 1}: " if mark is not None else ""
         problem = getattr(error, "problem", None) or str(error).splitlines()[0] or type(error).__name__
         raise InputError(f"{path}: {line}unreadable YAML: {problem}; allowed: YAML 1.2") from error
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str) -> Any:
+    """Content of YAML text, parsed once: of a system that takes longer than a run."""
+    return YAML(typ="safe", pure=True).load(text)
 
 
 def read_table(path: Path) -> dict[str, Any]:

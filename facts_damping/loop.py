@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.configuration import Case
+    from facts_damping.plant.build import Built
     from facts_damping.sensitivity import Sensitivity
 
 
@@ -93,9 +94,12 @@ def issue_room(commands: int, entries: int) -> NDArray[Any]:
     return np.zeros(commands * entries, SETPOINT)
 
 
-def build_loop(case: Case, sensitivity: Sensitivity | None = None) -> Loop:
-    """All parts of a case, at the start; `sensitivity`: the plant's, as for `build_control`."""
-    built = build_plant(case)
+def build_loop(case: Case, sensitivity: Sensitivity | None = None, built: Built | None = None) -> Loop:
+    """All parts of a case, at the start; `sensitivity`: the plant's, as for `build_control`.
+
+    `built`: its plant, where it is at hand; the loop takes its state over.
+    """
+    built = build_plant(case) if built is None else built
     links = build_links(case)
     control = build_control(case, sensitivity)
     work = workspace(built.plant, built.state)

@@ -53,6 +53,32 @@ def compare(arguments: argparse.Namespace) -> None:
         say(arguments, line)
 
 
+def sweep(arguments: argparse.Namespace) -> None:
+    """Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."""
+    from facts_damping.studies import results
+    from facts_damping.studies import sweep as study
+    from facts_damping.studies.sweep_plots import draw
+
+    plan = study.plan(arguments.study, arguments.set)
+    folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
+    progress = Progress(plan.name, "runs")
+    try:
+        found = study.run(plan, folder, arguments.jobs, arguments.scheduler, progress)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+    finally:
+        progress.close()
+    rows, margins = study.rows(found), study.found_margins(plan, found)
+    shares = study.found_shares(plan, found)
+    write_json(arguments.json, {"rows": rows, "margins": margins, "shares": shares})
+    written = results.write(folder, rows, margins, shares)
+    pictures = draw(rows, study.swept(plan), margins, folder)
+    for line in (*results.text(rows, margins, shares), "", *(f"table: {p}" for p in written)):
+        say(arguments, line)
+    for path in pictures:
+        say(arguments, f"picture: {path}")
+
+
 def architectures(arguments: argparse.Namespace) -> None:
     """Centralised MIMO, decentralised MISO and single devices on two_area, and how the devices interact."""
     from facts_damping.studies import architectures as study

@@ -14,7 +14,7 @@ class Progress:
 
     def __init__(self, label: str, unit: str = "ticks") -> None:
         self._label, self._unit, self._shown = label, unit, sys.stderr.isatty()
-        self._began = time.monotonic()
+        self._began, self._before = time.monotonic(), 0
 
     def __call__(self, done: int, of: int) -> None:
         """Show how far it is."""
@@ -22,8 +22,14 @@ class Progress:
             took = time.monotonic() - self._began
             width = 30
             bar = "#" * (width * done // of)
-            sys.stderr.write(f"\r{self._label} [{bar:<{width}}] {done}/{of} {self._unit}, {took:.0f} s")
+            left = took * (of - done) / (done - self._before) if done > self._before else 0.0
+            still = f", {left:.0f} s left" if left >= 1.0 else ""
+            sys.stderr.write(f"\r{self._label} [{bar:<{width}}] {done}/{of} {self._unit}, {took:.0f} s{still}\033[K")
             sys.stderr.flush()
+
+    def resume(self, done: int) -> None:
+        """So many were done before: they say nothing of the time that is left."""
+        self._before = done
 
     def close(self) -> None:
         """End the line."""
@@ -35,19 +41,19 @@ def write_json(target: str | None, content: Any) -> None:
     """Write JSON to a file, or to standard output for `-`."""
     if target is None:
         return
-    text = json.dumps(_finite(content), indent=2, allow_nan=False) + "\n"
+    text = json.dumps(finite(content), indent=2, allow_nan=False) + "\n"
     if target == "-":
         sys.stdout.write(text)
         return
     Path(target).write_text(text, encoding="utf-8")
 
 
-def _finite(content: Any) -> Any:
+def finite(content: Any) -> Any:
     """Content with None for numbers that JSON does not know."""
     if isinstance(content, dict):
-        return {key: _finite(value) for key, value in content.items()}
+        return {key: finite(value) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
-        return [_finite(value) for value in content]
+        return [finite(value) for value in content]
     if isinstance(content, float) and content - content != 0.0:
         return None
     return content

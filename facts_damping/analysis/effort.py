@@ -34,6 +34,17 @@ def record_smoothness(record: Record) -> dict[str, float]:
     return {"per_second": smoothness(setpoints, dt), "per_frame": smoothness(setpoints)}
 
 
+def saturation_duty(record: Record, limits: NDArray[np.float64]) -> float | None:
+    """Share of the frames at which a device's setpoint is at its limit, the largest of all devices; none without any.
+
+    `limits`: (devices,), p.u., the largest setpoint of each.
+    """
+    if not len(limits):
+        return None
+    at_limit = np.abs(record.devices["setpoint"]) >= limits * (1 - 1e-9)
+    return float(at_limit.mean(axis=0).max())
+
+
 def max_injected_voltage(record: Record) -> float | None:
     """Largest magnitude of any voltage injected in series on the grid of frames, p.u.; none without such a device."""
     voltage = np.abs(record.devices["injected_voltage"])

@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from facts_damping.signals import Record
 
 MILLISECOND = 1_000_000  # ns
+
+
+def ages_ms(record: Record) -> NDArray[np.float64]:
+    """Latency of each applied setpoint, ms of simulated time, (setpoints,); see `latency`."""
+    return np.asarray((record.applied["effective_ns"] - record.applied["measured_ns"]) / MILLISECOND)
 
 
 def latency(record: Record) -> dict[str, float | None]:
@@ -18,7 +25,7 @@ def latency(record: Record) -> dict[str, float | None]:
     Latency = time at which the setpoint reaches the device - time of measurement of the newest frame it
     rests on: the whole way, both links and the wait for alignment. None where nothing was applied.
     """
-    ages = (record.applied["effective_ns"] - record.applied["measured_ns"]) / MILLISECOND
+    ages = ages_ms(record)
     if not len(ages):
         return dict.fromkeys(("mean", "p50", "p99", "max"))
     p50, p99 = np.percentile(ages, [50, 99])

@@ -1,29 +1,104 @@
-"""Many runs at once, each in a process of its own; results in order, progress as they come."""
+"""Many runs at once: in processes of their own, or on a Dask cluster; results as they come."""
 
 from __future__ import annotations
 
-import multiprocessing
+import ctypes
 import signal
+from contextlib import contextmanager, nullcontext
+from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from joblib import Parallel, delayed, parallel_config
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+from threadpoolctl import threadpool_limits
+
+from facts_damping.errors import InputError, RunError
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    Each = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
+
+PR_SET_PDEATHSIG = 1
+CONNECT_S = 10  # longest wait for a scheduler
+MOST_AT_ONCE = 16  # handed to a process: the more, the less it waits; a kill costs what was under way
+TASKS_AHEAD = 4  # for each thread of a cluster: enough that none waits, few enough that a scheduler stays small
 
 
-def _quiet() -> None:
-    """An interrupt is the parent's to answer: it ends its workers."""
+def _worker() -> None:
+    """An interrupt is the parent's to answer; whatever ends the parent ends its workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+@contextmanager
+def workers(jobs: int, scheduler: str | None = None) -> Iterator[Each]:
+    """A function that calls a function of everything and gives the results as they come, in no order.
+
+    `jobs` processes, or the cluster of a Dask scheduler at an address. Raises `InputError` where no scheduler answers,
+    `RunError` where a process dies.
+    """
+    if scheduler is None:
+        yield partial(_in_processes, jobs)
+        return
+    try:
+        import distributed  # noqa: PLC0415 (an optional extra)
+    except ImportError as error:
+        raise InputError(
+            "--scheduler: the library distributed is missing; allowed: after pip install 'facts_damping[dask]'"
+        ) from error
+    try:
+        client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--scheduler {scheduler}: no scheduler answers; allowed: the address of one") from error
+    with client:
+        yield partial(_on_cluster, client)
+
+
+def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]) -> Iterator[Any]:
+    """One BLAS thread each: on matrices as small as these several wait for each other longer than they work."""
+    many = min(jobs, max(1, len(todo)))
+    batch = max(1, min(MOST_AT_ONCE, len(todo) // (8 * many)))
+    with parallel_config("loky", inner_max_num_threads=1):
+        pool = Parallel(n_jobs=many, return_as="generator_unordered", batch_size=batch, initializer=_worker)
+    try:
+        with threadpool_limits(1) if many == 1 else nullcontext():
+            yield from pool(delayed(function)(one) for one in todo)
+    except TerminatedWorkerError as error:
+        raise RunError("a process of the sweep was killed, perhaps for want of memory: try fewer --jobs") from error
+
+
+def _on_cluster(client: Any, function: Callable[[Any], Any], todo: Iterable[Any]) -> Iterator[Any]:
+    from distributed import as_completed  # noqa: PLC0415 (an optional extra)
+
+    ahead = max(1, TASKS_AHEAD * sum(client.nthreads().values()))
+    left = iter(todo)
+    running = as_completed([client.submit(function, one, pure=False) for one in islice(left, ahead)], loop=client.loop)
+    for future in running:
+        try:
+            found = future.result()
+        except Exception as error:
+            raise RunError(f"--scheduler: {type(error).__name__}: {error}") from error
+        yield found
+        for one in left:
+            running.add(client.submit(function, one, pure=False))
+            break
+
+
+def _numbered(function: Callable[[Any], Any], numbered: tuple[int, Any]) -> tuple[int, Any]:
+    return numbered[0], function(numbered[1])
 
 
 def run_all(
     function: Callable[[Any], Any], todo: Sequence[Any], jobs: int, progress: Callable[[int, int], None]
 ) -> list[Any]:
-    """`function` of everything, `jobs` at a time."""
-    found: list[Any] = []
+    """`function` of everything, `jobs` at a time, in order."""
+    found: dict[int, Any] = {}
     progress(0, len(todo))
-    with multiprocessing.get_context("spawn").Pool(min(jobs, max(1, len(todo))), _quiet) as pool:
-        for one in pool.imap(function, todo):
-            found.append(one)
+    with workers(jobs) as each:
+        for i, one in each(partial(_numbered, function), list(enumerate(todo))):
+            found[i] = one
             progress(len(found), len(todo))
-    return found
+    return [found[i] for i in range(len(todo))]

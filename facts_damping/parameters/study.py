@@ -1,0 +1,161 @@
+"""A study as data: a base run, the fields that are swept, and the margin that is searched."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, StringConstraints, model_validator
+
+from facts_damping.parameters.base import Model, Name, quantity
+
+FieldPath = Annotated[str, StringConstraints(max_length=200, pattern=r"^[A-Za-z_0-9]+(\.[A-Za-z_0-9+-]+)*$")]
+Number = int | float
+Criterion = Literal["unstable", "not_damped"]
+
+# What each distribution needs; `low` and `high` cut the others off where they are given.
+NEEDED = {
+    "uniform": ("low", "high"),
+    "loguniform": ("low", "high"),
+    "normal": ("mean", "std"),
+    "lognormal": ("median", "sigma"),
+}
+
+
+class Target(Model):
+    """Where a swept value goes: one field of the run, or several, each with a factor."""
+
+    name: Name | None = Field(None, description="column of the table; none: the field's path")
+    field: FieldPath | None = Field(None, description="field of the run, by its path as in --set")
+    fields: dict[FieldPath, float] | None = Field(None, min_length=1, description="path: factor, for several fields")
+
+    @property
+    def factors(self) -> dict[str, float]:
+        """The factor of each field."""
+        return dict(self.fields or {}) if self.field is None else {self.field: 1.0}
+
+    @property
+    def column(self) -> str:
+        """Column of the table."""
+        return str(self.name or self.field)
+
+    def _check_target(self) -> None:
+        if (self.field is None) == (self.fields is None):
+            raise ValueError("needs either `field` or `fields`")
+        if self.fields is not None and self.name is None:
+            raise ValueError("`fields` need a `name`, the column of the table")
+
+
+class Range(Model):
+    """Evenly spaced values from `start` on: two of `stop`, `step` and `number` say which."""
+
+    start: Number = 0
+    stop: Number | None = Field(None, description="the last value, if the step meets it")
+    step: Number | None = None
+    number: int | None = quantity(None, "-", "how many values", ge=1, le=1_000_000)
+
+    @model_validator(mode="after")
+    def _two(self) -> Range:
+        if [self.stop, self.step, self.number].count(None) != 1:
+            raise ValueError("a range needs two of `stop`, `step` and `number`")
+        if self.step is not None and self.step == 0:
+            raise ValueError("step: 0 given; allowed: another number")
+        if self.step is not None and self.stop is not None and (self.stop - self.start) / self.step < 0:
+            raise ValueError(f"step: {self.step} given, which leads away from {self.stop}; allowed: the other sign")
+        return self
+
+
+class Variable(Target):
+    """A random variable."""
+
+    distribution: Literal["uniform", "loguniform", "normal", "lognormal"]
+    low: float | None = Field(None, description="least value; of normal and lognormal: cut off there")
+    high: float | None = Field(None, description="largest value; of normal and lognormal: cut off there")
+    mean: float | None = Field(None, description="normal: mean before it is cut off")
+    std: float | None = Field(None, gt=0, description="normal: standard deviation before it is cut off")
+    median: float | None = Field(None, gt=0, description="lognormal: median before it is cut off")
+    sigma: float | None = Field(None, gt=0, description="lognormal: standard deviation of the logarithm")
+    whole: bool = Field(False, description="rounded to whole numbers")
+
+    @model_validator(mode="after")
+    def _complete(self) -> Variable:
+        self._check_target()
+        for name in NEEDED[self.distribution]:
+            if getattr(self, name) is None:
+                raise ValueError(f"{name}: missing; allowed: {self.distribution} with {self._needed()}")
+        for name in {"mean", "std", "median", "sigma"} - set(NEEDED[self.distribution]):
+            if getattr(self, name) is not None:
+                raise ValueError(f"{name}: given; allowed: {self.distribution} with {self._needed()}")
+        if self.low is not None and self.high is not None and not self.low < self.high:
+            raise ValueError(f"high: {self.high:g} given; allowed: more than low, {self.low:g}")
+        if self.distribution == "loguniform" and not (self.low or 0.0) > 0.0:
+            raise ValueError(f"low: {self.low:g} given; allowed: more than 0 for loguniform")
+        return self
+
+    def _needed(self) -> str:
+        return " and ".join(NEEDED[self.distribution])
+
+
+class Draws(Model):
+    """Values of random variables, drawn together from the study's seed."""
+
+    number: int = quantity(..., "-", "how many draws", ge=1, le=1_000_000)
+    method: Literal["plain", "latin_hypercube"] = Field("plain", description="independent draws, or one in each stripe")
+    variables: list[Variable] = Field(..., min_length=1)
+
+
+class Axis(Target):
+    """What is swept: values or a range of a field, rows of several fields, draws, or axes side by side."""
+
+    values: list[Any] | None = Field(None, min_length=1)
+    range: Range | None = None
+    rows: list[dict[FieldPath, Any]] | None = Field(None, min_length=1, description="each sets several fields at once")
+    draws: Draws | None = None
+    zip: list[Axis] | None = Field(None, min_length=1, description="axes of the same length, stepped together")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Axis:
+        kinds = ("values", "range", "rows", "draws", "zip")
+        given = [kind for kind in kinds if getattr(self, kind) is not None]
+        if len(given) != 1:
+            raise ValueError(f"{', '.join(given) or 'none'} given; allowed: one of {', '.join(kinds)}")
+        if given[0] in ("values", "range"):
+            self._check_target()
+            _check_numbers(self.values or [], self.fields)
+        elif self.field is not None or self.fields is not None:
+            raise ValueError(f"`{given[0]}` have fields of their own; allowed: no `field`, no `fields`")
+        return self
+
+
+def _check_numbers(values: list[Any], fields: dict[str, float] | None) -> None:
+    odd = [value for value in values if isinstance(value, bool) or not isinstance(value, int | float)]
+    if odd and fields is not None:
+        raise ValueError(f"values: {odd[0]!r} given; allowed: numbers, where factors multiply them")
+
+
+class Margin(Target):
+    """The search of the first value at which a run fails: a coarse grid, then bisection of the first change."""
+
+    low: float = 0.0
+    high: float
+    tolerance: float = quantity(..., "that of the field", "width of the last bracket", gt=0)
+    coarse: int = quantity(21, "-", "values of the grid from low to high", ge=2, le=10_000)
+    criteria: list[Criterion] = Field(["unstable"], min_length=1, description="what counts as failing, each by itself")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Margin:
+        self._check_target()
+        if not self.low < self.high:
+            raise ValueError(f"high: {self.high:g} given; allowed: more than low, {self.low:g}")
+        return self
+
+
+class Study(Model):
+    """Many closed loops: a base run, what is changed in it, what is swept over, what margin is searched."""
+
+    description: str = ""
+    run: str | dict[str, Any] = Field({}, description="name under config/runs, path, or a run inline; none: defaults")
+    set: dict[FieldPath, Any] = Field({}, description="fields of the run that differ, path: value as in --set")
+    seed: int = quantity(0, "-", "seed of all draws", ge=0, le=2**31 - 1)
+    sweep: list[Axis] = Field([], description="axes; every value of one with every value of the others")
+    margin: Margin | None = Field(None, description="searched at every point of the sweep")
+    modes: bool = Field(True, description="also find the interarea mode of each run")

@@ -1,0 +1,145 @@
+"""From the axes of a study to its points: what each sets in the run, and the columns of its row."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from facts_damping.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.study import Axis, Draws, Range, Study, Target, Variable
+
+MOST_POINTS = 1_000_000
+DIGITS = 12  # significant, to which values are rounded: 3 * 0.1 is 0.3
+
+
+class Point(NamedTuple):
+    """A point of a sweep."""
+
+    columns: dict[str, Any]  # of the table
+    changes: dict[str, Any]  # of the run: path: value
+
+
+# Quantile functions of the distributions, before they are cut off.
+DISTRIBUTIONS = {
+    "uniform": lambda v: stats.uniform(v.low, v.high - v.low),
+    "loguniform": lambda v: stats.loguniform(v.low, v.high),
+    "normal": lambda v: stats.norm(v.mean, v.std),
+    "lognormal": lambda v: stats.lognorm(v.sigma, scale=v.median),
+}
+
+
+def points(study: Study) -> list[Point]:
+    """All points of a study, the last axis fastest. Raises `InputError` where axes do not fit."""
+    random = np.random.default_rng(study.seed)
+    expanded = [expand(axis, random, f"sweep.{i}") for i, axis in enumerate(study.sweep)]
+    count = int(np.prod([len(one) for one in expanded], dtype=np.float64))
+    if count > MOST_POINTS:
+        raise InputError(f"sweep: {count} points given; allowed: at most {MOST_POINTS}")
+    fields = [path for one in expanded for path in dict.fromkeys(path for point in one for path in point.changes)]
+    fields += list(study.margin.factors) if study.margin else []
+    columns = [name for one in expanded for name in one[0].columns]
+    columns += [study.margin.column] if study.margin else []
+    for given, what in ((fields, "field"), (columns, "name")):
+        twice = [one for one in given if given.count(one) > 1]
+        if twice:
+            raise InputError(f"sweep: {what} '{twice[0]}' given by two axes; allowed: one")
+    return [joined(parts) for parts in product(*expanded)]
+
+
+def expand(axis: Axis, random: np.random.Generator, where: str) -> list[Point]:
+    """The points of an axis by itself; draws advance `random`."""
+    if axis.zip is not None:
+        beside = [expand(one, random, f"{where}.zip.{i}") for i, one in enumerate(axis.zip)]
+        lengths = [len(one) for one in beside]
+        if len(set(lengths)) > 1:
+            raise InputError(f"{where}.zip: axes of {', '.join(map(str, lengths))} values given; allowed: as many each")
+        return [joined(parts) for parts in zip(*beside, strict=True)]
+    if axis.rows is not None:
+        paths = list(dict.fromkeys(path for row in axis.rows for path in row))
+        return [
+            Point({axis.name: _label(row)} if axis.name else {path: row.get(path) for path in paths}, row)
+            for row in axis.rows
+        ]
+    if axis.draws is not None:
+        drawn = draw(axis.draws, random)
+        made = [
+            [placed(variable, value) for value in column]
+            for variable, column in zip(axis.draws.variables, drawn.T, strict=True)
+        ]
+        return [joined(parts) for parts in zip(*made, strict=True)]
+    values = axis.values if axis.range is None else spaced(axis.range)
+    return [placed(axis, value) for value in values or []]
+
+
+def _label(row: dict[str, Any]) -> str:
+    """A name of a row of several fields: its texts, `HBsWC direct`."""
+    return " ".join(str(value) for value in row.values() if value is not None)
+
+
+def joined(parts: Iterable[Point]) -> Point:
+    """Points of several axes as one."""
+    columns: dict[str, Any] = {}
+    changes: dict[str, Any] = {}
+    for part in parts:
+        columns.update(part.columns)
+        changes.update(part.changes)
+    return Point(columns, changes)
+
+
+def placed(target: Target, value: Any) -> Point:
+    """A value in the fields that it goes into."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    whole = getattr(target, "whole", False)
+    kept = round(plain) if whole else _rounded(plain) if isinstance(plain, float) else plain
+    scaled = {path: kept if f == 1.0 else _rounded(f * kept) for path, f in target.factors.items()}
+    return Point({target.column: kept}, scaled)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def spaced(spec: Range) -> Sequence[int | float]:
+    """The values of a range; whole numbers stay whole."""
+    if spec.step is None:
+        spread = np.linspace(spec.start, float(spec.stop or 0), int(spec.number or 1))
+        whole = isinstance(spec.start, int) and isinstance(spec.stop, int) and not np.any(spread % 1)
+        return [int(value) if whole else _rounded(float(value)) for value in spread]
+    number = spec.number or int((spec.stop - spec.start) / spec.step + 1e-9) + 1  # type: ignore[operator]
+    if number > MOST_POINTS:
+        raise InputError(f"sweep: a range of {number} values given; allowed: at most {MOST_POINTS}")
+    values = [spec.start + i * spec.step for i in range(number)]
+    return [_rounded(value) if isinstance(value, float) else value for value in values]
+
+
+def draw(spec: Draws, random: np.random.Generator) -> NDArray[np.float64]:
+    """Values of all variables, (number, variables)."""
+    size = len(spec.variables)
+    if spec.method == "latin_hypercube":
+        shares = stats.qmc.LatinHypercube(size, rng=random).random(spec.number)
+    else:
+        shares = random.random((spec.number, size))
+    return np.column_stack([quantile(variable, shares[:, i]) for i, variable in enumerate(spec.variables)])
+
+
+def quantile(variable: Variable, share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The values below which these shares of a variable lie, within its limits."""
+    law = DISTRIBUTIONS[variable.distribution](variable)
+    low = 0.0 if variable.low is None else law.cdf(variable.low)
+    high = 1.0 if variable.high is None else law.cdf(variable.high)
+    return np.asarray(law.ppf(low + (high - low) * share))
+
+
+def drawn_columns(axis: Axis) -> list[str]:
+    """Columns of an axis that are random."""
+    inside = [name for one in axis.zip or [] for name in drawn_columns(one)]
+    return inside + ([variable.column for variable in axis.draws.variables] if axis.draws else [])

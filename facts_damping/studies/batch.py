@@ -1,0 +1,170 @@
+"""One run of a sweep: from the fields that it sets to a flat row of figures.
+
+Runs that share system, scenario and devices share the built plant and its sensitivity; the figures are those of
+`facts-damping simulate` to the last bit.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from json import dumps
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from facts_damping import configuration, loop
+from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
+from facts_damping.analysis.indices import INDICES, performance_indices
+from facts_damping.analysis.latency import ages_ms, frames_lost
+from facts_damping.analysis.measures import columns, event_times, speed_differences
+from facts_damping.analysis.oscillation import instability, is_damped, is_stable, settling_time
+from facts_damping.analysis.ringdown import ringdown_modes
+from facts_damping.errors import FactsDampingError
+from facts_damping.parameters.run import Run
+from facts_damping.parts import build_plant
+from facts_damping.plant.build import build
+from facts_damping.plant.model import copy
+from facts_damping.sensitivity import sensitivity
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from facts_damping.configuration import Case
+    from facts_damping.plant.build import Built
+    from facts_damping.sensitivity import Sensitivity
+    from facts_damping.signals import Record
+
+T = TypeVar("T")
+
+INTERAREA_HZ = 0.9  # below it a mode of the ringdown is the interarea one
+QUANTILES = (0, 1, 5, 10, 25, 50, 75, 90, 95, 99, 100)  # %, of the latency
+MOST_SHARED = 16  # plants that a process keeps
+NAMED = ("system", "scenario", "link")
+IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
+
+_plants: dict[str, Built] = {}
+_sensitivities: dict[str, Sensitivity | None] = {}
+
+
+class Base(NamedTuple):
+    """What all runs of a study have in common: the content of a run file, where it is from, what is set in it."""
+
+    content: dict[str, Any]
+    source: str
+    set: dict[str, Any]
+    modes: bool
+
+
+class Task(NamedTuple):
+    """A run: its key in the journal, the fields that it sets, and its columns of the table."""
+
+    key: str
+    changes: dict[str, Any]
+    columns: dict[str, Any]
+
+
+def make(base: Base, changes: Mapping[str, Any]) -> Case:
+    """The case of a run. Raises `InputError` that begins with the `--set` that is at fault."""
+    content, values = deepcopy(base.content), {**base.set, **changes}
+    sets = {path: dumps(value, default=str) for path, value in values.items()}
+    configuration.change(content, values, sets)
+    return configuration.make_case(content, base.source, sets)
+
+
+def one_run(base: Base, task: Task) -> tuple[str, dict[str, Any]]:
+    """Key and row of a run; one that fails is a row too, with the reason in `error`."""
+    row: dict[str, Any] = {**dict.fromkeys(IDENTITY), **names(base, task.changes), **task.columns}
+    try:
+        case = make(base, task.changes)
+        row |= {**_identity(case), **task.columns, "horizon_s": case.duration}
+        row |= {**figures(case, closed_loop(case), modes=base.modes), "error": None}
+    except FactsDampingError as error:
+        row["error"] = _one_line(error)
+    except Exception as error:  # noqa: BLE001 (whatever a run dies of, the others go on)
+        row["error"] = f"{type(error).__name__}: {_one_line(error)}"
+    return task.key, row
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """System, scenario and link by the names that were given; `custom` for one that stands inline."""
+    values = {**base.content, **base.set, **changes}
+    given = {name: values.get(name, Run.model_fields[name].default) for name in NAMED}
+    return {name: value if isinstance(value, str) else "custom" for name, value in given.items()}
+
+
+def _identity(case: Case) -> dict[str, Any]:
+    """What tells runs apart in every study, beside the names."""
+    schemes = dict.fromkeys(c.scheme for c in case.controllers if c.scheme)
+    return {
+        "controller": "+".join(c.name for c in case.controllers) or "none",
+        "scheme": "+".join(schemes) or None,
+        "seed": case.run.seed,
+    }
+
+
+def closed_loop(case: Case) -> Record:
+    """`loop.run(case)`, with plant and sensitivity shared between runs."""
+    # By content, not by name: a worker of a cluster may outlive a file.
+    system = f"{case.run.devices} {case.system.model_dump_json()}"
+    events = [event.model_dump_json() for event in case.scenario.events]
+    built = shared(_plants, f"{events} {system}", lambda: build_plant(case))
+    plant = None
+    if any(controller.scheme for controller in case.controllers):
+        plant = shared(_sensitivities, f"{case.run.frame_rate} {system}", lambda: _sensitivity(case))
+    own = built._replace(state=copy(built.state))
+    return loop.finish(case, loop.build_loop(case, plant, own))
+
+
+def _sensitivity(case: Case) -> Sensitivity | None:
+    start = build(case.system, case.run.devices, [])
+    return sensitivity(start, case.system, case.run.devices, case.run.frame_rate)
+
+
+def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
+    """What is kept under a key, made if it is not there; the oldest goes when there are too many."""
+    if key not in kept:
+        if len(kept) >= MOST_SHARED:
+            kept.pop(next(iter(kept)), None)
+        kept[key] = make()
+    return kept[key]
+
+
+def figures(case: Case, record: Record, *, modes: bool) -> dict[str, Any]:
+    """The figures of a run, flat; None where a run has none."""
+    signals, t = columns(speed_differences(record)), record.time_s
+    stable = is_stable(record) is True
+    times = event_times(record) or [0.0]
+    limits = [case.system.device(name).v_max for name in record.device_names]
+    found: dict[str, Any] = {
+        "stable": stable,
+        "damped": stable and is_damped(t, signals, times[-1]),
+        "instability": instability(record),
+        "duration_s": round(float(t[-1]) + 1.0 / case.run.frame_rate, 6),
+        **(performance_indices(t, signals) if stable else dict.fromkeys(INDICES)),
+        "settling_time_s": settling_time(t, signals, times[-1]) if stable else None,
+        "smoothness": record_smoothness(record)["per_second"],
+        "max_injected_voltage_pu": max_injected_voltage(record),
+        "saturation_duty": saturation_duty(record, np.array(limits)),
+        **_latency(record),
+        "frames_lost": frames_lost(record),
+    }
+    if modes:
+        swings = ringdown_modes(t, signals, times[-1]) if stable else []
+        slow = next((mode for mode in swings if mode.frequency_hz < INTERAREA_HZ), None)
+        found["interarea_hz"] = slow and slow.frequency_hz
+        found["interarea_damping_ratio"] = slow and slow.damping_ratio
+    return found
+
+
+def _latency(record: Record) -> dict[str, float | None]:
+    """Mean and quantiles of the latency from measurement to device."""
+    named = ["latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms"]
+    ages = ages_ms(record)
+    if not len(ages):
+        return dict.fromkeys(named)
+    found = [ages.mean(), *np.percentile(ages, QUANTILES)]
+    return dict(zip(named, map(float, found), strict=True))

@@ -1,0 +1,77 @@
+"""The picture of margins: who bears how much, at a glance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from facts_damping.analysis.plots import COLOURS
+from facts_damping.studies.results import by_scenario, label, margin_names, ranked, reach, spans, told_margin
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+
+    Rows = Sequence[dict[str, Any]]
+
+SCHEMES = {None: COLOURS[6], "direct": COLOURS[0], "indirect": COLOURS[1]}
+WORDS = {"unstable": "loses synchronism", "not_damped": "is not damped"}
+
+
+def draw_margins(margins: Rows) -> Figure:
+    """Bars of margins: a panel a scenario, who bears most on top; other criteria as diamonds."""
+    names, first = margin_names(margins), margins[0]["criterion"]
+    labelled = [{**row, "label": label(row, names)} for row in margins]
+    panels = by_scenario(labelled)
+    labels = [label(dict(zip(names, one, strict=True)), names) for one in reversed(ranked(margins))]
+    figure = Figure(figsize=(4.6 + 3.4 * len(panels), 1.8 + 0.27 * len(labels)), layout="constrained")
+    drawn: Any = figure.subplots(1, len(panels), sharey=True, sharex=True, squeeze=False)
+    for axes, (scenario, rows) in zip(drawn[0], panels.items(), strict=True):
+        for row in rows:
+            _bar(axes, labels.index(row["label"]), row) if row["criterion"] == first else _diamond(axes, labels, row)
+        horizons = sorted({row["horizon_s"] for row in rows if row["horizon_s"]})
+        axes.set(title=f"{scenario}, horizon {' / '.join(f'{h:g}' for h in horizons)} s", xlabel=f"{rows[0]['field']}")
+        axes.grid(visible=True, axis="x", lw=0.3)
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.margins(x=0.16, y=0.01)
+    drawn[0][0].set_yticks(range(len(labels)), labels)
+    title = f"Least {margins[0]['field']} at which a run {WORDS[first]}"
+    title += (
+        "" if all(row["monotonic"] for row in margins if row["criterion"] == first) else "; again: where it does not"
+    )
+    figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
+    _margin_legend(figure, margins)
+    return figure
+
+
+def _bar(axes: Axes, y: int, row: dict[str, Any]) -> None:
+    end, beyond = reach(row), row["beyond"] == "high"
+    axes.barh(y, end, color=SCHEMES.get(row["scheme"], COLOURS[2]), height=0.72, alpha=0.55 if beyond else 1.0)
+    if row["low_s"] is not None and row["high_s"] is not None:
+        axes.plot([row["low_s"], row["high_s"]], [y, y], "|-", color="0.1", lw=1.2, ms=7)
+    text = f"{end:.3f}" if row["margin_s"] is not None else told_margin(row)
+    again = "" if row["monotonic"] else f"  again {spans(row['holds_again'])}"
+    place: dict[str, Any] = {"xytext": (5, 0), "textcoords": "offset points", "va": "center", "fontsize": "x-small"}
+    axes.annotate(text + again, (max(end, row["high_s"] or 0.0), y), **place)
+
+
+def _diamond(axes: Axes, labels: Sequence[str], row: dict[str, Any]) -> None:
+    if row["margin_s"] is not None:
+        axes.plot(row["margin_s"], labels.index(row["label"]), "D", color="white", mec="0.1", ms=4.5)
+
+
+def _margin_legend(figure: Figure, margins: Rows) -> None:
+    schemes = [scheme for scheme in SCHEMES if any(row["scheme"] == scheme for row in margins)]
+    handles: list[Any] = [Patch(color=SCHEMES[scheme], label=scheme or "no adaptation") for scheme in schemes]
+    axes = figure.axes[0]
+    for criterion in dict.fromkeys(row["criterion"] for row in margins):
+        if criterion != margins[0]["criterion"]:
+            handles += axes.plot(
+                [], [], "D", color="white", mec="0.1", ms=4.5, label=f"first value that {WORDS[criterion]}"
+            )
+    handles += axes.plot([], [], "|-", color="0.1", lw=1.2, ms=7, label="bracket or 95 % interval")
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize="small", frameon=False)

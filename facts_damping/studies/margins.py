@@ -1,0 +1,114 @@
+"""The search of a margin: which values still have to be run, and what those that were run say.
+
+On a coarse grid first, so that a run that fails at some value and not at a larger one is noticed; then bisection of the
+first change. Knows nothing of runs: only whether a value failed.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from facts_damping.parameters.study import Margin
+
+DIGITS = 9  # decimals of a bisected value
+CONFIDENCE = 0.95
+RESAMPLES = 2000
+
+
+class Bracket(NamedTuple):
+    """Where a margin lies: it holds at `low`, it fails at `high`.
+
+    `low` None: it fails at the lowest value; `high` None: at none. `again`: values above at which it holds again.
+    """
+
+    low: float | None
+    high: float | None
+    again: list[float]
+
+
+def grid(margin: Margin) -> list[float]:
+    """The coarse grid."""
+    return [round(float(value), DIGITS) for value in np.linspace(margin.low, margin.high, margin.coarse)]
+
+
+def bracket(failed: Mapping[float, bool | None]) -> Bracket:
+    """The bracket of the first failure; values that say nothing (None) are left out."""
+    known = sorted(value for value, fails in failed.items() if fails is not None)
+    first = next((i for i, value in enumerate(known) if failed[value]), None)
+    if first is None:
+        return Bracket(known[-1] if known else None, None, [])
+    again = [value for value in known[first:] if not failed[value]]
+    return Bracket(known[first - 1] if first else None, known[first], again)
+
+
+def wanted(margin: Margin, failed: Mapping[float, bool | None]) -> list[float]:
+    """Values that have to be run next; none: the search has ended."""
+    missing = [value for value in grid(margin) if value not in failed]
+    if missing:
+        return missing
+    low, high, _ = bracket(failed)
+    if low is None or high is None or high - low <= margin.tolerance * (1 + 1e-9):
+        return []
+    middle = round((low + high) / 2, DIGITS)
+    return [] if middle in failed else [middle]
+
+
+def most_runs(margin: Margin) -> int:
+    """So many runs a search takes at most, of each criterion."""
+    step = (margin.high - margin.low) / (margin.coarse - 1)
+    return margin.coarse + len(margin.criteria) * max(0, int(np.ceil(np.log2(step / margin.tolerance) - 1e-9)))
+
+
+def over_seeds(found: Sequence[Bracket], margin: Margin, seed: int) -> dict[str, Any]:
+    """The median margin of several seeds, with an interval: None where it lies beyond the values that were run.
+
+    From the middles of the brackets; `low_s` and `high_s` are the ends of the bootstrap's 95 % interval of the median
+    of the lower and of the upper ends. So of one seed they are the bracket itself.
+    """
+    lows = np.array([-np.inf if one.low is None else one.low for one in found])
+    highs = np.array([np.inf if one.high is None else one.high for one in found])
+    middles = np.array([_middle(one) for one in found])
+    return {
+        "margin_s": _finite(np.median(middles)),
+        "low_s": _finite(_end(lows, 0, seed)),
+        "high_s": _finite(_end(highs, 1, seed)),
+        "seeds": len(found),
+        "monotonic": not any(one.again for one in found),
+        "holds_again": sorted({value for one in found for value in one.again}),
+        "beyond": "low" if np.median(middles) == -np.inf else "high" if np.median(middles) == np.inf else None,
+        "per_seed": [_finite(value) for value in middles] if len(found) > 1 else None,
+        "field": margin.column,
+    }
+
+
+def _middle(one: Bracket) -> float:
+    if one.low is None:
+        return -np.inf if one.high is not None else np.nan
+    return np.inf if one.high is None else (one.low + one.high) / 2
+
+
+def _end(values: np.ndarray[Any, Any], end: int, seed: int) -> float:
+    """An end of the interval of the median; of one value the value."""
+    if np.all(values == values[0]):
+        return float(values[0])
+    resampled = np.random.default_rng(seed).choice(values, (RESAMPLES, len(values)))
+    tail = (1 - CONFIDENCE) / 2
+    # An order statistic, not an interpolation: some values may be infinite.
+    method = "lower" if end == 0 else "higher"
+    return float(np.quantile(np.median(resampled, axis=1), 1 - tail if end else tail, method=method))  # type: ignore[call-overload]
+
+
+def share(failed: int, of: int) -> dict[str, float]:
+    """The share of failed runs with Wilson's 95 % interval."""
+    low, high = stats.binomtest(failed, of).proportion_ci(CONFIDENCE, method="wilson")
+    return {"runs": of, "failed": failed, "share": failed / of, "low": float(low), "high": float(high)}
+
+
+def _finite(value: float) -> float | None:
+    return round(float(value), DIGITS) if np.isfinite(value) else None

@@ -1,0 +1,187 @@
+"""What a sweep leaves in its folder: its table as Parquet and CSV, margins, shares, versions; text for a terminal."""
+
+from __future__ import annotations
+
+import json
+import platform
+import shutil
+import subprocess
+from importlib.metadata import version
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import pyarrow as pa
+from pyarrow import csv, parquet
+
+from facts_damping import __version__
+from facts_damping.files import share_folder, write_whole
+from facts_damping.studies.margins import share
+from facts_damping.studies.pages import heads, line
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    Rows = Sequence[dict[str, Any]]
+
+MOST_LINES = 40  # of a table on the terminal; a longer one is in its file alone
+LIBRARIES = ("numpy", "numba", "scipy", "joblib", "pyarrow")
+
+
+def table(rows: Rows) -> pa.Table:
+    """Rows as a table: a column is of truth values, numbers or text; anything else is text as JSON."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    return pa.table({name: _column([row.get(name) for row in rows]) for name in names})
+
+
+def _column(values: list[Any]) -> pa.Array:
+    kinds = {type(value) for value in values if value is not None}
+    if kinds == {int, float}:
+        return pa.array([None if value is None else float(value) for value in values])
+    if not kinds:
+        return pa.array(values, pa.string())
+    if len(kinds) == 1 and kinds <= {bool, int, float, str}:
+        return pa.array(values)
+    return pa.array([value if value is None or isinstance(value, str) else json.dumps(value) for value in values])
+
+
+def versions() -> dict[str, str | None]:
+    """What the rows were made with; `git`: the commit, in a checkout."""
+    found: dict[str, str | None] = {"facts_damping": __version__, "python": platform.python_version()}
+    return {**found, **{name: version(name) for name in LIBRARIES}, "git": _commit()}
+
+
+def _commit() -> str | None:
+    git, here = shutil.which("git"), share_folder()
+    if git is None or not (here / ".git").exists():
+        return None
+    told = [git, "-C", str(here), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    done = subprocess.run(told, capture_output=True, text=True, check=False)
+    return done.stdout.strip() or None
+
+
+def write(folder: Path, rows: Rows, margins: Rows, shares: Rows) -> list[Path]:
+    """Write all tables and the versions; their paths."""
+    made = []
+    whole = table(rows)
+    parquet.write_table(whole, folder / "rows.parquet")
+    made.append(folder / "rows.parquet")
+    for name, some in (("rows", rows), ("margins", margins), ("shares", shares)):
+        if some:
+            csv.write_csv(table(some), folder / f"{name}.csv")
+            made.append(folder / f"{name}.csv")
+    write_whole(folder / "versions.json", json.dumps(versions(), indent=2) + "\n")
+    return [*made, folder / "versions.json"]
+
+
+def text(rows: Rows, margins: Rows, shares: Rows) -> list[str]:
+    """What a terminal shows: counts, the margins, the shares of unstable runs."""
+    failed = [row["error"] for row in rows if row["error"]]
+    sound = [row for row in rows if not row["error"]]
+    lines = [f"{len(rows)} runs"]
+    if sound:
+        unstable = share(sum(not row["stable"] for row in sound), len(sound))
+        lines[0] += f", {unstable['failed']} unstable ({100 * unstable['share']:.1f} %)"
+    if failed:
+        lines.append(f"{len(failed)} could not be made, the first: {failed[0]}")
+    if margins:
+        lines += ["", *margin_table(margins)]
+    if shares and len(shares) <= MOST_LINES:
+        lines += ["", *share_table(shares)]
+    return lines
+
+
+def varying(rows: Rows, without: Sequence[str]) -> list[str]:
+    """Columns in which rows differ, and not as an earlier one does."""
+    found: dict[str, str] = {}
+    for name in dict.fromkeys(name for row in rows for name in row if name not in without):
+        values = [row.get(name) for row in rows]
+        if any(value != values[0] for value in values):
+            found.setdefault(json.dumps(values), name)
+    return list(found.values())
+
+
+FOUND = ("margin_s", "low_s", "high_s", "seeds", "monotonic", "holds_again", "beyond", "per_seed", "field")
+COUNTED = ("runs", "failed", "share", "low", "high")
+
+
+def label(row: dict[str, Any], names: Sequence[str]) -> str:
+    """A row by these columns; a number with its column's name."""
+    told = [(name, row[name]) for name in names if row.get(name) is not None]
+    return " ".join(value if isinstance(value, str) else f"{name.split('.')[-1]}={value}" for name, value in told)
+
+
+def by_scenario(rows: Rows) -> dict[str, list[dict[str, Any]]]:
+    """Rows by scenario."""
+    return {name: [r for r in rows if r["scenario"] == name] for name in dict.fromkeys(r["scenario"] for r in rows)}
+
+
+def margin_names(margins: Rows) -> list[str]:
+    """Columns that tell margins apart, but for the scenario and the criterion."""
+    return varying(margins, (*FOUND, "horizon_s", "criterion", "scenario"))
+
+
+def ranked(margins: Rows) -> list[tuple[Any, ...]]:
+    """What tells margins apart, who bears most first, by the median over the scenarios of the first criterion."""
+    names, reached = margin_names(margins), dict[tuple[Any, ...], list[float]]()
+    for row in margins:
+        if row["criterion"] == margins[0]["criterion"]:
+            reached.setdefault(tuple(row.get(name) for name in names), []).append(reach(row))
+    return sorted(reached, key=lambda one: -median(reached[one]))
+
+
+def reach(row: dict[str, Any]) -> float:
+    """A margin to sort and draw by; beyond the range its end."""
+    known = row["margin_s"] if row["beyond"] is None else row["low_s"]
+    return float(known or 0.0)
+
+
+def margin_table(margins: Rows) -> list[str]:
+    """Margins in Markdown: a table a criterion, a column a scenario; a star where it holds again at larger values."""
+    names, scenarios = margin_names(margins), list(dict.fromkeys(row["scenario"] for row in margins))
+    lines: list[str] = []
+    for criterion in dict.fromkeys(row["criterion"] for row in margins):
+        own = [row for row in margins if row["criterion"] == criterion]
+        place = {(row["scenario"], *(row.get(name) for name in names)): row for row in own}
+        horizons = "/".join(f"{h:g}" for h in dict.fromkeys(row["horizon_s"] for row in own) if h is not None)
+        titles = [f"{name} [low, high]" for name in scenarios]
+        lines += [f"{criterion}, {own[0]['field']}, horizon {horizons} s:", "", *heads(names, titles)]
+        for one in ranked(own):
+            rows = [place.get((name, *one)) for name in scenarios]
+            cells = ["" if row is None else told_margin(row) for row in rows]
+            lines.append(line([*map(cell, one), *cells]))
+        lines.append("")
+    return lines
+
+
+def told_margin(row: dict[str, Any]) -> str:
+    """A margin with its bracket or interval."""
+    star = "" if row["monotonic"] else " *"
+    if row["margin_s"] is None:
+        return {"high": f"> {cell(row['low_s'])}", "low": f"< {cell(row['high_s'])}", None: "-"}[row["beyond"]] + star
+    return f"{row['margin_s']:.3f} [{cell(row['low_s'])}, {cell(row['high_s'])}]{star}"
+
+
+def spans(values: Sequence[float]) -> str:
+    """Values as the least and the largest."""
+    if not values:
+        return ""
+    return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} to {values[-1]:g}"
+
+
+def share_table(shares: Rows) -> list[str]:
+    """Shares of unstable runs in Markdown."""
+    told = varying(shares, COUNTED)
+    lines = heads(told, ["runs", "unstable, %", "95 % interval"])
+    for row in shares:
+        interval = f"{100 * row['low']:.1f} to {100 * row['high']:.1f}"
+        counted = [str(row["runs"]), f"{100 * row['share']:.1f}", interval]
+        lines.append(line([*(cell(row.get(name)) for name in told), *counted]))
+    return lines
+
+
+def cell(value: Any) -> str:
+    """A value in a table."""
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

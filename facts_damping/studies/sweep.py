@@ -1,0 +1,177 @@
+"""A study carried out: every point of its axes, the margins that it asks for, what was finished before left alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping import __version__, files
+from facts_damping.checking import check
+from facts_damping.errors import InputError
+from facts_damping.files import find, parse_set, read_table, read_value
+from facts_damping.parameters.study import Study
+from facts_damping.studies import axes, margins
+from facts_damping.studies.batch import IDENTITY, Base, Task, make, one_run
+from facts_damping.studies.journal import Journal
+from facts_damping.studies.pool import workers
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from facts_damping.parameters.study import Margin
+    from facts_damping.studies.axes import Point
+    from facts_damping.terminal import Progress
+
+JOURNAL = "rows.jsonl"
+COPY = "study.yaml"
+# Rows of a point by the value of the margin's field; None: there is no margin.
+Seen = dict[float | None, dict[str, Any]]
+FAILED = {"unstable": lambda row: not row["stable"], "not_damped": lambda row: not row["damped"]}
+
+
+class Plan(NamedTuple):
+    """A study that has been read: its points, and what its runs have in common."""
+
+    name: str
+    path: Path
+    study: Study
+    base: Base
+    points: list[Point]
+    fingerprint: str  # of everything that its rows depend on
+
+
+def plan(name: str, sets: Sequence[str]) -> Plan:
+    """Read a study by name or path, with `--set` applied to its base run.
+
+    Raises `InputError` also where its first run cannot be made.
+    """
+    path = find("studies", name)
+    study = check(Study, read_table(path), str(path))
+    try:
+        base = _base(study, sets, str(path))
+        points = axes.points(study)
+        first = make(base, points[0].changes | _margin_changes(study, study.margin.low if study.margin else None))
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+    told = [study.model_dump(), base.content, base.set, first.document(), __version__]
+    digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
+    return Plan(path.stem, path, study, base, points, digest)
+
+
+def _base(study: Study, sets: Sequence[str], source: str) -> Base:
+    """What all runs of a study have in common."""
+    content = dict(study.run) if isinstance(study.run, dict) else read_table(find("runs", study.run))
+    pairs = dict(parse_set(text) for text in sets)
+    changed = {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}
+    return Base(content, source, {**study.set, **changed}, study.modes)
+
+
+def _margin_changes(study: Study, value: float | None) -> dict[str, Any]:
+    return {} if study.margin is None else axes.placed(study.margin, value).changes
+
+
+def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[Seen]:
+    """The rows of a study's points; only those that the folder does not hold yet are run.
+
+    Raises `InputError` where the folder is another study's, `RunError` where the runs cannot go on.
+    """
+    most = len(made.points) * (margins.most_runs(made.study.margin) if made.study.margin else 1)
+    with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, made.fingerprint) as journal:
+        files.write_whole(folder / COPY, made.path.read_text(encoding="utf-8"))
+        progress.resume(len(journal.rows))
+        progress(len(journal.rows), most)
+        while todo := _tasks(made, journal.rows):
+            for key, row in each(partial(one_run, made.base), todo):
+                journal.append(key, row)
+                progress(len(journal.rows), most)
+        return _seen(made, journal.rows)
+
+
+def rows(found: Sequence[Seen]) -> list[dict[str, Any]]:
+    """All rows, by point, then by the value of the margin's field."""
+    return [seen[value] for seen in found for value in sorted(seen, key=lambda value: value or 0.0)]
+
+
+def _seen(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[Seen]:
+    """The rows of each point, by the value of the margin's field."""
+    found: list[Seen] = [{} for _ in made.points]
+    for key, row in rows.items():
+        point, _, value = key.partition(" ")
+        found[int(point)][float(value) if value else None] = row
+    return found
+
+
+def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[Task]:
+    """The runs that come next; none: the study is done."""
+    return [
+        _task(made, i, value)
+        for i, seen in enumerate(_seen(made, rows))
+        for value in (_wanted(made.study.margin, seen) if made.study.margin else [None] if not seen else [])
+    ]
+
+
+def _task(made: Plan, i: int, value: float | None) -> Task:
+    point = made.points[i]
+    if made.study.margin is None or value is None:
+        return Task(str(i), point.changes, point.columns)
+    both = axes.joined([point, axes.placed(made.study.margin, value)])
+    return Task(f"{i} {value!r}", both.changes, both.columns)
+
+
+def _wanted(margin: Margin, seen: Seen) -> list[float]:
+    """Values that a point's search needs next, of all criteria, each once."""
+    each = [margins.wanted(margin, _failed(seen, criterion)) for criterion in margin.criteria]
+    return list(dict.fromkeys(value for values in each for value in values))
+
+
+def _failed(seen: Seen, criterion: str) -> dict[float, bool | None]:
+    """Whether the run failed at each value; None where it could not be made."""
+    return {value: None if row["error"] else FAILED[criterion](row) for value, row in seen.items() if value is not None}
+
+
+def found_margins(made: Plan, found: Sequence[Seen]) -> list[dict[str, Any]]:
+    """A margin for each point and criterion; points that differ by seed or draw alone are one."""
+    margin = made.study.margin
+    if margin is None:
+        return []
+    groups: dict[str, list[Seen]] = {}
+    for seen in found:
+        one = next((row for row in seen.values() if not row["error"]), next(iter(seen.values())))
+        groups.setdefault(json.dumps({name: one.get(name) for name in _place(made)}), []).append(seen)
+    told = []
+    for place, group in groups.items():
+        for criterion in margin.criteria:
+            brackets = [margins.bracket(_failed(seen, criterion)) for seen in group]
+            over = margins.over_seeds(brackets, margin, made.study.seed)
+            told.append({**json.loads(place), "criterion": criterion, **over})
+    return told
+
+
+def swept(made: Plan) -> list[str]:
+    """Columns that were swept, the margin's among them."""
+    return [*made.points[0].columns, *([made.study.margin.column] if made.study.margin else [])]
+
+
+def _place(made: Plan) -> list[str]:
+    """Columns that say what a run was, but for its seed and what was drawn."""
+    drawn = {"seed", *(name for axis in made.study.sweep for name in axes.drawn_columns(axis))}
+    return [name for name in dict.fromkeys([*IDENTITY, *made.points[0].columns, "horizon_s"]) if name not in drawn]
+
+
+def found_shares(made: Plan, found: Sequence[Seen]) -> list[dict[str, Any]]:
+    """The share of unstable runs among those that differ by their seed or what was drawn, with Wilson's interval.
+
+    None where no two runs do.
+    """
+    columns = _place(made) + ([made.study.margin.column] if made.study.margin else [])
+    groups: dict[str, list[bool]] = {}
+    for row in rows(found):
+        if not row["error"]:
+            place = {name: row.get(name) for name in columns}
+            groups.setdefault(json.dumps(place), []).append(not row["stable"])
+    if all(len(one) == 1 for one in groups.values()):
+        return []
+    return [{**json.loads(place), **margins.share(sum(one), len(one))} for place, one in groups.items()]

@@ -1,0 +1,527 @@
+"""Sweeps as users run them: rows are what `simulate` gives, also after a kill; margins are where runs change."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from facts_damping import files, loop
+from facts_damping.analysis.summary import summarise
+from facts_damping.cli import main
+from facts_damping.configuration import load_case
+from facts_damping.files import shipped
+from facts_damping.studies import sweep
+from facts_damping.studies.batch import Task, one_run
+from facts_damping.studies.journal import Journal
+from facts_damping.studies.pool import workers
+from facts_damping.terminal import Progress
+
+ONE = """
+run: two_area_small
+set: {duration: 4}
+sweep:
+  - {name: delay, fields: {link.up.0.delay: 0.5, link.down.0.delay: 0.5}, values: [0, 0.1, 0.2]}
+  - {field: controllers.0.parameters.gain, values: [5, 10]}
+"""
+
+
+def study(tmp_path: Path, text: str = ONE, name: str = "mine") -> Path:
+    path = tmp_path / f"{name}.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def swept(tmp_path: Path, path: Path | str, *more: str) -> dict[str, Any]:
+    target = tmp_path / "result.json"
+    status = main(["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "out"), "--json", str(target), *more])
+    assert status == 0
+    return dict(json.loads(target.read_text()))
+
+
+def test_every_row_has_the_figures_that_simulate_gives(tmp_path: Path) -> None:
+    """All six, although they share a plant."""
+    rows = swept(tmp_path, study(tmp_path))["rows"]
+    assert [(row["delay"], row["controllers.0.parameters.gain"]) for row in rows] == [
+        (delay, gain) for delay in (0, 0.1, 0.2) for gain in (5, 10)
+    ]
+    for row in rows:
+        own = [f"link.up.0.delay={row['delay'] / 2}", f"link.down.0.delay={row['delay'] / 2}", "duration=4"]
+        gain = f"controllers.0.parameters.gain={row['controllers.0.parameters.gain']}"
+        told = summarise(loop.run(load_case("two_area_small", [*own, gain])))
+        for name in ("stable", "damped", "instability", "duration_s", "smoothness", "max_injected_voltage_pu"):
+            assert row[name] == told[name], name
+        assert row["settling_time_s"] == told["settling_time_s"]
+        assert {name: row[name] for name in told["indices"]} == told["indices"]
+        assert row["latency_max_ms"] == pytest.approx(1e3 * row["delay"], abs=1e-6)
+        assert row["latency_mean_ms"] == told["latency_ms"]["mean"]
+        assert row["interarea_hz"] == next((m["frequency_hz"] for m in told["modes"] if m["frequency_hz"] < 0.9), None)
+        assert (row["error"], row["scenario"], row["controller"], row["scheme"]) == (None, "small", "LLC", None)
+        assert (row["link"], row["seed"], row["horizon_s"]) == ("ideal", 0, 4)
+
+
+def test_the_folder_explains_itself(tmp_path: Path) -> None:
+    path = study(tmp_path)
+    rows = swept(tmp_path, path)["rows"]
+    out = tmp_path / "out"
+    assert pq.read_table(out / "rows.parquet").to_pylist() == rows
+    with (out / "rows.csv").open(encoding="utf-8") as file:
+        read = list(csv.DictReader(file))
+    assert [float(row["ITAE"]) for row in read] == [row["ITAE"] for row in rows]
+    assert (out / "study.yaml").read_text() == path.read_text()
+    assert {"facts_damping", "python", "numpy", "numba", "scipy", "git"} <= set(
+        json.loads((out / "versions.json").read_text())
+    )
+    assert {picture.name for picture in out.glob("*.png")} == {"curves.png"}
+    assert all(picture.stat().st_size > 5000 for picture in out.glob("*.png"))
+
+
+def test_networks_share_sensitivities_and_stay_the_same(tmp_path: Path) -> None:
+    """Each controller and frame rate beside a run by itself, in an order in which what is shared is used again."""
+    text = """
+run: two_area_small
+set: {duration: 3}
+sweep:
+  - rows:
+      - {controllers.0.name: HBsWC, controllers.0.scheme: indirect}
+      - {controllers.0.name: ANFTSC, controllers.0.scheme: direct}
+  - {field: frame_rate, values: [60, 30, 60.0e0]}
+  - {field: scenario, values: [large, small]}
+""".replace("60.0e0", "50")
+    rows = swept(tmp_path, study(tmp_path, text))["rows"]
+    assert len(rows) == 12
+    for row in rows:
+        own = [
+            f"{name}={row[name]}" for name in ("scenario", "frame_rate", "controllers.0.name", "controllers.0.scheme")
+        ]
+        told = summarise(loop.run(load_case("two_area_small", [*own, "duration=3"])))
+        assert {name: row[name] for name in told["indices"]} == told["indices"]
+
+
+def test_a_system_that_changes_between_two_sweeps_of_a_process_is_built_anew(tmp_path: Path) -> None:
+    system, found = files.read_table(files.find("systems", "two_area")), {}
+    path = study(tmp_path, f"run: {{system: {tmp_path / 'grid.yaml'}, duration: 3}}\n")
+    for factor in (1.0, 1.5):
+        system["machines"][0]["H"] *= factor
+        (tmp_path / "grid.yaml").write_text(files.dump(system), encoding="utf-8")
+        out, target = tmp_path / str(factor), tmp_path / "result.json"
+        assert main(["sweep", str(path), "--jobs", "1", "--out", str(out), "--json", str(target)]) == 0
+        found[factor] = json.loads(target.read_text())["rows"][0]["ITAE"]
+        case = load_case(None, [f"system={tmp_path / 'grid.yaml'}", "duration=3"])
+        assert found[factor] == summarise(loop.run(case))["indices"]["ITAE"]
+    assert found[1.0] != found[1.5]
+
+
+def test_saturation_duty_is_the_share_of_frames_at_the_limit(tmp_path: Path) -> None:
+    text = "run: two_area_large\nset: {duration: 5}\nsweep: [{field: controllers.0.parameters.gain, values: [200]}]\n"
+    (row,) = swept(tmp_path, study(tmp_path, text))["rows"]
+    record = loop.run(load_case("two_area_large", ["duration=5", "controllers.0.parameters.gain=200"]))
+    assert row["saturation_duty"] == pytest.approx((abs(record.devices["setpoint"]) > 0.0999999).mean())
+    assert 0.1 < row["saturation_duty"] < 1
+
+
+def test_every_picture_is_drawn_where_the_table_has_something_for_it(tmp_path: Path) -> None:
+    """Two controllers with links of their own, so latencies vary; two numbers; seeds."""
+    text = """
+run: two_area_decentralised
+set: {duration: 2, scenario: small}
+sweep:
+  - {field: controllers.0.link.up.0.delay, range: {start: 0, step: 0.01, number: 3}}
+  - {field: controllers.1.link.up.1.delay, range: {start: 0.03, step: 0.01, number: 3}}
+  - {field: seed, values: [1, 2]}
+"""
+    found = swept(tmp_path, study(tmp_path, text))
+    pictures = {path.stem for path in (tmp_path / "out").glob("*.png")}
+    assert pictures == {"curves", "probability", "map", "latency"}
+    (row,) = [r for r in found["rows"] if r["latency_max_ms"] == pytest.approx(70.0) and r["latency_p0_ms"] == 0.0][:1]
+    assert (row["controller"], row["scheme"]) == ("ANFTSC+HBsWC", "indirect")
+    assert (row["controllers.0.link.up.0.delay"], row["controllers.1.link.up.1.delay"]) == (0, 0.05)
+    assert [share["runs"] for share in found["shares"]] == [2] * 9
+
+
+def test_a_run_that_fails_is_a_row(tmp_path: Path) -> None:
+    """A gain out of range, a device that is not there: lines of `error`; the others are run."""
+    text = """
+run: two_area_small
+set: {duration: 2}
+sweep:
+  - {field: controllers.0.parameters.gain, values: [10, 1.0e+9]}
+  - {field: devices, values: [[sssc], [statcom]]}
+"""
+    rows = swept(tmp_path, study(tmp_path, text))["rows"]
+    assert [row["error"] is None for row in rows] == [True, False, False, False]
+    assert "controllers.0.devices: 'sssc' given; allowed: statcom" in rows[1]["error"]
+    assert "--set controllers.0.parameters.gain=1000000000.0: " in rows[2]["error"]
+    assert all("\n" not in row["error"] for row in rows[1:])
+    assert pq.read_table(tmp_path / "out" / "rows.parquet")["error"].null_count == 1
+    assert rows[1]["devices"] == ["statcom"]
+
+
+def test_lost_synchronism_is_a_row_without_indices(tmp_path: Path) -> None:
+    text = "run: two_area_large\nset: {controllers: []}\nsweep: [{field: duration, values: [20, 5]}]\n"
+    lost, short = swept(tmp_path, study(tmp_path, text))["rows"]
+    assert (lost["stable"], lost["damped"], lost["ITAE"], lost["controller"]) == (False, False, None, "none")
+    assert lost["instability"] == "loss of synchronism"
+    assert 14 < lost["duration_s"] < 15
+    assert short["stable"] is True
+
+
+# Margins
+
+MARGIN = """
+run: two_area_small
+sweep:
+  - rows:
+      - {scenario: large, link: delay_100ms}
+margin:
+  field: link.up.1.delay
+  low: 0
+  high: 0.4
+  coarse: 5
+  tolerance: 0.02
+  criteria: [unstable, not_damped]
+"""
+
+
+def test_margins_are_bracketed_as_single_runs_say(tmp_path: Path) -> None:
+    found = swept(tmp_path, study(tmp_path, MARGIN))
+    assert [one["criterion"] for one in found["margins"]] == ["unstable", "not_damped"]
+    for one, figure in zip(found["margins"], ("stable", "damped"), strict=True):
+        assert {"controller", "scheme", "link", "scenario", "margin_s", "low_s", "high_s"} <= set(one)
+        assert (one["controller"], one["scheme"], one["link"], one["scenario"]) == ("LLC", None, "delay_100ms", "large")
+        assert (one["horizon_s"], one["field"]) == (20, "link.up.1.delay")
+        assert 0 < one["high_s"] - one["low_s"] <= 0.02 * (1 + 1e-9)
+        assert one["low_s"] < one["margin_s"] < one["high_s"]
+        for value, holds in ((one["low_s"], True), (one["high_s"], False)):
+            own = ["scenario=large", "link=delay_100ms", f"link.up.1.delay={value}"]
+            assert summarise(loop.run(load_case("two_area_small", own)))[figure] is holds
+    assert found["margins"][1]["high_s"] <= found["margins"][0]["low_s"]  # it grows before it is lost
+    assert (tmp_path / "out" / "margins.csv").is_file()
+    assert (tmp_path / "out" / "margins.png").is_file()
+
+
+def test_seeds_make_one_margin_and_shares(tmp_path: Path) -> None:
+    """Nothing is random in a constant delay: all seeds agree, and the interval is the bracket."""
+    text = MARGIN.replace("criteria: [unstable, not_damped]", "criteria: [unstable]")
+    text = text.replace("margin:", "  - {field: seed, range: {start: 1, number: 3, step: 1}}\nmargin:")
+    found = swept(tmp_path, study(tmp_path, text))
+    (one,) = found["margins"]
+    assert one["seeds"] == 3
+    assert one["per_seed"] == [one["margin_s"]] * 3
+    assert 0 < one["high_s"] - one["low_s"] <= 0.02 * (1 + 1e-9)
+    assert {row["seed"] for row in found["rows"]} == {1, 2, 3}
+    by_value = {share["link.up.1.delay"]: share for share in found["shares"]}
+    assert by_value[0.0]["runs"] == by_value[0.4]["failed"] == 3
+    assert by_value[0.4]["low"] == pytest.approx(0.4385, abs=1e-4)  # Wilson's, of 3 of 3: 3 / (3 + 1.96^2)
+
+
+# Interruption
+
+
+def rows_there(out: Path) -> int:
+    journal = out / sweep.JOURNAL
+    return max(0, journal.read_bytes().count(b"\n") - 1) if journal.is_file() else 0
+
+
+MANY = """
+run: two_area_small
+set: {duration: 3}
+sweep: [{field: link.up.0.delay, range: {start: 0, step: 0.0005, number: 400}}]
+modes: false
+"""
+
+
+def table(out: Path) -> list[dict[str, Any]]:
+    return list(pq.read_table(out / "rows.parquet").to_pylist())
+
+
+def started(tmp_path: Path) -> tuple[subprocess.Popen[bytes], list[str]]:
+    """A sweep that has made 20 of 400 runs, and the command's arguments."""
+    arguments = ["sweep", str(study(tmp_path, MANY)), "--jobs", "2"]
+    command = [sys.executable, "-m", "facts_damping.cli", *arguments, "--out", str(tmp_path / "out")]
+    child = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    began = time.monotonic()
+    while rows_there(tmp_path / "out") < 20:
+        assert child.poll() is None, child.communicate()
+        assert time.monotonic() - began < 120
+        time.sleep(0.01)
+    return child, arguments
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["kill -9", "Ctrl-C"])
+def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path: Path, number: signal.Signals) -> None:
+    out = tmp_path / "out"
+    child, arguments = started(tmp_path)
+    left = children(child.pid)
+    os.kill(child.pid, number)
+    _, said = child.communicate(timeout=60)
+    if number == signal.SIGINT:
+        assert child.returncode == 130
+        assert said.decode() == f"facts-damping: interrupted; the same command goes on where it stopped: {out}\n"
+    gone(left)
+    before = rows_there(out)
+    assert 20 <= before < 400
+    kept = (out / sweep.JOURNAL).read_bytes().splitlines()[1 : 1 + before]
+    assert main([*arguments, "--out", str(out)]) == 0
+    assert (out / sweep.JOURNAL).read_bytes().splitlines()[1 : 1 + before] == kept
+    assert rows_there(out) == 400  # none twice
+    assert main([*arguments, "--out", str(tmp_path / "whole")]) == 0
+    assert table(out) == table(tmp_path / "whole")
+
+
+def test_a_process_that_is_killed_ends_the_sweep_with_one_line(tmp_path: Path) -> None:
+    child, arguments = started(tmp_path)
+    left = children(child.pid)
+    os.kill(next(pid for pid in left if b"popen_loky" in Path(f"/proc/{pid}/cmdline").read_bytes()), signal.SIGKILL)
+    _, said = child.communicate(timeout=60)
+    assert child.returncode == 1
+    assert said.decode().startswith("facts-damping: a process of the sweep was killed")
+    assert said.count(b"\n") == 1
+    gone(left)
+    assert 20 <= rows_there(tmp_path / "out") < 400
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    assert rows_there(tmp_path / "out") == 400
+
+
+def children(pid: int) -> list[int]:
+    text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
+    return [int(one) for one in text.split()]
+
+
+def gone(pids: list[int]) -> None:
+    """No process is left behind, but for those that only wait to be collected."""
+    assert pids
+    deadline = time.monotonic() + 20
+    for pid in pids:
+        while Path(f"/proc/{pid}/stat").exists() and ") Z" not in Path(f"/proc/{pid}/stat").read_text(encoding="ascii"):
+            assert time.monotonic() < deadline, Path(f"/proc/{pid}/cmdline").read_bytes()
+            time.sleep(0.05)
+
+
+def test_a_torn_or_damaged_line_costs_its_run_only(tmp_path: Path) -> None:
+    path, out = study(tmp_path), tmp_path / "out"
+    swept(tmp_path, path)
+    whole, journal = table(out), out / sweep.JOURNAL
+    lines = journal.read_bytes().splitlines(keepends=True)
+    assert len(lines) == 7
+    journal.write_bytes(b"".join([*lines[:3], b"\x00\x00\xff\n", *lines[4:6], lines[6][:40]]))
+    assert swept(tmp_path, path)["rows"] == json.loads(json.dumps(whole))
+    assert table(out) == whole
+    assert len([line for line in journal.read_bytes().splitlines() if b'"row"' in line]) == 6 + 1  # one torn, in part
+
+
+def test_a_finished_sweep_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = study(tmp_path)
+    first = swept(tmp_path, path)
+    monkeypatch.setattr(loop, "finish", None)
+    assert swept(tmp_path, path) == first
+
+
+@pytest.mark.parametrize("change", ["study", "set", "run"])
+def test_another_study_in_the_same_folder_is_refused(
+    tmp_path: Path, change: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    base = tmp_path / "base.yaml"
+    base.write_text("scenario: small\nduration: 2\n", encoding="utf-8")
+    text = f"run: {base}\nsweep: [{{field: link.up.0.delay, values: [0, 0.1]}}]\n"
+    path, more = study(tmp_path, text), []
+    swept(tmp_path, path)
+    before = (tmp_path / "out" / sweep.JOURNAL).read_bytes()
+    if change == "study":
+        path.write_text(text.replace("0.1", "0.2"), encoding="utf-8")
+    elif change == "run":
+        base.write_text("scenario: small\nduration: 3\n", encoding="utf-8")
+    else:
+        more = ["--set", "scenario=large"]
+    capsys.readouterr()
+    assert main(["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "out"), *more]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "holds runs of another study" in said
+    assert (tmp_path / "out" / sweep.JOURNAL).read_bytes() == before
+    assert (tmp_path / "out" / sweep.COPY).read_text() == text
+
+
+def test_two_sweeps_cannot_write_the_same_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = study(tmp_path), tmp_path / "out"
+    out.mkdir()
+    with Journal(out / sweep.JOURNAL, sweep.plan(str(path), []).fingerprint):
+        assert main(["sweep", str(path), "--jobs", "1", "--out", str(out)]) == 2
+    assert "another sweep writes there" in capsys.readouterr().err
+
+
+# Where it runs
+
+
+def test_processes_and_one_process_give_the_same_table(tmp_path: Path) -> None:
+    path = study(tmp_path)
+    for jobs in ("1", "2"):
+        assert main(["sweep", str(path), "--jobs", jobs, "--out", str(tmp_path / jobs)]) == 0
+    assert table(tmp_path / "1") == table(tmp_path / "2")
+
+
+def test_a_dask_cluster_gives_the_same_table(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    path = study(tmp_path)
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0") as cluster:
+        out = str(tmp_path / "dask")
+        assert main(["sweep", str(path), "--scheduler", cluster.scheduler_address, "--out", out]) == 0
+    assert main(["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "here")]) == 0
+    assert table(tmp_path / "dask") == table(tmp_path / "here")
+
+
+def test_no_scheduler_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("facts_damping.studies.pool.CONNECT_S", 0.5)
+    out = str(tmp_path / "out")
+    assert main(["sweep", str(study(tmp_path)), "--scheduler", "tcp://127.0.0.1:9", "--out", out]) == 2
+    said = capsys.readouterr().err
+    assert "--scheduler tcp://127.0.0.1:9: no scheduler answers" in said
+    assert said.count("\n") == 1
+    assert not Path(out).exists()
+
+
+# What users get wrong
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("swep: []", "swep: unknown key; allowed: description, run, set, seed, sweep, margin, modes"),
+        ("run: nowhere", "runs: 'nowhere' given; allowed: "),
+        ("sweep: [{field: link.up.0.delay}]", "sweep.0: none given; allowed: one of values, range, rows, draws, zip"),
+        ("sweep: [{values: [1]}]", "sweep.0: needs either `field` or `fields`"),
+        ("sweep: [{fields: {duration: 1}, values: [1]}]", "`fields` need a `name`"),
+        ("sweep: [{name: a, fields: {duration: 1}, values: [x]}]", "'x' given; allowed: numbers"),
+        (
+            "sweep: [{field: duration, range: {start: 1, number: 0, stop: 2}}]",
+            "sweep.0.range.number: 0 given; allowed: ",
+        ),
+        ("sweep: [{field: duration, range: {start: 1}}]", "needs two of `stop`, `step` and `number`"),
+        ("sweep: [{field: duration, range: {start: 1, stop: 2, step: -1}}]", "step: -1 given"),
+        ("sweep: [{field: duration, values: [1]}, {field: duration, values: [1]}]", "'duration' given by two axes"),
+        (
+            "sweep: [{zip: [{field: seed, values: [1, 2]}, {field: duration, values: [1]}]}]",
+            "axes of 2, 1 values given",
+        ),
+        ("sweep: [{field: duratoin, values: [1]}]", "duratoin: unknown key; allowed: system, scenario"),
+        ("sweep: [{field: 'link up', values: [1]}]", "sweep.0.field: 'link up' given; allowed: "),
+        (
+            "sweep: [{field: link.up.0.delay, values: [-1]}]",
+            "link.up.0.delay: -1 given; allowed: greater than or equal to 0",
+        ),
+        (
+            "sweep: [{draws: {number: 2, variables: [{field: duration, distribution: normal, mean: 1}]}}]",
+            "std: missing; allowed: normal with mean and std",
+        ),
+        (
+            "sweep: [{draws: {number: 2, variables: [{field: duration, distribution: gumbel}]}}]",
+            "distribution: 'gumbel' given; allowed: 'uniform', 'loguniform', 'normal' or 'lognormal'",
+        ),
+        (
+            "margin: {field: link.up.0.delay, high: 1, tolerance: 0}",
+            "margin.tolerance: 0 given; allowed: greater than 0",
+        ),
+        (
+            "margin: {field: link.up.0.delay, low: 2, high: 1, tolerance: 0.1}",
+            "high: 1 given; allowed: more than low, 2",
+        ),
+        ("margin: {field: link.up.0.delay, high: 1, tolerance: 0.1, criteria: [lost]}", "'lost' given; allowed: "),
+        ("set: {controllers.0.name: PID}", "'PID' given; allowed: LLC"),
+        (
+            "sweep: [{field: seed, range: {step: 1, number: 2000}}, {field: duration, range: {step: 1, number: 2000}}]",
+            "4000000 points given; allowed: at most 1000000",
+        ),
+    ],
+)
+def test_bad_studies_are_one_line_that_names_the_file(
+    tmp_path: Path, text: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = study(tmp_path, text + "\n")
+    assert main(["sweep", str(path), "--out", str(tmp_path / "out")]) == 2
+    errors = capsys.readouterr().err
+    assert said in errors
+    assert errors.startswith(f"facts-damping: {path}: ") or "runs: " in errors
+    assert errors.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+# What is shipped
+
+
+@pytest.mark.parametrize("name", sorted(shipped("studies")))
+def test_shipped_studies_can_be_planned(name: str) -> None:
+    plan = sweep.plan(name, [])
+    assert plan.study.description
+    assert plan.points
+
+
+def test_the_example(tmp_path: Path) -> None:
+    found = swept(tmp_path, "example")
+    assert len(found["rows"]) == 16
+    assert all(row["error"] is None for row in found["rows"])
+    assert found["margins"] == []
+    assert {row["scheme"] for row in found["rows"]} == {None, "direct"}
+
+
+def test_the_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_ones() -> None:
+    """All 144 of them, by single runs; they were found by `facts-damping sweep delay_margin`."""
+    plan = sweep.plan("delay_margin", [])
+    page = (Path(__file__).parents[2] / "docs" / "studies.md").read_text(encoding="utf-8")
+    tasks: dict[str, Task] = {}
+    expected: list[tuple[str, str, bool]] = []
+    for criterion, text in zip(("unstable", "not_damped"), page.split(", horizon 20 s:")[1:], strict=True):
+        for line in text.split("\n\n")[1].splitlines()[2:]:
+            controller, scheme, *cells = [cell.strip() for cell in line.strip("|").split("|")]
+            own = {"controllers.0.name": controller} | ({} if scheme == "-" else {"controllers.0.scheme": scheme})
+            for scenario, cell in zip(("small", "large", "multiple"), cells, strict=True):
+                # The page is rounded; the values that were run are multiples of 25 ms / 8.
+                low, high = (round(float(one) * 320) / 320 for one in re.findall(r"[\d.]+", cell.split("[")[1]))
+                assert high - low == pytest.approx(1 / 320)
+                for delay, fails in ((low, False), (high, True)):
+                    half = {"link.up.0.delay": delay / 2, "link.down.0.delay": delay / 2}
+                    key = f"{controller} {scheme} {scenario} {delay}"
+                    tasks[key] = Task(key, {**own, "scenario": scenario, **half}, {})
+                    expected.append((key, criterion, fails))
+    assert len(expected) == 2 * 2 * 3 * 24
+    with workers(2) as each:
+        rows = dict(each(partial(one_run, plan.base), list(tasks.values())))
+    assert [one for one in expected if sweep.FAILED[one[1]](rows[one[0]]) is not one[2]] == []
+
+
+def test_the_study_of_delay_margins_asks_for_every_controller_and_scenario() -> None:
+    plan = sweep.plan("delay_margin", [])
+    assert len(plan.points) == 3 * (2 + 2 * 11)
+    assert len({json.dumps(point.changes, sort_keys=True) for point in plan.points}) == len(plan.points)
+
+
+def test_progress_tells_what_is_left_and_leaves_out_what_was_there_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    now, shown = [0.0], Terminal()
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(sys, "stderr", shown)
+    progress = Progress("mine", "runs")
+    progress.resume(100)
+    progress(100, 200)
+    now[0] = 10.0
+    progress(120, 200)
+    first, second = shown.getvalue().split("\r")[1:]
+    assert "100/200 runs, 0 s\x1b" in first
+    assert "120/200 runs, 10 s, 40 s left" in second
