@@ -107,10 +107,11 @@ def start(name: str, module: str, parameters: dict[str, Any]) -> Process:
 
 
 def _end(processes: Iterable[Process], number: int) -> None:
-    """Tell processes to stop; kill those that do not."""
+    """Tell processes to stop, also those that stand still; kill those that do not."""
     running = [process.popen for process in processes if process.popen.poll() is None]
     for popen in running:
         popen.send_signal(number)
+        popen.send_signal(signal.SIGCONT)
     for popen in running:
         try:
             popen.wait(STOP_S)
