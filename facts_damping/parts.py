@@ -138,7 +138,7 @@ def _compensated(case: Case, i: int, plant: Sensitivity | None) -> float:
 
     A Smith predictor is refused. The plant's own poles stay in what its loop makes of a disturbance, and where one of
     them is unstable, it hides an output that grows (Z. J. Palmor, Time-Delay Compensation, in: W. S. Levine (ed.), The
-    Control Handbook, CRC 1996, 10.9).
+    Control Handbook, CRC 1996).
     """
     c = case.controllers[i]
     if c.compensation == "none":

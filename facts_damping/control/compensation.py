@@ -6,10 +6,10 @@ and the delay of the way down, which a controller cannot see. Both compensators 
     lead:   two equal sections (1 + s a) / (1 + s / (a w^2)) / (a w), each of phase w tau / 2 and gain 1 at w
     phasor: y = y0 + Re q, of which mean y0 and phasor q are estimated; Re(q exp(j w tau)) in its place
 
-Retuned to the latency at every frame (lead: P. Kundur, Power System Stability and Control, 1994, 12.5, for the sections;
-phasor: L. Angquist, C. Gama, Damping algorithm based on phasor estimation, IEEE PES Winter Meeting 2001; its rotation by
-the latency: N. R. Chaudhuri, S. Ray, R. Majumder, B. Chaudhuri, A New Approach to Continuous Latency Compensation With
-Adaptive Phasor Power Oscillation Damping Controller (POD), IEEE Trans. Power Systems 25(2), 2010).
+Retuned to the latency at every frame. The sections: P. Kundur, Power System Stability and Control, 1994, 12.5. The
+phasor: L. Angquist, C. Gama, Damping Algorithm Based on Phasor Estimation, IEEE PES Winter Meeting 2001. That it is
+turned by the latency: N. R. Chaudhuri, S. Ray, R. Majumder, B. Chaudhuri, A New Approach to Continuous Latency
+Compensation With Adaptive Phasor Power Oscillation Damping Controller (POD), IEEE Trans. Power Systems 25(2), 2010.
 """
 
 from __future__ import annotations
@@ -111,8 +111,9 @@ def phasor(omega: float, phase: float, rate: float, state: NDArray[np.float64], 
 
         q = q exp(j omega dt);  e = y - y0 - Re q;  y0 = y0 + (1 - l) e;  q = q + 2 (1 - l) e;  l = exp(-rate dt)
 
-    which is recursive least squares with forgetting l in its steady state, where the three are far from each other:
-    `rate` well below `omega`. `state` is y0, Re q, Im q; at the first frame the signal is its mean.
+    For `rate` well below `omega` that is recursive least squares with forgetting l in its steady state. Beyond, it
+    stays stable (s^3 + 3 rate s^2 + omega^2 s + rate omega^2), and lets more of other frequencies pass. `state` is y0,
+    Re q, Im q; at the first frame the signal is its mean.
     """
     if dt <= 0.0:
         state[0], state[1], state[2] = y, 0.0, 0.0

@@ -69,7 +69,7 @@ COMPENSATION_PARAMETERS = {
     ),
     "down_delay": Parameter(-1.0, "s", -1.0, 10.0, "delay after the controller; -1: mean of the link's way down"),
     "latency_filter": Parameter(0.5, "s", 0.0, 100.0, "time constant of the filter of measured latency"),
-    "phasor_rate": Parameter(1.0, "1/s", 0.01, 100.0, "rate at which the phasor forgets"),
+    "phasor_rate": Parameter(4.0, "1/s", 0.01, 100.0, "rate at which the phasor forgets"),
 }
 
 LEAD_LAG_PARAMETERS = {
