@@ -67,7 +67,9 @@ COMPENSATION_PARAMETERS = {
     "mode_hz": Parameter(
         0.0, "Hz", 0.0, 10.0, "frequency that compensation is for; 0: the plant's, as linearised", live=False
     ),
-    "down_delay": Parameter(-1.0, "s", -1.0, 10.0, "delay after the controller; -1: mean of the link's way down"),
+    "down_delay": Parameter(
+        -1.0, "s", -1.0, 10.0, "delay after the controller; -1: mean of the link's way down", live=False
+    ),
     "latency_filter": Parameter(0.5, "s", 0.0, 100.0, "time constant of the filter of measured latency"),
     "phasor_rate": Parameter(4.0, "1/s", 0.01, 100.0, "rate at which the phasor forgets"),
 }
