@@ -275,6 +275,8 @@ def _filled(
         )
     if values.get("lag") == -1.0:
         values["lag"] = mean_delay([*link.up, *link.down])
+    if values["down_delay"] == -1.0:
+        values["down_delay"] = mean_delay(link.down)
     weights = _weights(controller, scheme, values, where)
     return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})
 

@@ -93,6 +93,11 @@ def delayed_loop(case: Case) -> DelayedLoop:
                 f"controllers.{i}.name: '{controller.name}' given, which is not linear and has no linear margin; "
                 f"allowed: {', '.join(linear_ones)} (of others a sweep of runs gives the margin)"
             )
+        if controller.compensation != "none":
+            raise InputError(
+                f"controllers.{i}.compensation: '{controller.compensation}' given, which is tuned as it runs; "
+                "allowed: none (of others a sweep of runs gives the margin)"
+            )
     built = build(case.system, case.run.devices, [])
     model = linear.linear_model(built, case.system.signals, [s.name for s in case.system.stations])
     delays = link_delays(case)

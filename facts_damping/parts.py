@@ -10,6 +10,7 @@ import numpy as np
 from facts_damping.control import identifier
 from facts_damping.control.bank import Bank, BankState, bank, network_of
 from facts_damping.control.identifier import Identified, Identifiers, IdentifierState, identifiers
+from facts_damping.control.inputs import TURN
 from facts_damping.control.known import Known
 from facts_damping.errors import InputError
 from facts_damping.link.chain import Way
@@ -82,12 +83,13 @@ def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, B
     devices = [case.system.device(name) for name in case.run.devices]
     limits = {d.name: (d.v_max, d.rate_max) for d in devices}
     stations = [station.name for station in case.system.stations]
-    if plant is None and any(c.scheme for c in case.controllers):
+    if plant is None and any(c.scheme or c.compensation != "none" for c in case.controllers):
         start = build(case.system, case.run.devices, [])
         plant = sensitivity(start, case.system, case.run.devices, case.run.frame_rate)
     known = [_known(case, i, plant) for i in range(len(case.controllers))]
+    omega = [_compensated(case, i, plant) for i in range(len(case.controllers))]
     rate = case.run.frame_rate
-    made, state = bank(case.controllers, case.system.signals, stations, limits, rate, known)
+    made, state = bank(case.controllers, case.system.signals, stations, limits, rate, known, omega)
     rows = [
         _identified(case, i, made, own)
         for i, own in enumerate(known)
@@ -129,6 +131,34 @@ def _known(case: Case, i: int, plant: Sensitivity | None) -> Known | None:
             )
     turn = complex(np.exp(plant.eigenvalue / case.run.frame_rate))
     return Known(np.sign(jacobian) if c.scheme == "indirect" else sign, jacobian, swing, turn)
+
+
+def _compensated(case: Case, i: int, plant: Sensitivity | None) -> float:
+    """Frequency that a controller's compensation is for, rad/s; 0 without one.
+
+    A Smith predictor is refused. The plant's own poles stay in what its loop makes of a disturbance, and where one of
+    them is unstable, it hides an output that grows (Z. J. Palmor, Time-Delay Compensation, in: W. S. Levine (ed.), The
+    Control Handbook, CRC 1996).
+    """
+    c = case.controllers[i]
+    if c.compensation == "none":
+        return 0.0
+    here, mode = f"controllers.{i}.compensation", None if plant is None else plant.eigenvalue
+    if c.compensation == "smith":
+        raise InputError(f"{here}: 'smith' given; allowed: none, lead, phasor: {_no_smith(mode)}")
+    if mode is None and c.number("mode_hz") == 0.0:
+        raise InputError(f"{here}: '{c.compensation}' given, but the plant has no swing mode; allowed: none")
+    return TURN * c.number("mode_hz") or float(mode.imag if mode is not None else 0.0)
+
+
+def _no_smith(mode: complex | None) -> str:
+    """Why a Smith predictor is of no use here."""
+    if mode is None:
+        return "the plant has no swing mode"
+    of = f"{mode.real:+.3f} +- {mode.imag:.3f}j 1/s ({mode.imag / TURN:.2f} Hz) without controllers"
+    if mode.real > 0.0:
+        return f"the plant's mode {of} is unstable, and a Smith predictor leaves it in the loop"
+    return f"a Smith predictor leaves the plant's least damped mode {of} in what disturbances excite"
 
 
 def _identified(case: Case, i: int, made: Bank, known: Known) -> Identified:

@@ -1,4 +1,4 @@
-"""What the commands that make many runs do: tune, compare, architectures, jacobian, portray, margin."""
+"""What the commands that make many runs do: tune, compare, architectures, jacobian, portray, margin, compensation."""
 
 from __future__ import annotations
 
@@ -166,4 +166,18 @@ def margin(arguments: argparse.Namespace) -> None:
         pictures.append(pages.draw(found, runs, files.new_folder(Path(arguments.out)) / "margin.png"))
     write_json(arguments.json, pages.document(found, runs))
     for line in (*pages.text(found, runs), *(f"plot: {path}" for path in pictures)):
+        say(arguments, line)
+
+
+def compensation(arguments: argparse.Namespace) -> None:
+    """How much delay controllers bear on two_area with each kind of delay compensation, by runs."""
+    from facts_damping.studies import compensation as study
+
+    progress = Progress("compensation", "margins")
+    try:
+        rows = study.study(arguments.controllers, arguments.max_delay, arguments.set, arguments.jobs, progress)
+    finally:
+        progress.close()
+    write_json(arguments.json, rows)
+    for line in study.text(rows, arguments.max_delay):
         say(arguments, line)

@@ -14,6 +14,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled
 from facts_damping.control import lead_lag, neuro_fuzzy, table
+from facts_damping.control.compensation import Compensated, Compensators, compensate, compensators
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.neuro_fuzzy import Actuators, Memory, memories
 from facts_damping.control.table import DIRECT, INDIRECT, LEAD_LAG, SETTINGS, Parameter, Value, kind
@@ -43,6 +44,7 @@ class Bank(NamedTuple):
     settings: NDArray[Any]  # (controllers, most signals or devices) of SETTINGS: the value of each signal or device
     swing: NDArray[np.float64]  # (controllers, most signals), of each signal beside the first at the mode; 1: unknown
     inputs: Inputs
+    compensators: Compensators
     shape: NDArray[np.int64]  # (controllers, fields of Network)
     sensitivity: NDArray[np.float64]  # (controllers, most signals, most devices), signs of dy/du; 0: none
     device: NDArray[np.int64]  # (controllers, most devices), UNSET beyond its own
@@ -54,6 +56,7 @@ class BankState(NamedTuple):
     """State of all controllers; the first axis is the controller."""
 
     held: Held
+    compensated: Compensated
     jacobian: NDArray[np.float64]  # (controllers, most signals, most devices), p.u./p.u., as last estimated; NaN: never
     unlimited: NDArray[np.float64]  # (controllers, most devices), p.u.
     outputs: NDArray[np.float64]  # (controllers, most devices), p.u.
@@ -69,11 +72,12 @@ def bank(
     limits: Mapping[str, tuple[float, float]],
     frame_rate: int,
     known: Sequence[Known | None],
+    omega: Sequence[float] | None = None,
 ) -> tuple[Bank, BankState]:
     """The controllers of a run as tables.
 
     `limits`: magnitude (p.u.) and rate (p.u./s) of the installed devices in their order; `known` for each controller,
-    none for a lead-lag.
+    none for a lead-lag; `omega`: rad/s, of each one's compensation, where one has any.
     """
     n = len(controllers)
     kinds = [kind(c.name) for c in controllers]
@@ -81,11 +85,14 @@ def bank(
     most_signals = max([len(c.signals) for c in controllers], default=0)
     most_devices = max([len(c.devices) for c in controllers], default=0)
     given, held = inputs([c.signals for c in controllers], signals, stations)
+    names = [controller.compensation for controller in controllers]
+    compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, most_signals)
     made = Bank(
         code=np.array([SCHEMES[c.scheme] for c in controllers], np.int64),
         settings=np.zeros((n, max(most_signals, most_devices)), SETTINGS),
         swing=np.ones((n, most_signals)),
         inputs=given,
+        compensators=compensation,
         shape=np.array(nets, np.int64).reshape(n, len(Network._fields)),
         sensitivity=np.zeros((n, most_signals, most_devices)),
         device=np.full((n, most_devices), UNSET, np.int64),
@@ -106,6 +113,7 @@ def bank(
     starts = [_start(nets[c], made.settings[c], controllers[c], known[c]) for c in range(n)]
     state = BankState(
         held=held,
+        compensated=compensated,
         jacobian=np.full((n, most_signals, most_devices), np.nan),
         unlimited=np.zeros((n, most_devices)),
         outputs=np.zeros((n, most_devices)),
@@ -201,7 +209,7 @@ def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: in
         own,
         kept,
         s,
-        state.held.signal[c],
+        state.compensated.signal[c],
         actuators,
         state.unlimited[c],
         since_ns * 1e-9,
@@ -234,11 +242,13 @@ def act(
         if since < 0:
             continue
         newest = state.held.newest_ns[c]
+        age, signals = (arrival - newest) * 1e-9, state.held.signal[c]
+        compensate(made.compensators, state.compensated, c, made.settings[c, 0], signals, age, since * 1e-9)
         if made.code[c] == LEAD_LAG:
             for d in range(made.device.shape[1]):
                 if made.device[c, d] != UNSET:
                     state.unlimited[c, d] = lead_lag.step(
-                        made.settings[c, d], state.internal[c, d], state.held.signal[c, 0], since * 1e-9
+                        made.settings[c, d], state.internal[c, d], state.compensated.signal[c, 0], since * 1e-9
                     )
         else:
             _neuro_fuzzy(made, state, c, since, arrival - newest)

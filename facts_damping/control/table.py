@@ -62,6 +62,18 @@ def _start(default: float, low: float, high: float, text: str, each: str = "") -
     return Parameter(default, "-", low, high, text, live=False, each=each)
 
 
+# Of a controller's `compensation` (control/compensation.py); without one they do nothing.
+COMPENSATION_PARAMETERS = {
+    "mode_hz": Parameter(
+        0.0, "Hz", 0.0, 10.0, "frequency that compensation is for; 0: the plant's, as linearised", live=False
+    ),
+    "down_delay": Parameter(
+        -1.0, "s", -1.0, 10.0, "delay after the controller; -1: mean of the link's way down", live=False
+    ),
+    "latency_filter": Parameter(0.5, "s", 0.0, 100.0, "time constant of the filter of measured latency"),
+    "phasor_rate": Parameter(4.0, "1/s", 0.01, 100.0, "rate at which the phasor forgets"),
+}
+
 LEAD_LAG_PARAMETERS = {
     "gain": Parameter(10.0, "p.u./p.u.", -1000.0, 1000.0, "gain kG of the washout", each="device"),
     "Tw": Parameter(10.0, "s", 0.01, 1000.0, "time constant of the washout", each="device"),
@@ -69,6 +81,7 @@ LEAD_LAG_PARAMETERS = {
     "T2": Parameter(0.3, "s", 0.001, 100.0, "denominator of the first section", each="device"),
     "T3": Parameter(0.4272, "s", 0.0, 100.0, "numerator of the second section", each="device"),
     "T4": Parameter(0.3, "s", 0.001, 100.0, "denominator of the second section", each="device"),
+    **COMPENSATION_PARAMETERS,
 }
 
 # Guards are off where the thesis has none; the profile `deployed` turns on what makes adaptation safe.
@@ -110,6 +123,7 @@ NEURO_FUZZY_PARAMETERS = {
     "lag": Parameter(
         -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's constant ones", live=False
     ),
+    **COMPENSATION_PARAMETERS,
 }
 
 # What the compiled steps read: a record with a field for each parameter of any kind.

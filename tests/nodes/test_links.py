@@ -72,6 +72,11 @@ RUNS = {
     "jitter, bursts of loss, copies, a concentrator": sets(
         {"link": ROUGH}, {**HBSWC, "link": "plc", "namespace": "here"}, "duration=3", "seed=5"
     ),
+    "compensation by a phasor of jitter, by lead of a constant delay": sets(
+        {"compensation": "lead", "link": link(0.1, 0.1)},
+        {**HBSWC, "compensation": "phasor", "link": "plc"},
+        "duration=3",
+    ),
     "disturbed data, wrong stamps, order": sets({"link": WRONG}, {"link": "pdci"}, "duration=3", "seed=6"),
     "identifier in a namespace on the run's link": sets(
         {"link": link(0.1)}, {**HBSWC, "namespace": "here"}, "link.up.0.delay=0.0333"

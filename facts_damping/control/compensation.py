@@ -1,0 +1,127 @@
+"""Delay compensation: signals as they will be when the setpoint is in force, from time stamps and a mode; compiled.
+
+The latency tau is what time stamps show, arrival less measurement of the newest frame, through a first-order filter,
+and the delay of the way down, which a controller cannot see. Both compensators turn a signal by w tau at one frequency:
+
+    lead:   two equal sections (1 + s a) / (1 + s / (a w^2)) / (a w), each of phase w tau / 2 and gain 1 at w
+    phasor: y = y0 + Re q, of which mean y0 and phasor q are estimated; Re(q exp(j w tau)) in its place
+
+Retuned to the latency at every frame. The sections: P. Kundur, Power System Stability and Control, 1994, 12.5. The
+phasor: L. Angquist, C. Gama, Damping Algorithm Based on Phasor Estimation, IEEE PES Winter Meeting 2001. That it is
+turned by the latency: N. R. Chaudhuri, S. Ray, R. Majumder, B. Chaudhuri, A New Approach to Continuous Latency
+Compensation With Adaptive Phasor Power Oscillation Damping Controller (POD), IEEE Trans. Power Systems 25(2), 2010.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.compiling import compiled
+from facts_damping.control.lead_lag import section
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+NONE, LEAD, PHASOR = 0, 1, 2
+COMPENSATIONS = {"none": NONE, "lead": LEAD, "phasor": PHASOR}
+MOST_LEAD = math.radians(60.0)  # rad, of a section; what would need more stays there
+SECTIONS = 2
+
+
+class Compensators(NamedTuple):
+    """Frozen parameters; the first axis is the controller."""
+
+    code: NDArray[np.int64]
+    omega: NDArray[np.float64]  # (controllers,), rad/s, of the mode
+
+
+class Compensated(NamedTuple):
+    """State of compensation; the first axis is the controller."""
+
+    latency: NDArray[np.float64]  # (controllers,), s, that time stamps show, filtered
+    sections: NDArray[np.float64]  # (controllers, most signals, 4): input and output of each section
+    phasor: NDArray[np.float64]  # (controllers, most signals, 3): mean, real and imaginary part
+    signal: NDArray[np.float64]  # (controllers, most signals): what the controllers act on
+
+
+def compensators(names: Sequence[str], omega: Sequence[float], signals: int) -> tuple[Compensators, Compensated]:
+    """Compensators of controllers, by name, with the mode's rad/s, for at most so many signals each; at rest."""
+    n = len(names)
+    made = Compensators(np.array([COMPENSATIONS[name] for name in names], np.int64), np.array(omega, np.float64))
+    state = Compensated(
+        latency=np.zeros(n),
+        sections=np.zeros((n, signals, 2 * SECTIONS)),
+        phasor=np.zeros((n, signals, 3)),
+        signal=np.full((n, signals), np.nan),
+    )
+    return made, state
+
+
+@compiled
+def compensate(
+    made: Compensators, state: Compensated, c: int, s: Any, given: NDArray[np.float64], age: float, dt: float
+) -> None:
+    """A frame's step of controller c: from its signals `given` those that it acts on, into `state.signal[c]`.
+
+    `s`: its settings (latency_filter, down_delay, phasor_rate); `age`: s from measurement to arrival; `dt`: s since the
+    frame before, 0 at the first.
+    """
+    for i in range(given.size):
+        state.signal[c, i] = given[i]
+    if made.code[c] == NONE:
+        return
+    share = 1.0 if dt <= 0.0 or s.latency_filter <= 0.0 else 1.0 - math.exp(-dt / s.latency_filter)
+    state.latency[c] += share * (age - state.latency[c])
+    phase = made.omega[c] * max(0.0, state.latency[c] + s.down_delay)
+    for i in range(given.size):
+        if made.code[c] == LEAD:
+            state.signal[c, i] = lead(made.omega[c], phase, state.sections[c, i], given[i], dt)
+        else:
+            state.signal[c, i] = phasor(made.omega[c], phase, s.phasor_rate, state.phasor[c, i], given[i], dt)
+
+
+@compiled
+def lead(omega: float, phase: float, state: NDArray[np.float64], y: float, dt: float) -> float:
+    """One step of two sections that together turn by `phase`, rad, at `omega`, rad/s, and have gain 1 there.
+
+    a w = sqrt((1 + sin p) / (1 - sin p)), p the phase of one, at most MOST_LEAD; w is taken as the bilinear transform
+    has it, 2 / dt tan(omega dt / 2). At the first frame it is as if the signal had never changed.
+    """
+    sine = math.sin(min(phase / SECTIONS, MOST_LEAD))
+    ratio = math.sqrt((1.0 + sine) / (1.0 - sine))
+    if dt <= 0.0:
+        for k in range(SECTIONS):
+            state[2 * k] = y
+            y = state[2 * k + 1] = y / ratio
+        return y
+    w = 2.0 / dt * math.tan(min(omega * dt / 2.0, 1.5))
+    for k in range(SECTIONS):
+        y = section(1.0 / w, 1.0 / ratio, 1.0 / (ratio * w), dt, state, 2 * k, y)
+    return y
+
+
+@compiled
+def phasor(omega: float, phase: float, rate: float, state: NDArray[np.float64], y: float, dt: float) -> float:
+    """One step of mean and phasor of a signal; the signal without mean, turned on by `phase`, rad.
+
+        q = q exp(j omega dt);  e = y - y0 - Re q;  y0 = y0 + (1 - l) e;  q = q + 2 (1 - l) e;  l = exp(-rate dt)
+
+    For `rate` well below `omega` that is recursive least squares with forgetting l in its steady state. Beyond, it
+    stays stable (s^3 + 3 rate s^2 + omega^2 s + rate omega^2), and lets more of other frequencies pass. `state` is y0,
+    Re q, Im q; at the first frame the signal is its mean.
+    """
+    if dt <= 0.0:
+        state[0], state[1], state[2] = y, 0.0, 0.0
+        return 0.0
+    c, s = math.cos(omega * dt), math.sin(omega * dt)
+    real, imaginary = c * state[1] - s * state[2], s * state[1] + c * state[2]
+    gain = 1.0 - math.exp(-rate * dt)
+    error = y - state[0] - real
+    state[0] += gain * error
+    state[1], state[2] = real + 2.0 * gain * error, imaginary
+    return state[1] * math.cos(phase) - state[2] * math.sin(phase)  # type: ignore[no-any-return]
