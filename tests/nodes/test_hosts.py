@@ -17,6 +17,7 @@ import pytest
 from facts_damping import loop
 from facts_damping.configuration import load_case
 from facts_damping.recording.reader import load
+from facts_damping.relay import interface
 from tests.nodes.graphs import PATIENCE_S, assert_same
 
 if TYPE_CHECKING:
@@ -27,12 +28,21 @@ HOSTS, CABLE, NODES, AWAY = re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)
 
 
 def permitted() -> bool:
-    """Whether namespaces and TAP interfaces may be made here."""
-    if shutil.which("ip") is None or not os.access("/dev/net/tun", os.R_OK | os.W_OK):
+    """Whether namespaces, bridges, cables and TAP interfaces may be made here: tried."""
+    if shutil.which("ip") is None:
         return False
-    made = subprocess.run(["ip", "netns", "add", "fd_probe"], capture_output=True, check=False)
+    tried = (
+        "netns add fd_probe",
+        "-n fd_probe link add hub type bridge",
+        "-n fd_probe link add one type veth peer name other",
+    )
+    made = [subprocess.run(["ip", *one.split()], capture_output=True, check=False).returncode for one in tried]
     subprocess.run(["ip", "netns", "delete", "fd_probe"], capture_output=True, check=False)
-    return made.returncode == 0
+    try:
+        os.close(interface("fd_probe"))
+    except OSError:
+        return False
+    return not any(made)
 
 
 pytestmark = pytest.mark.skipif(not permitted(), reason="needs root, iproute2, network namespaces and /dev/net/tun")
