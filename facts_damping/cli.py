@@ -55,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
     command = add("run", commands.run)
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
     command.add_argument("--mode", choices=["lockstep", "realtime"], default="lockstep", help="default: lockstep")
-    command.add_argument("--timeout", type=_seconds, default=5.0, metavar="S", help="longest wait for a silent node")
+    command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help="longest wait for a silent node")
     _common(command)
     command = add("analyze", commands.analyze)
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder or .mcap file")
@@ -67,14 +67,14 @@ def parser() -> argparse.ArgumentParser:
     _common(command)
     command = add("margin", study_commands.margin)
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
-    command.add_argument("--max-delay", type=_delay, default=1.0, metavar="S", help="longest delay; default: 1 s")
-    command.add_argument("--pade", type=_order, metavar="N", help="also with Pade terms of order N, 1 to 10")
+    _longest(command)
+    command.add_argument("--pade", type=_whole(1, 10), metavar="N", help="also with Pade terms of order N, 1 to 10")
     command.add_argument("--time-domain", action="store_true", help="also by runs of the nonlinear loop")
     _common(command)
     command = add("compensation", study_commands.compensation)
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: LLC, LLC-tuned, HBsWC")
-    command.add_argument("--max-delay", type=_delay, default=1.0, metavar="S", help="longest delay; default: 1 s")
-    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
+    _longest(command)
+    _jobs(command)
     _common(command, out=False)
     command = add("validate", commands.validate)
     command.add_argument("tables", nargs="*", metavar="TABLE", help="which tables; none: all")
@@ -85,33 +85,33 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
     command.add_argument("--devices", default="sssc", metavar="NAME,...", help="commanded devices; default: sssc")
     command.add_argument("--signals", default="speed", metavar="NAME,...", help="signals given; default: speed")
-    command.add_argument("--budget", type=_count, default=600, metavar="N", help="runs for each; default: 600")
-    command.add_argument("--seed", type=_seed, default=1, metavar="N", help="seed of the search; default: 1")
-    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
+    command.add_argument("--budget", type=COUNT, default=600, metavar="N", help="runs for each; default: 600")
+    command.add_argument("--seed", type=SEED, default=1, metavar="N", help="seed of the search; default: 1")
+    _jobs(command)
     command.add_argument("--out", metavar="FILE.yaml", help="the file of parameters; none: standard output")
     _common(command, sets=False, out=False)
     command = add("compare", study_commands.compare)
     command.add_argument("systems", nargs="*", metavar="SYSTEM", help="which systems; none: two_area and smib")
     command.add_argument("--controllers", nargs="+", default=[], metavar="NAME", help="which; none: all of the table")
-    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
+    _jobs(command)
     command.add_argument("--out", metavar="FILE.md", help="write the tables as a Markdown page")
     _common(command, out=False)
     command = add("sweep", study_commands.sweep)
     command.add_argument("study", metavar="STUDY", help="name under config/studies, or a YAML file")
-    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
+    _jobs(command)
     command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose cluster makes the runs")
     _common(command)
     command = add("architectures", study_commands.architectures)
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
-    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
+    _jobs(command)
     command.add_argument(
         "--out", metavar="FILE.md", help="write the tables as a Markdown page, and a picture beside it"
     )
     _common(command, out=False)
     command = add("jacobian", study_commands.jacobian)
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: the eleven")
-    command.add_argument("--horizon", type=_frames, default=10, metavar="N", help="frames, 1 to 60; default: 10")
-    command.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
+    command.add_argument("--horizon", type=_whole(1, 60), default=10, metavar="N", help="frames, 1 to 60; default: 10")
+    _jobs(command)
     _common(command)
     command = add("portray", study_commands.portray)
     command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")
@@ -130,54 +130,42 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-def _count(text: str) -> int:
-    """A number of things, one or more."""
-    if not text.isdecimal() or not 1 <= int(text) <= 10**6:
-        raise argparse.ArgumentTypeError(f"{text} given; allowed: 1 to 1000000")
-    return int(text)
+def _whole(low: int, high: int) -> Callable[[str], int]:
+    """What takes a whole number within bounds."""
+
+    def take(text: str) -> int:
+        if not text.isdecimal() or not low <= int(text) <= high:
+            raise argparse.ArgumentTypeError(f"{text} given; allowed: {low} to {high}")
+        return int(text)
+
+    return take
 
 
-def _frames(text: str) -> int:
-    """A number of frames."""
-    if not text.isdecimal() or not 1 <= int(text) <= 60:
-        raise argparse.ArgumentTypeError(f"{text} given; allowed: 1 to 60")
-    return int(text)
+def _seconds(low: float, high: float) -> Callable[[str], float]:
+    """What takes a time within bounds, s."""
+
+    def take(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = -1.0
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} given; allowed: {low:g} to {high:g} s")
+        return value
+
+    return take
 
 
-def _seed(text: str) -> int:
-    """A seed."""
-    if not text.isdecimal() or int(text) >= 2**31:
-        raise argparse.ArgumentTypeError(f"{text} given; allowed: 0 to {2**31 - 1}")
-    return int(text)
+COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _seconds(0.05, 3600.0)
 
 
-def _seconds(text: str) -> float:
-    """A time-out, s."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.05 <= value <= 3600.0:
-        raise argparse.ArgumentTypeError(f"{text} given; allowed: 0.05 to 3600 s")
-    return value
+def _jobs(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--jobs", type=COUNT, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
 
 
-def _delay(text: str) -> float:
-    """A longest delay, s."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.01 <= value <= 10.0:
-        raise argparse.ArgumentTypeError(f"{text} given; allowed: 0.01 to 10 s")
-    return value
-
-
-def _order(text: str) -> int:
-    """The order of a Pade term."""
-    if not text.isdecimal() or not 1 <= int(text) <= 10:
-        raise argparse.ArgumentTypeError(f"{text} given; allowed: 1 to 10")
-    return int(text)
+def _longest(command: argparse.ArgumentParser) -> None:
+    takes, text = _seconds(0.01, 10.0), "longest delay; default: 1 s"
+    command.add_argument("--max-delay", type=takes, default=1.0, metavar="S", help=text)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -60,13 +60,20 @@ def _pair(value: complex) -> list[float]:
     return [float(value.real), float(value.imag)]
 
 
-def _mode(mode: linear.Mode) -> dict[str, Any]:
+def figures(mode: linear.Mode) -> dict[str, Any]:
+    """A mode's eigenvalue, frequency, damping ratio and kind, for JSON."""
     return {
         "real": mode.eigenvalue.real,
         "imag": mode.eigenvalue.imag,
         "frequency_hz": mode.frequency_hz,
         "damping_ratio": mode.damping_ratio,
         "label": mode.label,
+    }
+
+
+def _mode(mode: linear.Mode) -> dict[str, Any]:
+    return {
+        **figures(mode),
         "participation": mode.participation,
         "shape": {name: _polar(value) for name, value in mode.shape.items()},
         "residues": [residue._asdict() for residue in mode.residues],

@@ -75,6 +75,17 @@ def ways(case: Case) -> dict[str, Way]:
     }
 
 
+def asks_sensitivity(case: Case) -> bool:
+    """Whether a controller of a case starts from the linearised plant."""
+    return any(c.scheme or c.compensation != "none" for c in case.controllers)
+
+
+def build_sensitivity(case: Case) -> Sensitivity | None:
+    """The sensitivity of a case's plant, without events; none without a swing mode."""
+    start = build(case.system, case.run.devices, [])
+    return sensitivity(start, case.system, case.run.devices, case.run.frame_rate)
+
+
 def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:
     """Controllers and identifiers of a case; `plant`: its sensitivity, where it is at hand.
 
@@ -83,9 +94,8 @@ def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, B
     devices = [case.system.device(name) for name in case.run.devices]
     limits = {d.name: (d.v_max, d.rate_max) for d in devices}
     stations = [station.name for station in case.system.stations]
-    if plant is None and any(c.scheme or c.compensation != "none" for c in case.controllers):
-        start = build(case.system, case.run.devices, [])
-        plant = sensitivity(start, case.system, case.run.devices, case.run.frame_rate)
+    if plant is None and asks_sensitivity(case):
+        plant = build_sensitivity(case)
     known = [_known(case, i, plant) for i in range(len(case.controllers))]
     omega = [_compensated(case, i, plant) for i in range(len(case.controllers))]
     rate = case.run.frame_rate

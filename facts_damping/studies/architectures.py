@@ -15,6 +15,7 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.configuration import load_case
 from facts_damping.control.table import CONTROLLERS, MIMO_GAIN, kind
 from facts_damping.studies import compare
+from facts_damping.studies.batch import INTERAREA_HZ
 from facts_damping.studies.pages import at, heads, line, save
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.tune import Scheme, every_scheme
@@ -41,7 +42,6 @@ MEASURES = {
     "ITSE": ("indices", "ITSE"),
     "ISE": ("indices", "ISE"),
 }
-INTERAREA_HZ = 0.9  # below it a mode of the ringdown is the interarea one
 MARKERS = ("o", "s", "^", "v")
 
 

@@ -21,10 +21,8 @@ from facts_damping.analysis.oscillation import instability, is_damped, is_stable
 from facts_damping.analysis.ringdown import ringdown_modes
 from facts_damping.errors import FactsDampingError
 from facts_damping.parameters.run import Run
-from facts_damping.parts import build_plant
-from facts_damping.plant.build import build
+from facts_damping.parts import asks_sensitivity, build_plant, build_sensitivity
 from facts_damping.plant.model import copy
-from facts_damping.sensitivity import sensitivity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -113,15 +111,10 @@ def closed_loop(case: Case) -> Record:
     events = [event.model_dump_json() for event in case.scenario.events]
     built = shared(_plants, f"{events} {system}", lambda: build_plant(case))
     plant = None
-    if any(controller.scheme for controller in case.controllers):
-        plant = shared(_sensitivities, f"{case.run.frame_rate} {system}", lambda: _sensitivity(case))
+    if asks_sensitivity(case):
+        plant = shared(_sensitivities, f"{case.run.frame_rate} {system}", lambda: build_sensitivity(case))
     own = built._replace(state=copy(built.state))
     return loop.finish(case, loop.build_loop(case, plant, own))
-
-
-def _sensitivity(case: Case) -> Sensitivity | None:
-    start = build(case.system, case.run.devices, [])
-    return sensitivity(start, case.system, case.run.devices, case.run.frame_rate)
 
 
 def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:

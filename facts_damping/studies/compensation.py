@@ -13,6 +13,7 @@ from facts_damping.analysis.oscillation import is_damped
 from facts_damping.configuration import load_case
 from facts_damping.control.compensation import COMPENSATIONS
 from facts_damping.studies.compare import scenarios
+from facts_damping.studies.margins import edge
 from facts_damping.studies.pages import heads, line
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.tune import Scheme, every_scheme
@@ -50,11 +51,7 @@ def one(longest: float, more: Sequence[str], what: tuple[str, str, Scheme, str])
     grid = np.round(np.arange(0.0, longest + 1e-9, STEP), 9).tolist()
     row: dict[str, Any] = {"scenario": scenario, "controller": name, "scheme": scheme, "compensation": compensation}
     for criterion in CRITERIA:
-        high = next((delay for delay in grid if not looked(delay)[criterion]), None)
-        low = max((delay for delay in grid if high is None or delay < high), default=None)
-        while high is not None and low is not None and high - low > CLOSE:
-            middle = (low + high) / 2.0
-            low, high = (middle, high) if looked(middle)[criterion] else (low, middle)
+        _, high = edge(looked, criterion, grid, CLOSE)
         row[criterion] = {"margin_s": high, "share": float(np.mean([looked(delay)[criterion] for delay in grid]))}
     return row
 

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.plots import COLOURS
+from facts_damping.modal import figures
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -115,7 +116,7 @@ def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
         "run": found.case.summary(),
         "link_delays_s": found.own,
         "margin_s": found.margin,
-        "critical": None if found.critical is None else _mode(found.critical),
+        "critical": None if found.critical is None else figures(found.critical),
         "stable_s": [list(span) for span in found.stable],
         "longest_s": float(found.delays[-1]),
         "pade_s": found.pade,
@@ -125,7 +126,7 @@ def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
                 "growth": float(found.worst[i].real),
                 "growth_hz": float(found.worst[i].imag / (2.0 * np.pi)),
                 "modes": [
-                    {"name": name, **_mode(mode)}
+                    {"name": name, **figures(mode)}
                     for name, mode in zip(names(found), (track.modes[i] for track in found.tracks), strict=True)
                     if mode is not None
                 ],
@@ -149,16 +150,6 @@ def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
             ],
         }
     return made
-
-
-def _mode(mode: linear.Mode) -> dict[str, Any]:
-    return {
-        "real": mode.eigenvalue.real,
-        "imag": mode.eigenvalue.imag,
-        "frequency_hz": mode.frequency_hz,
-        "damping_ratio": mode.damping_ratio,
-        "label": mode.label,
-    }
 
 
 def draw(found: Margin, beside: Beside | None, path: Path) -> Path:

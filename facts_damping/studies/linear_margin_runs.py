@@ -15,6 +15,7 @@ from facts_damping.analysis.oscillation import WINDOW, envelope, is_damped
 from facts_damping.analysis.ringdown import ringdown_modes
 from facts_damping.delayed import with_delay
 from facts_damping.parameters.run import Scenario
+from facts_damping.studies.margins import edge
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -133,11 +134,7 @@ def bounds(case: Case, longest: float, looked: Callable[[], None]) -> list[Bound
     made, steps = [], np.arange(0.0, longest + 1e-9, COARSE).tolist()
     for criterion in CRITERIA:
         for horizon in HORIZONS:
-            high = next((delay for delay in steps if not met(delay)[criterion, horizon]), None)
-            low = max((delay for delay in steps if high is None or delay < high), default=None)
-            while high is not None and low is not None and high - low > CLOSE:
-                middle = (low + high) / 2.0
-                low, high = (middle, high) if met(middle)[criterion, horizon] else (low, middle)
+            low, high = edge(met, (criterion, horizon), steps, CLOSE)
             made.append(Bound(criterion, horizon, low, high))
     return made
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import stats
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from facts_damping.parameters.study import Margin
 
@@ -57,6 +57,22 @@ def wanted(margin: Margin, failed: Mapping[float, bool | None]) -> list[float]:
         return []
     middle = round((low + high) / 2, DIGITS)
     return [] if middle in failed else [middle]
+
+
+def edge(
+    met: Callable[[float], Mapping[Any, bool]], what: Any, grid: Sequence[float], tolerance: float
+) -> tuple[float | None, float | None]:
+    """Where a criterion, among those that values meet, is first not met: on the grid, then halved to the tolerance.
+
+    It is met at the first of the two, not at the second. The first is none where the grid's first value does not meet
+    it, the second where all do.
+    """
+    high = next((value for value in grid if not met(value)[what]), None)
+    low = max((value for value in grid if high is None or value < high), default=None)
+    while high is not None and low is not None and high - low > tolerance:
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if met(middle)[what] else (low, middle)
+    return low, high
 
 
 def most_runs(margin: Margin) -> int:

@@ -23,8 +23,7 @@ from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
 from facts_damping.files import find
 from facts_damping.parameters.run import Controller, Tuned, TunedController
-from facts_damping.plant.build import build
-from facts_damping.sensitivity import sensitivity
+from facts_damping.parts import build_sensitivity
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.space import Space
 
@@ -86,8 +85,7 @@ class Trainer:
         self.signals = task.signals[: self.row.signals]
         content = {"system": task.system, "scenario": SCENARIO, "devices": task.devices, "controllers": []}
         self.case = case = make_case(content, f"tune {task.system}")
-        start = build(case.system, case.run.devices, [])
-        found = sensitivity(start, case.system, case.run.devices, case.run.frame_rate)
+        found = build_sensitivity(case)
         if found is None:
             raise InputError(f"SYSTEM: {task.system} has no swing mode; allowed: a system whose machines swing")
         self.sensitivity: Sensitivity = found
