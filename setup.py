@@ -94,6 +94,7 @@ setup(
             "mypy==2.4.1",  # exact, as ruff: a new release finds new faults
             "pytest>=8,<10",
             "pytest-timeout>=2.3,<3",
+            "pytest-xdist>=3.6,<4",
             "ruff==0.17.5",
             "types-PyYAML>=6,<7",
         ],

@@ -336,6 +336,8 @@ anything = st.one_of(
     stage("playout", delay=delays),
     stage("freeze"),
     stage("replay", window=st.floats(0.01, 0.5), start=st.just(0.5)),
+    stage("bias", bias=st.floats(-9.0, 9.0)),
+    stage("scale", factor=st.floats(-9.0, 9.0)),
     stage("ramp", rate=st.floats(-9.0, 9.0)),
     stage("spoof", offset=st.floats(-1.0, 1.0)),
 )

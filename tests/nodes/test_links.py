@@ -11,14 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 
 from facts_damping import graph, loop
 from facts_damping.configuration import load_case
+from facts_damping.control.compensation import COMPENSATIONS
 from facts_damping.errors import RunError
 from facts_damping.files import dump
 from facts_damping.recording.reader import load
+from tests.link.test_presets import any_link
 from tests.nodes.graphs import PATIENCE_S, assert_named, assert_same, payloads, quiet
 
 if TYPE_CHECKING:
@@ -95,6 +99,36 @@ def test_a_graph_with_own_links_is_the_in_process_run_bit_for_bit(domain: int, t
     assert_same(recorded, computed)
     again = loop.run(load_case(str(tmp_path / "run.yaml")))  # the stored run has all links inline
     assert again.applied.tobytes() == computed.applied.tobytes()
+
+
+@settings(
+    deadline=None,
+    max_examples=6,  # some 4 s each
+    phases=[Phase.explicit, Phase.reuse, Phase.generate],  # without shrinking: a failure names its run as it is
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+@given(
+    one=any_link("sssc"),
+    other=any_link("statcom"),
+    scheme=st.sampled_from([{}, {"name": "HBsWC", "scheme": "direct"}, {"name": "ANFTSC", "scheme": "indirect"}]),
+    compensation=st.sampled_from(list(COMPENSATIONS)),
+    seed=st.integers(0, 2**31 - 1),
+)
+def test_a_graph_with_any_links_is_the_in_process_run_bit_for_bit(
+    domain: int,
+    tmp_path_factory: pytest.TempPathFactory,
+    one: dict[str, Any],
+    other: dict[str, Any],
+    scheme: dict[str, Any],
+    compensation: str,
+    seed: int,
+) -> None:
+    """It does not crash, does not wait for ever, and loses nothing but what the links lose."""
+    seeded = [f"link={json.dumps(one)}", f"seed={seed}", "duration=3"]
+    case = load_case(None, sets(scheme, {"signals": ["w13"], "compensation": compensation, "link": other}, *seeded))
+    outcome = graph.run(case, "lockstep", tmp_path_factory.mktemp("graph"), quiet)
+    assert outcome.messages_lost == 0
+    assert_same(load(outcome.recording), loop.run(case))
 
 
 def test_an_unstable_run_with_own_links_ends_where_the_in_process_run_ends(domain: int, tmp_path: Path) -> None:
