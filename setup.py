@@ -50,6 +50,7 @@ setup(
     zip_safe=False,
     # Lower bounds: what runs on Python 3.10. Upper bounds: the next release that may break.
     install_requires=[
+        "control>=0.10.1,<0.11",  # before, its ERA was not there
         "joblib>=1.5,<2",  # which hands an initializer to its processes
         "matplotlib>=3.8,<4",
         "mcap>=1.5,<2",

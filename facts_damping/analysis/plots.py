@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.measures import SPEED, measure_weights, speed_differences
+from facts_damping.analysis.measures import SPEED, measure_weights, setpoint_limits, speed_differences
 from facts_damping.errors import InputError
 from facts_damping.signals import CHANNELS, NANOSECONDS
 
@@ -91,7 +91,7 @@ def _tie_power(record: Record) -> list[Panel]:
 
 
 def _voltages(record: Record) -> list[Panel]:
-    limits = _limits(record.configuration)
+    limits = {name: (-limit, limit) for name, limit in setpoint_limits(record.configuration).items()}
     injected, reference = record.devices["injected_voltage"], record.devices["reference"]
     values = np.where(np.isfinite(injected), injected, reference)  # in parallel: the offset of the voltage reference
     return [
@@ -120,13 +120,6 @@ def _stations(record: Record, *, machines: bool) -> Iterator[int]:
         has_power = bool(np.isfinite(record.frames[:, index, POWER]).any())
         if has_speed if machines else has_power and not has_speed:
             yield index
-
-
-def _limits(configuration: dict[str, Any]) -> dict[str, tuple[float, ...]]:
-    """Limits of the devices' setpoints, p.u., from a system inline."""
-    system = configuration.get("system")
-    devices = system.get("devices", []) if isinstance(system, dict) else []
-    return {one["name"]: (-one["v_max"], one["v_max"]) for one in devices if "v_max" in one}
 
 
 def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure | None:
