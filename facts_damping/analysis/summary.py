@@ -76,7 +76,7 @@ def summarise(
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
     """Text table for a terminal: a column a run (its name, its summary), a row a figure."""
     header = ["", *(name for name, _ in summaries)]
-    rows = [[label, *(_text(_find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
+    rows = [[label, *(text(find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
     widths = [max(len(row[column]) for row in [header, *rows]) for column in range(len(header))]
     lines = [_line(header, widths), "  ".join("-" * width for width in widths)]
     return "\n".join([*lines, *(_line(row, widths) for row in rows)])
@@ -129,7 +129,7 @@ def _run(configuration: Mapping[str, Any]) -> dict[str, Any]:
     return dict(configuration.get("asked") or configuration)
 
 
-def _find(summary: Any, path: Sequence[str | int]) -> Any:
+def find(summary: Any, path: Sequence[str | int]) -> Any:
     """Value at a path; None where it ends early."""
     for key in path:
         if not summary or (isinstance(key, str) and key not in summary):
@@ -138,7 +138,8 @@ def _find(summary: Any, path: Sequence[str | int]) -> Any:
     return summary
 
 
-def _text(value: Any, form: str) -> str:
+def text(value: Any, form: str) -> str:
+    """A figure of the table."""
     return WORDS[value] if value is None or isinstance(value, bool) else format(value, form)
 
 

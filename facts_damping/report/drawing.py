@@ -1,0 +1,167 @@
+"""Charts and maps of a report as Bokeh figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from bokeh.models import (
+    BoxZoomTool,
+    ColorBar,
+    ColumnDataSource,
+    DataRange1d,
+    HoverTool,
+    LinearColorMapper,
+    PanTool,
+    Range1d,
+    ResetTool,
+    Span,
+    WheelZoomTool,
+)
+from bokeh.palettes import RdBu, interp_palette
+from bokeh.plotting import figure
+
+from facts_damping.analysis.plots import COLOURS
+from facts_damping.report.contents import Chart, Maps
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping.report.contents import Curve, Map, Panel, Report
+
+HEIGHT, TALL = 240, 340  # pixels, of one panel among others, and of a chart with a single one
+PALETTE = interp_palette(RdBu[11], 255)  # blue is negative, red positive, as in the pictures of analyze --spwvd
+GREY, LIMIT = "#777777", "#B00020"
+WIDTHS = {"solid": 1.4, "dashed": 0.9}
+TIME = "time"  # name of the range that all charts over time share
+Figure = figure  # the library's class has a lower-case name
+
+
+class Drawn(NamedTuple):
+    """A figure, and the title above it."""
+
+    title: str
+    figure: Figure
+
+
+class _Shared(NamedTuple):
+    """What figures have in common: the range of time, values by run and abscissae, names of the runs."""
+
+    time: Range1d
+    sources: dict[tuple[int, bytes], ColumnDataSource]
+    names: Sequence[str]
+    events: Sequence[float]
+
+
+def draw(report: Report) -> dict[str, list[Drawn]]:
+    """Figures of each chart and of each group of maps, by its key."""
+    items = [item for section in report.sections for item in section.items]
+    spans = [
+        (curve.x[0], curve.x[-1])
+        for item in items
+        if isinstance(item, Chart) and item.over_time
+        for panel in item.panels
+        for curve in panel.curves
+        if len(curve.x)
+    ]
+    begin, end = (float(f(one)) for f, one in zip((np.min, np.max), np.array(spans or [(0.0, 1.0)]).T, strict=True))
+    time = Range1d(begin, max(end, begin + 1e-3), bounds=(begin, max(end, begin + 1e-3)), name=TIME)
+    shared = _Shared(time, {}, report.names, [at for at, _ in report.events])
+    found: dict[str, list[Drawn]] = {}
+    for item in items:
+        if isinstance(item, Chart):
+            found[item.key] = [Drawn(panel.title, _panel(item, panel, shared)) for panel in item.panels]
+        elif isinstance(item, Maps):
+            found[item.key] = [Drawn(one.title, _map(one, shared)) for one in item.maps]
+    return found
+
+
+def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
+    """Axes with the curves of all runs."""
+    made = figure(
+        height=HEIGHT if len(chart.panels) > 1 else TALL,
+        x_range=shared.time if chart.over_time else DataRange1d(),
+        y_axis_type="log" if chart.logarithmic else "linear",
+        window_axis="x" if chart.over_time else "none",
+        x_axis_label=chart.x_label,
+        y_axis_label=chart.y_label or panel.title,
+        **_DRESS,
+    )
+    drawn = [_curve(made, curve, shared) for curve in panel.curves]
+    for level in panel.levels:
+        made.add_layout(Span(location=level, dimension="width", line_color=LIMIT, line_dash="dotted"))
+    if chart.over_time:
+        _mark_events(made, shared)
+    hover = HoverTool(
+        renderers=drawn, tooltips=[("", "$name"), (chart.x_label, "$x{0.000}"), (chart.y_label, "$y{0.00000}")]
+    )
+    _equip(made, hover, "width" if chart.over_time else "both")
+    return made
+
+
+def _curve(made: Figure, curve: Curve, shared: _Shared):
+    """One curve; those of a run over the same x have a source together."""
+    key = curve.run, curve.x.tobytes()
+    source = shared.sources.setdefault(key, ColumnDataSource({"x": curve.x}))
+    column = f"y{len(source.data)}"
+    source.data[column] = curve.y.astype(np.float32)
+    name = shared.names[curve.run] + (f": {curve.name}" if curve.name else "")
+    look = {"name": name, "tags": [f"run-{curve.run}"], "color": COLOURS[curve.run % len(COLOURS)]}
+    if curve.style == "points":
+        return made.scatter("x", column, source=source, size=8, line_width=2, fill_color=None, **look)
+    return made.line("x", column, source=source, line_dash=curve.style, line_width=WIDTHS[curve.style], **look)
+
+
+def _map(one: Map, shared: _Shared) -> Figure:
+    """A distribution in colours."""
+    first, last, low, high = one.extent
+    made = figure(
+        height=TALL,
+        x_range=shared.time,
+        y_range=Range1d(low, high, bounds=(low, high)),
+        x_axis_label="t [s]",
+        y_axis_label="f [Hz]",
+        **_DRESS,
+    )
+    largest = float(np.abs(one.values).max()) or 1.0
+    colours = LinearColorMapper(PALETTE, low=-largest, high=largest)
+    image = made.image(
+        [one.values], first, low, last - first, high - low, color_mapper=colours, name=shared.names[one.run],
+        tags=[f"run-{one.run}"],
+    )  # fmt: skip
+    made.add_layout(ColorBar(color_mapper=colours, width=10, title=None, background_fill_color=None), "right")
+    for line in one.lines:
+        made.add_layout(Span(location=line, dimension="width", line_color="black", line_dash="dashed", line_width=0.8))
+    _mark_events(made, shared)
+    tips = [("t [s]", "$x{0.0}"), ("f [Hz]", "$y{0.000}"), (f"W [{one.unit}]", "@image")]
+    _equip(made, HoverTool(renderers=[image], tooltips=tips), "both")
+    return made
+
+
+def _mark_events(made: Figure, shared: _Shared) -> None:
+    for at in shared.events:
+        made.add_layout(Span(location=at, dimension="height", line_color=GREY, line_dash="dashed", line_width=1))
+
+
+_DRESS = {
+    "sizing_mode": "stretch_width",
+    "toolbar_location": "above",
+    "tools": "",
+    "background_fill_color": None,
+    "border_fill_color": None,
+    "min_border": 0,
+    "outline_line_color": "#cccccc",
+    "output_backend": "canvas",
+}
+
+
+def _equip(made: Figure, hover: HoverTool, zoomed: str) -> None:
+    """Tools: drag to zoom; wheel and pan when chosen, so that the page can be scrolled over the figure."""
+    zoom = BoxZoomTool(dimensions=zoomed)
+    made.add_tools(zoom, PanTool(), WheelZoomTool(dimensions=zoomed), ResetTool(), hover)
+    made.toolbar.active_drag = zoom
+    made.toolbar.active_scroll = None
+    made.toolbar.logo = None
+    made.axis.axis_label_text_font_style = "normal"
+    made.axis.axis_label_text_font_size = made.axis.major_label_text_font_size = "12px"
+    made.grid.grid_line_color = "#e8e8e8"

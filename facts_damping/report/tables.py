@@ -1,0 +1,170 @@
+"""The tables of a report."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.analysis.indices import INDICES, improvement
+from facts_damping.analysis.latency import hops_ms, statistics
+from facts_damping.analysis.pictures import HOPS
+from facts_damping.analysis.ringdown import COVERED
+from facts_damping.analysis.summary import ROWS, find, text
+from facts_damping.report.contents import Cell, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from facts_damping.report.contents import Mark, Run
+
+# Rows of the summary in which runs are compared, and whether the largest value is the best one. Nobody's best is how
+# little a device does, nor how quick a link is.
+LARGEST_IS_BEST = {
+    "stable": True,
+    "damped": True,
+    **dict.fromkeys(INDICES, False),
+    "settling time [s]": False,
+    "  its damping ratio": True,
+}
+STATISTICS = {"mean": "mean [ms]", "p50": "median [ms]", "p99": "99 % [ms]", "max": "max [ms]"}
+NONE = "-"
+
+
+def summary(runs: Sequence[Run], comparable: bool) -> Table:
+    """The figures of all runs; if they can be compared, with the best and the worst of each row marked."""
+    rows = []
+    for label, path, form in ROWS:
+        values = [find(run.summary, path) for run in runs]
+        marks = ranked(values, LARGEST_IS_BEST[label]) if comparable and label in LARGEST_IS_BEST else [""] * len(runs)
+        cells = [Cell(text(value, form), mark) for value, mark in zip(values, marks, strict=True)]
+        rows.append([Cell(label.strip()), *cells])
+    sentence = "All figures of the runs side by side."
+    if comparable and len(runs) > 1:
+        sentence += " ▲ is the best of a row, ▼ the worst; a dash is a figure that the run does not have."
+    return Table("summary", "Summary", sentence, ["", *(run.name for run in runs)], rows, runs=True)
+
+
+def ranked(values: Sequence[float | bool | None], largest_is_best: bool) -> list[Mark]:
+    """How values of several runs stand: `best`, `worst` or neither. None is worse than any; nobody is best alone."""
+    sign = 1.0 if largest_is_best else -1.0
+    worth = [-np.inf if value is None else sign * float(value) for value in values]
+    if len(set(worth)) < 2:
+        return [""] * len(values)
+    words: dict[float, Mark] = {min(worth): "worst", max(worth): "best"}
+    return [words.get(one, "") for one in worth]
+
+
+def improvements(runs: Sequence[Run]) -> list[Table]:
+    """By how much the indices of the other runs are below the first's; nothing without two that have them."""
+    have = [run for run in runs if run.summary["indices"]]
+    if len(have) < 2:
+        return []
+    first, *others = have
+    parts = [improvement(first.summary["indices"], other.summary["indices"]) for other in others]
+    rows = [[Cell(name), *(Cell(_percent(part[name])) for part in parts)] for name in INDICES]
+    return [
+        Table(
+            "improvement", f"Improvement on {first.name}",
+            f"By how much each index is below that of {first.name}, in % of it: 0 is no difference, 100 no deviation "
+            "at all, negative is worse.",
+            ["", *(other.name for other in others)], rows,
+        )
+    ]  # fmt: skip
+
+
+def modes(runs: Sequence[Run]) -> Table:
+    """Modes of all runs with their intervals."""
+    rows = [
+        [Cell(run.name), *_mode(mode), Cell(_number(find(run.summary, ("ringdown", "snr_db")), ".0f"))]
+        for run in runs
+        for mode in run.summary["modes"]
+    ]
+    without = [run.name for run in runs if not run.summary["modes"]]
+    sentence = (
+        "Modes of 0.1 to 2.5 Hz in the ringdown after the last event, the strongest of each run first, with intervals "
+        "of 95 %. A damping ratio below zero is an oscillation that grows."
+    )
+    if without:
+        sentence += f" None was found in: {', '.join(without)}."
+    head = ["run", "frequency [Hz]", "damping ratio [%]", "amplitude [10⁻³ p.u.]", "signal to noise [dB]"]
+    return Table("mode_table", "Mode table", sentence, head, rows)
+
+
+def _mode(mode: Mapping[str, Any]) -> list[Cell]:
+    return [
+        Cell(_interval(mode["frequency_hz"], mode["frequency_error_hz"], 1.0, ".3f")),
+        Cell(_interval(mode["damping_ratio"], mode["damping_ratio_error"], 100.0, ".2f")),
+        Cell(format(1e3 * max(mode["amplitude"]), ".3g")),
+    ]
+
+
+def effort(runs: Sequence[Run]) -> Table:
+    """What each device was asked for."""
+    rows = []
+    for run in runs:
+        table, duty = run.record.devices, run.summary["saturation_duty"]
+        for i, device in enumerate(run.record.device_names):
+            setpoint = table["setpoint"][:, i]
+            figures = np.abs(setpoint).max(), np.sqrt(np.mean(setpoint**2))
+            share = duty.get(device)
+            rows.append([
+                Cell(run.name), Cell(device), *(Cell(format(one, ".4f")) for one in figures),
+                Cell(_number(None if share is None else 100 * share, ".1f")),
+            ])  # fmt: skip
+    head = ["run", "device", "largest setpoint [p.u.]", "root mean square [p.u.]", "at the limit [% of frames]"]
+    sentence = (
+        "How much each device is used: a device that is often at its limit has no more to give, and a setpoint near zero "
+        "leaves it unused."
+    )
+    return Table("effort", "Use of the devices", sentence, head, rows)
+
+
+def links(runs: Sequence[Run]) -> Table:
+    """Latency of each hop, and what was lost."""
+    rows = [
+        [Cell(run.name), Cell(HOPS[hop]), Cell(who), Cell(str(len(values))),
+         *(Cell(_number(one, ".2f")) for one in statistics(values).values())]
+        for run in runs
+        for hop, parts in hops_ms(run.record).items()
+        for who, values in parts.items()
+    ]  # fmt: skip
+    lost = ", ".join(f"{run.name} {run.summary['frames_lost']}" for run in runs)
+    sentence = (
+        "Latency of each hop from the measurement to the device, in simulated time, by station, controller or device; "
+        f"n is how many were delivered. Entries of frames that the link lost: {lost}."
+    )
+    head = ["run", "hop", "of", "n", *STATISTICS.values()]
+    return Table("links", "Link statistics", sentence, head, rows)
+
+
+def conditions(runs: Sequence[Run]) -> Table:
+    """What was run."""
+    fields = ("system", "scenario", "devices", "controllers", "link", "frame_rate", "duration", "seed")
+    asked = [run.record.configuration.get("asked") or run.record.configuration for run in runs]
+    rows = [[Cell(field.replace("_", " ")), *(Cell(_said(one.get(field))) for one in asked)] for field in fields]
+    rows.append([Cell("recording"), *(Cell(run.path) for run in runs)])
+    sentence = "The runs by the names in their files; what was given inline is `custom`."
+    return Table("conditions", "Conditions", sentence, ["", *(run.name for run in runs)], rows, runs=True)
+
+
+def _said(value: Any) -> str:
+    """A field of a run, short."""
+    if isinstance(value, list):
+        return ", ".join(map(_said, value)) or "none"
+    if isinstance(value, dict):
+        return " ".join(str(value[key]) for key in ("name", "scheme") if value.get(key)) or "custom"
+    return NONE if value is None else str(value)
+
+
+def _interval(value: float, error: float | None, factor: float, form: str) -> str:
+    spread = "" if error is None else f" ± {COVERED * factor * error:{form}}"
+    return f"{factor * value:{form}}{spread}"
+
+
+def _percent(value: float | None) -> str:
+    return NONE if value is None else f"{value:.1f} %"
+
+
+def _number(value: float | None, form: str) -> str:
+    return NONE if value is None else format(value, form)
