@@ -127,12 +127,12 @@ def _counted(rows: NDArray[Any], record: Record, case: Case, end: int) -> NDArra
     found = rows[rows["tick"] < end].copy()
     found["device"] = devices[found["device"]]
     found["controller"] = commanded[found["device"]]
-    return found[found["device"] >= 0]
+    return np.asarray(found[found["device"] >= 0])
 
 
 def _ordered(table: NDArray[Any], there: Sequence[str], wanted: Sequence[str]) -> NDArray[Any]:
     """Columns of a table of the truth by name; NaN where one is missing."""
-    found = np.full((len(table), len(wanted)), np.array(tuple([np.nan] * len(table.dtype)), table.dtype))
+    found = np.full((len(table), len(wanted)), np.nan, table.dtype)
     for i, name in enumerate(wanted):
         if name in there:
             found[:, i] = table[:, there.index(name)]
@@ -172,7 +172,7 @@ def play(
 
 def _by_tick(rows: NDArray[Any], ticks: NDArray[np.int64]) -> list[NDArray[Any]]:
     """Rows, sorted by tick, of each tick."""
-    starts, ends = (np.searchsorted(rows["tick"], ticks, side=side) for side in ("left", "right"))  # type: ignore[call-overload]
+    starts, ends = (np.searchsorted(rows["tick"], ticks, side=side) for side in ("left", "right"))
     return [rows[start:end] for start, end in zip(starts, ends, strict=True)]
 
 

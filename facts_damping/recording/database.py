@@ -1,4 +1,7 @@
-"""Bags of SQLite, the storage of `ros2 bag record` before MCAP. They have no checksums: damage to a number is not seen."""
+"""Bags of SQLite, the storage of `ros2 bag record` before MCAP.
+
+They have no checksums: damage that only changes a number is not seen.
+"""
 
 from __future__ import annotations
 

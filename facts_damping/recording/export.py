@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import pyarrow
-import pyarrow.csv
-import pyarrow.parquet
+import pyarrow as pa
+from pyarrow import csv, parquet
 
 from facts_damping.errors import RecordingError
 from facts_damping.files import dump
@@ -26,17 +25,17 @@ def write(record: Record, path: Path) -> None:
     column's name ends with its unit. NaN is NaN in Parquet, in CSV the text `nan`. Raises RecordingError.
     """
     fields = [
-        pyarrow.field(name, pyarrow.from_numpy_dtype(values.dtype), metadata={"unit": record.units[name]})
+        pa.field(name, pa.from_numpy_dtype(values.dtype), metadata={"unit": record.units[name]})
         for name, values in record.arrays.items()
     ]
-    schema = pyarrow.schema(fields, metadata={"run.yaml": dump(record.configuration)})
-    table = pyarrow.table([pyarrow.array(values) for values in record.arrays.values()], schema=schema)
+    schema = pa.schema(fields, metadata={"run.yaml": dump(record.configuration)})
+    table = pa.table([pa.array(values) for values in record.arrays.values()], schema=schema)
     beside = path.with_name(path.name + ".new")
     try:
         if path.suffix == ".csv":
-            pyarrow.csv.write_csv(table, beside)
+            csv.write_csv(table, beside)
         else:
-            pyarrow.parquet.write_table(table, beside)
+            parquet.write_table(table, beside)
         beside.replace(path)
     except OSError as error:
         raise RecordingError(f"{path} cannot be written: {error.strerror or error}") from error
