@@ -59,6 +59,8 @@ def parser() -> argparse.ArgumentParser:
     _common(command)
     command = add("analyze", commands.analyze)
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder or .mcap file")
+    command.add_argument("--modes-method", choices=MODES, default=MODES[0], help="finds modes; default: matrix_pencil")
+    command.add_argument("--baseline", metavar="RECORDING", help="what improvement counts from; default: the first")
     _common(command, sets=False)
     command = add("modes", commands.modes)
     command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")
@@ -156,6 +158,7 @@ def _seconds(low: float, high: float) -> Callable[[str], float]:
     return take
 
 
+MODES = ("matrix_pencil", "prony", "era")  # facts_damping.analysis.poles.METHODS, which takes long to load
 COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _seconds(0.05, 3600.0)
 
 

@@ -31,11 +31,13 @@ def say(arguments: argparse.Namespace, text: str) -> None:
         sys.stdout.write(text + "\n")
 
 
-def summarise(record: Record, wall_s: float | None, recording: str | None) -> dict[str, Any]:
+def summarise(
+    record: Record, wall_s: float | None, recording: str | None, method: str = "matrix_pencil"
+) -> dict[str, Any]:
     """The JSON of a run (docs/commands.md)."""
     from facts_damping.analysis import summary
 
-    return {**summary.summarise(record), "wall_s": wall_s, "recording": recording}
+    return {**summary.summarise(record, method=method), "wall_s": wall_s, "recording": recording}
 
 
 def plot(records: Sequence[tuple[str, Record]], folder: Path) -> list[Path]:
@@ -120,19 +122,26 @@ def run(arguments: argparse.Namespace) -> None:
 
 def analyze(arguments: argparse.Namespace) -> None:
     """Figures and plots of recordings."""
+    from facts_damping.analysis import details
     from facts_damping.recording.reader import load
 
+    given = arguments.recordings
+    first = given[0] if arguments.baseline is None else arguments.baseline
+    check_known("--baseline", first, given)
     named = []
-    for path in arguments.recordings:
+    for path in given:
         record = load(path)
         named.append((label(record.configuration.get("asked") or record.configuration), record))
     if len({name for name, _ in named}) < len(named):
         named = [(f"{i + 1} {name}", record) for i, (name, record) in enumerate(named)]
-    results = [
-        summarise(record, None, str(path)) for (_, record), path in zip(named, arguments.recordings, strict=True)
-    ]
-    folder = Path(arguments.out) if arguments.out is not None else Path(arguments.recordings[0]).parent / "analysis"
-    _report(arguments, named, results, folder)
+    results = []
+    for (_, record), path in zip(named, given, strict=True):
+        result = summarise(record, None, str(path), arguments.modes_method)
+        results.append(result | details.details(record))
+    details.compare(results, given.index(first))
+    folder = Path(arguments.out) if arguments.out is not None else Path(given[0]).parent / "analysis"
+    names = [name for name, _ in named]
+    _report(arguments, named, results, folder, *details.lines(names, results, given.index(first)))
 
 
 def modes(arguments: argparse.Namespace) -> None:
