@@ -8,7 +8,7 @@ from facts_damping.analysis.indices import INDICES, improvement, index_curves, r
 from facts_damping.analysis.latency import hops_ms, statistics
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.oscillation import is_stable
-from facts_damping.analysis.ringdown import interval
+from facts_damping.analysis.ringdown import COVERED
 from facts_damping.analysis.summary import aligned
 
 if TYPE_CHECKING:
@@ -47,19 +47,20 @@ def compare(results: Sequence[dict[str, Any]], baseline: int) -> None:
 
 
 def lines(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: int) -> Iterator[str]:
-    """Text of modes with their intervals, latency by hop and, of several runs, improvement."""
+    """Text of modes with their intervals, saturation, latency by hop and, of several runs, improvement."""
     yield ""
-    yield "modes, with intervals of 95 %"
+    yield "modes, half the width of their intervals of 95 %, and how often setpoints are at their limits"
     for name, result in zip(names, results, strict=True):
         fit = result["ringdown"]
-        told = "none" if fit is None else "{order} poles, {snr_db:.1f} dB over the residual".format(**fit)
-        yield f"{name}: {told}"
+        told = "no modes" if fit is None else "{order} poles, {snr_db:.1f} dB over the residual".format(**fit)
+        duty = (f"{device} {100 * share:.1f} % of the frames" for device, share in result["saturation_duty"].items())
+        yield f"{name}: {'; '.join([told, *duty])}"
         yield from (f"  {_mode(mode)}" for mode in result["modes"])
     rows = [
-        [f"{name}: {title}, {who}", *(f"{value:.2f}" for value in told.values())]
+        [f"{name}: {title}, {who}", *(f"{value:.2f}" for value in told)]
         for name, result in zip(names, results, strict=True)
         for hop, title in HOPS.items()
-        for who, told in result["latency_hops_ms"][hop].items()
+        for told, who in _alike(result["latency_hops_ms"][hop])
     ]
     if rows:
         yield ""
@@ -74,9 +75,18 @@ def _judged(result: Mapping[str, Any]) -> dict[str, float] | None:
     return result["indices"] and {**result["indices"], "smoothness": result["smoothness"]}
 
 
+def _alike(parts: Mapping[str, Mapping[str, float]]) -> Iterator[tuple[tuple[float, ...], str]]:
+    """Latencies, and whose they are: those with the same ones together."""
+    grouped: dict[tuple[float, ...], list[str]] = {}
+    for who, told in parts.items():
+        grouped.setdefault(tuple(told.values()), []).append(who)
+    for told, (first, *others) in grouped.items():
+        yield told, f"{first} and {len(others)} more" if others else first
+
+
 def _mode(mode: Mapping[str, Any]) -> str:
     return ", ".join(
-        f"{label} {mode[name]:.4f}{unit}{_interval(mode[name], mode[error])}"
+        f"{label} {mode[name]:.4f}{unit}{_width(mode[error])}"
         for label, name, unit, error in (
             ("frequency", "frequency_hz", " Hz", "frequency_error_hz"),
             ("damping ratio", "damping_ratio", "", "damping_ratio_error"),
@@ -84,11 +94,9 @@ def _mode(mode: Mapping[str, Any]) -> str:
     )
 
 
-def _interval(value: float, error: float | None) -> str:
-    if error is None:
-        return ""
-    low, high = interval(value, error)
-    return f" [{low:.4f}, {high:.4f}]"
+def _width(error: float | None) -> str:
+    """Half the interval of 95 %."""
+    return "" if error is None else f" ± {COVERED * error:.1g}"
 
 
 def _improvements(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: int) -> str:
