@@ -28,7 +28,7 @@ def fit_waves(z: NDArray[np.complex128], signals: NDArray[np.float64], dt: float
 
     From the derivatives is taken what amplitudes and line can make up for (variable projection).
     """
-    s = np.log(z[z.imag >= 0]) / dt
+    s = np.asarray(np.log(z[z.imag >= 0]) / dt, np.complex128)
     time = np.arange(len(signals)) * dt
     waves = np.exp(np.outer(time, s))
     norms = np.linalg.norm(waves, axis=0)
@@ -43,7 +43,7 @@ def fit_waves(z: NDArray[np.complex128], signals: NDArray[np.float64], dt: float
     slopes = np.concatenate([moved.real, -moved.imag[..., swings]], axis=2)
     slopes -= q @ (q.T @ slopes)
     residual = signals - q @ (q.T @ signals)
-    return Waves(s, swings, a / norms[:, np.newaxis], residual, slopes, q.shape[1])
+    return Waves(s, swings, np.asarray(a / norms[:, np.newaxis], np.complex128), residual, slopes, q.shape[1])
 
 
 def improved(z: NDArray[np.complex128], signals: NDArray[np.float64]) -> NDArray[np.complex128]:

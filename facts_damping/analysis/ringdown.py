@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 RATE = 10.0  # samples/s that the signals are brought to: four a period of the fastest mode in sight
 BAND = (0.1, 2.5)  # Hz, electromechanical modes
 ENERGY = 0.01  # of the energy of all modes in the band: a weaker mode does not matter
+LONGEST = 120.0  # s of ringdown: what is there later is no answer to the event, and costs the square of its length
 SKIP = 1.0  # s after the last event: a disturbance's first second is no ringdown
 RESOLUTION = 1e-9  # p.u.: smaller oscillations are rounding
 RAYLEIGH = 0.4  # of the resolution in frequency: two modes closer than that are one
@@ -59,11 +60,11 @@ def fit_ringdown(
     """Fit damped waves to the last part of a record, its modes of 0.1 to 2.5 Hz, the strongest first.
 
     `time_s`: (ticks,), s, evenly spaced; `signals`: (ticks, n), p.u.; `since`: s, the last event, whose first second
-    does not count; `method`: of `facts_damping.analysis.poles.METHODS`. None if less than 3 s are left, a value is not
-    finite, or nothing swings. Raises InputError for an unknown method.
+    does not count, nor what is later than two minutes after that; `method`: of `facts_damping.analysis.poles.METHODS`.
+    None if less than 3 s are left, a value is not finite, or nothing swings. Raises InputError for an unknown method.
     """
     check_known("method", method, METHODS)
-    kept = time_s >= since + SKIP
+    kept = (time_s >= since + SKIP) & (time_s < since + SKIP + LONGEST)
     x = np.reshape(signals, (len(time_s), -1))[kept]
     if len(x) < 2 or time_s[kept][-1] - time_s[kept][0] < 3.0 or not np.isfinite(x).all():
         return None

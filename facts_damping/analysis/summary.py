@@ -75,8 +75,12 @@ def summarise(
 
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
     """Text table for a terminal: a column a run (its name, its summary), a row a figure."""
-    header = ["", *(name for name, _ in summaries)]
     rows = [[label, *(text(find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
+    return aligned(["", *(name for name, _ in summaries)], rows)
+
+
+def aligned(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Text table: the first column to the left, the others to the right."""
     widths = [max(len(row[column]) for row in [header, *rows]) for column in range(len(header))]
     lines = [_line(header, widths), "  ".join("-" * width for width in widths)]
     return "\n".join([*lines, *(_line(row, widths) for row in rows)])

@@ -43,12 +43,12 @@ def blocks(data: Sequence[bytes], fields: Mapping[str, Any], message_type: str) 
     `fields`: what each type consists of, as `rosbags` has it. Raises ValueError for bytes that are no such message.
     """
     lengths = np.array([len(one) for one in data], np.int64)
-    found = []
+    found: list[Block] = []
     for length in np.unique(lengths).tolist():
         rows = np.flatnonzero(lengths == length)
         stacked = np.frombuffer(b"".join([data[row] for row in rows.tolist()]), np.uint8).reshape(-1, length)
-        for part in _alike(stacked, fields, message_type):
-            found.append(Block(rows[part], _Walk(stacked[part], fields).read(message_type)))
+        parts = _alike(stacked, fields, message_type)
+        found += [Block(rows[part], _Walk(stacked[part], fields).read(message_type)) for part in parts]
     return sorted(found, key=lambda one: int(one.rows[0]))
 
 
@@ -135,7 +135,7 @@ class _Walk:
         text = self._take(size)[0].tobytes()
         if not text.endswith(b"\0"):
             raise ValueError("a string does not end with 0")
-        return text[:-1].decode()
+        return str(text[:-1], "utf-8")
 
     def _take(self, size: int) -> NDArray[np.uint8]:
         """The next bytes of each message."""

@@ -108,7 +108,7 @@ def _placed(found: Sequence[Block], place: NDArray[np.int64]) -> list[Block]:
 
 def column(source: Series, take: Callable[[Any], NDArray[Any]], kind: type) -> NDArray[Any]:
     """What `take` gives of a message, for each tick: (ticks,)."""
-    values = np.zeros(len(source.ticks), kind)
+    values: NDArray[Any] = np.zeros(len(source.ticks), kind)
     for block in source.blocks:
         values[block.rows] = take(block.message)
     return values

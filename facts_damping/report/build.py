@@ -22,11 +22,15 @@ LEARNT = ("jacobian", "learning_rate")
 MOST_EVENTS = 12  # that are named one by one
 
 
-def build(runs: Sequence[Run]) -> Report:
-    """What is said of the runs, in the order in which it is read; a section that would be empty is left out."""
+def build(runs: Sequence[Run], baseline: int = 0) -> Report:
+    """What is said of the runs, in the order in which it is read; a section that would be empty is left out.
+
+    `baseline`: index of the run that improvement counts from.
+    """
     unlike = differences([run.record for run in runs])
+    improvements = [] if unlike else tables.improvements(runs, baseline)
     sections = [
-        Section("Summary", [tables.summary(runs, not unlike), *([] if unlike else tables.improvements(runs))]),
+        Section("Summary", [tables.summary(runs, not unlike), *improvements]),
         Section("Over time", charts(runs, TIME)),
         Section("Performance indices", charts(runs, ("indices",))),
         Section("Modes", [tables.modes(runs), *modes(runs), *maps(runs)]),

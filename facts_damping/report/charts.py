@@ -14,7 +14,7 @@ from facts_damping.report.traces import envelope, steps
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.analysis import pictures
+    from facts_damping.analysis import pictures as analysed
     from facts_damping.report.contents import Run
 
 # What each picture says, by its stem, and what the report calls its section.
@@ -40,13 +40,14 @@ SENTENCES = {
 
 def charts(runs: Sequence[Run], stems: Sequence[str]) -> list[Chart]:
     """The pictures with the given stems, of all runs; those that would be empty are left out."""
-    made = [_chart(picture, runs) for picture in PICTURES if picture.stem in stems]
+    pictures = {picture.stem: picture for picture in PICTURES}
+    made = [_chart(pictures[stem], runs) for stem in stems]
     return [chart for chart in made if chart.panels]
 
 
 def _chart(picture: Picture, runs: Sequence[Run]) -> Chart:
     """One picture: a panel for each name that a run has."""
-    found: dict[str, list[tuple[int, pictures.Panel]]] = {}
+    found: dict[str, list[tuple[int, analysed.Panel]]] = {}
     for index, run in enumerate(runs):
         for panel in picture.panels(run.record):
             found.setdefault(panel.name, []).append((index, panel))
@@ -58,7 +59,7 @@ def _chart(picture: Picture, runs: Sequence[Run]) -> Chart:
     )  # fmt: skip
 
 
-def _panel(name: str, parts: Sequence[tuple[int, pictures.Panel]], runs: Sequence[Run], over_time: bool) -> Panel:
+def _panel(name: str, parts: Sequence[tuple[int, analysed.Panel]], runs: Sequence[Run], over_time: bool) -> Panel:
     """Curves of all runs in one panel."""
     curves: list[Curve] = []
     levels: dict[float, None] = {}
@@ -71,23 +72,23 @@ def _panel(name: str, parts: Sequence[tuple[int, pictures.Panel]], runs: Sequenc
         if panel.dashed is not None:
             curves.append(Curve(index, *envelope(time_s, panel.dashed), "dashed", "setpoint"))
         if panel.regions is not None:
-            at = np.array([panel.regions.cliff_from_s, panel.regions.cliff_to_s])
-            whole = panel.curves[""]
-            curves.append(Curve(index, at, np.interp(at, time_s if whole.x is None else whole.x, whole.values), "points"))
+            at, whole = np.array(panel.regions[:2]), panel.curves[""]
+            height = np.interp(at, time_s if whole.x is None else whole.x, whole.values)
+            curves.append(Curve(index, at, height, "points"))
         levels |= dict.fromkeys(panel.limits)
     return Panel(" ".join(name.split()), curves, list(levels))
 
 
 def modes(runs: Sequence[Run]) -> list[Chart]:
     """Frequency over damping ratio of each mode, with intervals of 95 %; nothing if no run has any."""
-    curves = [curve for index, run in enumerate(runs) for mode in run.summary["modes"] for curve in _cross(index, mode)]
+    found = [(index, mode) for index, run in enumerate(runs) for mode in run.summary["modes"]]
+    curves = [curve for index, mode in found for curve in _cross(index, mode)]
     sentence = (
-        "Each circle is a mode of the ringdown after the last event, its cross the interval of 95 %: the further right, "
-        "the better damped; left of zero it grows."
+        "Each circle is a mode of the mode table, its cross the interval of 95 %: the further right, the better "
+        "damped; left of zero it grows."
     )
-    chart = Chart(
-        "modes", "Modes", sentence, "damping ratio [%]", "f [Hz]", [Panel("", curves)], over_time=False
-    )
+    panels = [Panel("", curves)]
+    chart = Chart("modes", "Damping of the modes", sentence, "damping ratio [%]", "f [Hz]", panels, over_time=False)
     return [chart] if curves else []
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from bokeh.models import (
     BoxZoomTool,
-    ColorBar,
     ColumnDataSource,
     DataRange1d,
     HoverTool,
@@ -15,9 +14,9 @@ from bokeh.models import (
     PanTool,
     Range1d,
     ResetTool,
-    Span,
     WheelZoomTool,
 )
+from bokeh.models.annotations import ColorBar, Span
 from bokeh.palettes import RdBu, interp_palette
 from bokeh.plotting import figure
 
@@ -27,6 +26,8 @@ from facts_damping.report.contents import Chart, Maps
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from bokeh.models.renderers import GlyphRenderer
+
     from facts_damping.report.contents import Curve, Map, Panel, Report
 
 HEIGHT, TALL = 240, 340  # pixels, of one panel among others, and of a chart with a single one
@@ -34,6 +35,16 @@ PALETTE = interp_palette(RdBu[11], 255)  # blue is negative, red positive, as in
 GREY, LIMIT = "#777777", "#B00020"
 WIDTHS = {"solid": 1.4, "dashed": 0.9}
 TIME = "time"  # name of the range that all charts over time share
+DRESS: dict[str, Any] = {
+    "sizing_mode": "stretch_width",
+    "toolbar_location": "above",
+    "tools": "",
+    "background_fill_color": None,
+    "border_fill_color": None,
+    "min_border": 0,
+    "outline_line_color": "#cccccc",
+    "output_backend": "canvas",
+}
 Figure = figure  # the library's class has a lower-case name
 
 
@@ -65,7 +76,8 @@ def draw(report: Report) -> dict[str, list[Drawn]]:
         if len(curve.x)
     ]
     begin, end = (float(f(one)) for f, one in zip((np.min, np.max), np.array(spans or [(0.0, 1.0)]).T, strict=True))
-    time = Range1d(begin, max(end, begin + 1e-3), bounds=(begin, max(end, begin + 1e-3)), name=TIME)
+    time = _range(begin, max(end, begin + 1e-3))
+    time.name = TIME
     shared = _Shared(time, {}, report.names, [at for at, _ in report.events])
     found: dict[str, list[Drawn]] = {}
     for item in items:
@@ -74,6 +86,11 @@ def draw(report: Report) -> dict[str, list[Drawn]]:
         elif isinstance(item, Maps):
             found[item.key] = [Drawn(one.title, _map(one, shared)) for one in item.maps]
     return found
+
+
+def _range(start: float, end: float) -> Range1d:
+    """A range that zooming does not leave."""
+    return Range1d(start=start, end=end, bounds=(start, end))
 
 
 def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
@@ -85,7 +102,7 @@ def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
         window_axis="x" if chart.over_time else "none",
         x_axis_label=chart.x_label,
         y_axis_label=chart.y_label or panel.title,
-        **_DRESS,
+        **DRESS,
     )
     drawn = [_curve(made, curve, shared) for curve in panel.curves]
     for level in panel.levels:
@@ -99,14 +116,14 @@ def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
     return made
 
 
-def _curve(made: Figure, curve: Curve, shared: _Shared):
+def _curve(made: Figure, curve: Curve, shared: _Shared) -> GlyphRenderer:
     """One curve; those of a run over the same x have a source together."""
     key = curve.run, curve.x.tobytes()
     source = shared.sources.setdefault(key, ColumnDataSource({"x": curve.x}))
     column = f"y{len(source.data)}"
     source.data[column] = curve.y.astype(np.float32)
     name = shared.names[curve.run] + (f": {curve.name}" if curve.name else "")
-    look = {"name": name, "tags": [f"run-{curve.run}"], "color": COLOURS[curve.run % len(COLOURS)]}
+    look: dict[str, Any] = {"name": name, "tags": [f"run-{curve.run}"], "color": COLOURS[curve.run % len(COLOURS)]}
     if curve.style == "points":
         return made.scatter("x", column, source=source, size=8, line_width=2, fill_color=None, **look)
     return made.line("x", column, source=source, line_dash=curve.style, line_width=WIDTHS[curve.style], **look)
@@ -118,13 +135,13 @@ def _map(one: Map, shared: _Shared) -> Figure:
     made = figure(
         height=TALL,
         x_range=shared.time,
-        y_range=Range1d(low, high, bounds=(low, high)),
+        y_range=_range(low, high),
         x_axis_label="t [s]",
         y_axis_label="f [Hz]",
-        **_DRESS,
+        **DRESS,
     )
     largest = float(np.abs(one.values).max()) or 1.0
-    colours = LinearColorMapper(PALETTE, low=-largest, high=largest)
+    colours = LinearColorMapper(palette=PALETTE, low=-largest, high=largest)
     image = made.image(
         [one.values], first, low, last - first, high - low, color_mapper=colours, name=shared.names[one.run],
         tags=[f"run-{one.run}"],
@@ -143,19 +160,7 @@ def _mark_events(made: Figure, shared: _Shared) -> None:
         made.add_layout(Span(location=at, dimension="height", line_color=GREY, line_dash="dashed", line_width=1))
 
 
-_DRESS = {
-    "sizing_mode": "stretch_width",
-    "toolbar_location": "above",
-    "tools": "",
-    "background_fill_color": None,
-    "border_fill_color": None,
-    "min_border": 0,
-    "outline_line_color": "#cccccc",
-    "output_backend": "canvas",
-}
-
-
-def _equip(made: Figure, hover: HoverTool, zoomed: str) -> None:
+def _equip(made: Figure, hover: HoverTool, zoomed: Literal["width", "both"]) -> None:
     """Tools: drag to zoom; wheel and pan when chosen, so that the page can be scrolled over the figure."""
     zoom = BoxZoomTool(dimensions=zoomed)
     made.add_tools(zoom, PanTool(), WheelZoomTool(dimensions=zoomed), ResetTool(), hover)

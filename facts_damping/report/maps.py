@@ -28,7 +28,7 @@ def maps(runs: Sequence[Run]) -> list[Maps]:
     made = [one for index, run in enumerate(runs) for one in _map(index, run)]
     sentence = (
         "At which frequency a speed difference swings, and when: smoothed pseudo Wigner-Ville distribution, red where "
-        "there is much, white where there is nothing, blue what two components make by interference. An oscillation "
+        "there is much, pale where there is nothing, blue what two components make by interference. An oscillation "
         "that dies fades to the right. Dashed are the modes of the mode table. Each picture has its own scale."
     )
     return [Maps("spwvd", "Time and frequency (SPWVD)", sentence, made)] if made else []

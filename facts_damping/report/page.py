@@ -20,28 +20,32 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from bokeh.models import Model
+
     from facts_damping.report.contents import Report
     from facts_damping.signals import Record
 
-MARKS = {"best": "▲ best", "worst": "▼ worst"}
+MARKS = {"best": "▲", "worst": "▼"}
 
 
-def write(path: Path, records: Sequence[tuple[str, Record]], summaries: Sequence[dict[str, Any]]) -> None:
+def write(
+    path: Path, records: Sequence[tuple[str, Record]], summaries: Sequence[dict[str, Any]], baseline: int = 0
+) -> None:
     """Write the report of several records (name, record) and their figures (`analysis.summarise`).
 
-    The summaries may tell the path of the `recording`.
+    The summaries may tell the path of the `recording` and, counted from the `baseline`, `improvement_percent`.
     """
     runs = [
         Run(name, record, summary, summary.get("recording") or "-")
         for (name, record), summary in zip(records, summaries, strict=True)
     ]
-    files.write_whole(path, page(build(runs)))
+    files.write_whole(path, page(build(runs, baseline)))
 
 
 def page(report: Report) -> str:
     """A report as HTML. Names and notes are text of the recordings: all is escaped but what Bokeh makes."""
     drawn = draw(report)
-    flat = {f"{key}-{i}": one.figure for key, parts in drawn.items() for i, one in enumerate(parts)}
+    flat: dict[str, Model] = {f"{key}-{i}": one.figure for key, parts in drawn.items() for i, one in enumerate(parts)}
     script, divs = components(flat) if flat else ("", {})
     figures = {
         key: [(one.title, Markup(divs[f"{key}-{i}"])) for i, one in enumerate(parts)]  # noqa: S704 (Bokeh's own)

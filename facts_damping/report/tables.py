@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.analysis.indices import INDICES, improvement
+from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import hops_ms, statistics
 from facts_damping.analysis.pictures import HOPS
 from facts_damping.analysis.ringdown import COVERED
@@ -29,6 +29,8 @@ LARGEST_IS_BEST = {
 }
 STATISTICS = {"mean": "mean [ms]", "p50": "median [ms]", "p99": "99 % [ms]", "max": "max [ms]"}
 NONE = "-"
+UNMARKED: Mark = ""
+JUDGED = (*INDICES, "smoothness")  # of which improvement is told
 
 
 def summary(runs: Sequence[Run], comparable: bool) -> Table:
@@ -36,7 +38,8 @@ def summary(runs: Sequence[Run], comparable: bool) -> Table:
     rows = []
     for label, path, form in ROWS:
         values = [find(run.summary, path) for run in runs]
-        marks = ranked(values, LARGEST_IS_BEST[label]) if comparable and label in LARGEST_IS_BEST else [""] * len(runs)
+        judged = comparable and label in LARGEST_IS_BEST
+        marks = ranked(values, LARGEST_IS_BEST[label]) if judged else [UNMARKED] * len(runs)
         cells = [Cell(text(value, form), mark) for value, mark in zip(values, marks, strict=True)]
         rows.append([Cell(label.strip()), *cells])
     sentence = "All figures of the runs side by side."
@@ -50,27 +53,24 @@ def ranked(values: Sequence[float | bool | None], largest_is_best: bool) -> list
     sign = 1.0 if largest_is_best else -1.0
     worth = [-np.inf if value is None else sign * float(value) for value in values]
     if len(set(worth)) < 2:
-        return [""] * len(values)
+        return [UNMARKED] * len(values)
     words: dict[float, Mark] = {min(worth): "worst", max(worth): "best"}
-    return [words.get(one, "") for one in worth]
+    return [words.get(one, UNMARKED) for one in worth]
 
 
-def improvements(runs: Sequence[Run]) -> list[Table]:
-    """By how much the indices of the other runs are below the first's; nothing without two that have them."""
-    have = [run for run in runs if run.summary["indices"]]
-    if len(have) < 2:
+def improvements(runs: Sequence[Run], baseline: int) -> list[Table]:
+    """By how much figures of the others are below the baseline's; nothing without two that have them."""
+    parts = [run.summary.get("improvement_percent") for run in runs]
+    if sum(part is not None for part in parts) < 2:
         return []
-    first, *others = have
-    parts = [improvement(first.summary["indices"], other.summary["indices"]) for other in others]
-    rows = [[Cell(name), *(Cell(_percent(part[name])) for part in parts)] for name in INDICES]
-    return [
-        Table(
-            "improvement", f"Improvement on {first.name}",
-            f"By how much each index is below that of {first.name}, in % of it: 0 is no difference, 100 no deviation "
-            "at all, negative is worse.",
-            ["", *(other.name for other in others)], rows,
-        )
-    ]  # fmt: skip
+    name = runs[baseline].name
+    rows = [[Cell(figure), *(Cell(_number((part or {}).get(figure), ".1f")) for part in parts)] for figure in JUDGED]
+    sentence = (
+        f"By how much each figure is below that of {name}, in % of it: 100 would be no deviation at all, a negative "
+        "number is worse."
+    )
+    head = ["[%]", *(run.name for run in runs)]
+    return [Table("improvement", f"Improvement on {name}", sentence, head, rows, runs=True)]
 
 
 def modes(runs: Sequence[Run]) -> Table:
@@ -114,7 +114,7 @@ def effort(runs: Sequence[Run]) -> Table:
             ])  # fmt: skip
     head = ["run", "device", "largest setpoint [p.u.]", "root mean square [p.u.]", "at the limit [% of frames]"]
     sentence = (
-        "How much each device is used: a device that is often at its limit has no more to give, and a setpoint near zero "
+        "How much each device is used: one that is often at its limit has no more to give, and a setpoint near zero "
         "leaves it unused."
     )
     return Table("effort", "Use of the devices", sentence, head, rows)
@@ -158,12 +158,8 @@ def _said(value: Any) -> str:
 
 
 def _interval(value: float, error: float | None, factor: float, form: str) -> str:
-    spread = "" if error is None else f" ± {COVERED * factor * error:{form}}"
+    spread = "" if error is None else f" ± {COVERED * factor * error:.1g}"
     return f"{factor * value:{form}}{spread}"
-
-
-def _percent(value: float | None) -> str:
-    return NONE if value is None else f"{value:.1f} %"
 
 
 def _number(value: float | None, form: str) -> str:
