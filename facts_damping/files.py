@@ -104,7 +104,7 @@ def check_writable(target: str | None, option: str = "--json", *, standard: bool
     if target is None or (standard and target == "-"):
         return
     path = Path(str(target))
-    if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+    if target == "-" or path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
         also = ", or -" if standard else ""
         raise InputError(f"{option} {path}: cannot be written; allowed: a file in an existing folder{also}")
 

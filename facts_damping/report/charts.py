@@ -52,7 +52,7 @@ def _chart(picture: Picture, runs: Sequence[Run]) -> Chart:
         for panel in picture.panels(run.record):
             found.setdefault(panel.name, []).append((index, panel))
     over_time = picture.over == Picture._field_defaults["over"]
-    panels = [_panel(name, parts, runs, over_time) for name, parts in found.items()]
+    panels = [panel for panel in (_panel(*one, runs, over_time) for one in found.items()) if panel.curves]
     return Chart(
         picture.stem, picture.title, SENTENCES[picture.stem], picture.over, picture.label, panels, over_time,
         picture.logarithmic,
@@ -76,7 +76,7 @@ def _panel(name: str, parts: Sequence[tuple[int, analysed.Panel]], runs: Sequenc
             height = np.interp(at, time_s if whole.x is None else whole.x, whole.values)
             curves.append(Curve(index, at, height, "points"))
         levels |= dict.fromkeys(panel.limits)
-    return Panel(" ".join(name.split()), curves, list(levels))
+    return Panel(" ".join(name.split()), [curve for curve in curves if np.isfinite(curve.y).any()], list(levels))
 
 
 def modes(runs: Sequence[Run]) -> list[Chart]:

@@ -123,10 +123,13 @@ def _curve(made: Figure, curve: Curve, shared: _Shared) -> GlyphRenderer:
     column = f"y{len(source.data)}"
     source.data[column] = curve.y.astype(np.float32)
     name = shared.names[curve.run] + (f": {curve.name}" if curve.name else "")
-    look: dict[str, Any] = {"name": name, "tags": [f"run-{curve.run}"], "color": COLOURS[curve.run % len(COLOURS)]}
+    look: dict[str, Any] = {"name": name, "color": COLOURS[curve.run % len(COLOURS)], "source": source}
     if curve.style == "points":
-        return made.scatter("x", column, source=source, size=8, line_width=2, fill_color=None, **look)
-    return made.line("x", column, source=source, line_dash=curve.style, line_width=WIDTHS[curve.style], **look)
+        drawn = made.scatter("x", column, size=8, line_width=2, fill_color=None, **look)
+    else:
+        drawn = made.line("x", column, line_dash=curve.style, line_width=WIDTHS[curve.style], **look)
+    drawn.tags = [f"run-{curve.run}"]  # by which the page hides a run
+    return drawn
 
 
 def _map(one: Map, shared: _Shared) -> Figure:
@@ -143,9 +146,9 @@ def _map(one: Map, shared: _Shared) -> Figure:
     largest = float(np.abs(one.values).max()) or 1.0
     colours = LinearColorMapper(palette=PALETTE, low=-largest, high=largest)
     image = made.image(
-        [one.values], first, low, last - first, high - low, color_mapper=colours, name=shared.names[one.run],
-        tags=[f"run-{one.run}"],
-    )  # fmt: skip
+        [one.values], first, low, last - first, high - low, color_mapper=colours, name=shared.names[one.run]
+    )
+    image.tags = [f"run-{one.run}"]
     made.add_layout(ColorBar(color_mapper=colours, width=10, title=None, background_fill_color=None), "right")
     for line in one.lines:
         made.add_layout(Span(location=line, dimension="width", line_color="black", line_dash="dashed", line_width=0.8))

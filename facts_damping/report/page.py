@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from facts_damping import __version__, files
 from facts_damping.analysis.plots import COLOURS
+from facts_damping.errors import InputError
 from facts_damping.report.build import MOST_EVENTS, build
 from facts_damping.report.contents import Run, Table
 from facts_damping.report.drawing import draw
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from facts_damping.report.contents import Report
     from facts_damping.signals import Record
 
+LONG = 24  # letters: a longer entry of a table is broken into lines
 MARKS = {"best": "▲", "worst": "▼"}
 
 
@@ -33,13 +35,19 @@ def write(
 ) -> None:
     """Write the report of several records (name, record) and their figures (`analysis.summarise`).
 
+    Raises InputError if the file cannot be written.
+
     The summaries may tell the path of the `recording` and, counted from the `baseline`, `improvement_percent`.
     """
     runs = [
         Run(name, record, summary, summary.get("recording") or "-")
         for (name, record), summary in zip(records, summaries, strict=True)
     ]
-    files.write_whole(path, page(build(runs, baseline)))
+    text = page(build(runs, baseline))
+    try:
+        files.write_whole(path, text)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; allowed: a file in a folder that can be written") from error
 
 
 def page(report: Report) -> str:
@@ -61,6 +69,7 @@ def page(report: Report) -> str:
         events=_events(report),
         is_table=lambda item: isinstance(item, Table),
         marks=MARKS,
+        long=LONG,
         colours=[COLOURS[i % len(COLOURS)] for i in range(len(report.names))],
         library=Markup(Resources(mode="inline", components=["bokeh"]).render_js()),  # noqa: S704
         script=Markup(script),  # noqa: S704

@@ -16,6 +16,8 @@ from facts_damping.report.contents import Cell, Table
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from facts_damping.report.contents import Mark, Run
 
 # Rows of the summary in which runs are compared, and whether the largest value is the best one. Nobody's best is how
@@ -123,19 +125,27 @@ def effort(runs: Sequence[Run]) -> Table:
 def links(runs: Sequence[Run]) -> Table:
     """Latency of each hop, and what was lost."""
     rows = [
-        [Cell(run.name), Cell(HOPS[hop]), Cell(who), Cell(str(len(values))),
-         *(Cell(_number(one, ".2f")) for one in statistics(values).values())]
+        [Cell(run.name), Cell(HOPS[hop]), *(Cell(one) for one in entry)]
         for run in runs
         for hop, parts in hops_ms(run.record).items()
-        for who, values in parts.items()
-    ]  # fmt: skip
+        for entry in _alike(parts)
+    ]
     lost = ", ".join(f"{run.name} {run.summary['frames_lost']}" for run in runs)
     sentence = (
         "Latency of each hop from the measurement to the device, in simulated time, by station, controller or device; "
-        f"n is how many were delivered. Entries of frames that the link lost: {lost}."
+        f"n is how many were delivered to each. Entries of frames that the link lost: {lost}."
     )
     head = ["run", "hop", "of", "n", *STATISTICS.values()]
     return Table("links", "Link statistics", sentence, head, rows)
+
+
+def _alike(parts: Mapping[str, NDArray[np.float64]]) -> list[tuple[str, ...]]:
+    """Whose latencies, how many, and their statistics: those with the same ones together."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for who, values in parts.items():
+        told = str(len(values)), *(_number(one, ".2f") for one in statistics(values).values())
+        found.setdefault(told, []).append(who)
+    return [(", ".join(names), *told) for told, names in found.items()]
 
 
 def conditions(runs: Sequence[Run]) -> Table:
@@ -144,7 +154,7 @@ def conditions(runs: Sequence[Run]) -> Table:
     asked = [run.record.configuration.get("asked") or run.record.configuration for run in runs]
     rows = [[Cell(field.replace("_", " ")), *(Cell(_said(one.get(field))) for one in asked)] for field in fields]
     rows.append([Cell("recording"), *(Cell(run.path) for run in runs)])
-    sentence = "The runs by the names in their files; what was given inline is `custom`."
+    sentence = "The runs by the names in their files; what was given inline is called custom."
     return Table("conditions", "Conditions", sentence, ["", *(run.name for run in runs)], rows, runs=True)
 
 
