@@ -46,7 +46,7 @@ def blocks(data: Sequence[bytes], fields: Mapping[str, Any], message_type: str) 
     found: list[Block] = []
     for length in np.unique(lengths).tolist():
         rows = np.flatnonzero(lengths == length)
-        stacked = np.frombuffer(b"".join([data[row] for row in rows.tolist()]), np.uint8).reshape(-1, length)
+        stacked = np.frombuffer(b"".join([data[row] for row in rows.tolist()]), np.uint8).reshape(len(rows), length)
         parts = _alike(stacked, fields, message_type)
         found += [Block(rows[part], _Walk(stacked[part], fields).read(message_type)) for part in parts]
     return sorted(found, key=lambda one: int(one.rows[0]))

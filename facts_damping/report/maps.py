@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from facts_damping.report.contents import Run
 
 COLUMNS, ROWS = 300, 150  # of a map at most
+UNIT = "(10⁻³ p.u.)²/Hz"
 DIGITS = 3  # that count of a value: more would not be seen, and not compress
 
 
@@ -44,7 +45,7 @@ def _map(index: int, run: Run) -> list[Map]:
     except InputError:
         return []
     lines = [mode["frequency_hz"] for mode in run.summary["modes"]]
-    return [Map(index, f"{name}, {run.name}", *_thinned(found), "(10⁻³ p.u.)²/Hz", lines)]
+    return [Map(index, f"{name}, {run.name} [{UNIT}]", *_thinned(found), UNIT, lines)]
 
 
 def _thinned(found: Distribution) -> tuple[tuple[float, float, float, float], NDArray[np.float32]]:
