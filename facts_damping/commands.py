@@ -143,7 +143,7 @@ def _distributions(
     """Time-frequency pictures, where they are asked for: a line each."""
     if arguments.spwvd is None:
         return []
-    from facts_damping.analysis.time_frequency_plots import Settings, plot_distributions
+    from facts_damping.analysis.time_frequency_plots import Settings, distribution_figures, save
 
     asked = Settings()
     if arguments.windows:
@@ -152,7 +152,8 @@ def _distributions(
         asked = asked._replace(band=arguments.band)
     modes = [[mode["frequency_hz"] for mode in result["modes"]] for result in results]
     records = [(name, record, lines) for (name, record), lines in zip(named, modes, strict=True)]
-    paths, notes = plot_distributions(records, arguments.spwvd.split(","), asked, files.new_folder(folder))
+    figures, notes = distribution_figures(records, arguments.spwvd.split(","), asked)
+    paths = save(figures, files.new_folder(folder))
     for note in notes:
         sys.stderr.write(f"{note}\n")
     return [f"plot: {path}" for path in paths]
