@@ -205,34 +205,6 @@ def test_json_of_run_and_simulate_agree(domain: int, tmp_path: Path) -> None:
         assert recorded[key] == computed[key], key
 
 
-def test_recording_is_analysed_over_time_and_frequency(domain: int, tmp_path: Path) -> None:
-    case, out = load_case("two_area_small", ["duration=5"]), tmp_path / "analysis"
-    recording = graph.run(case, "lockstep", tmp_path, quiet).recording
-    command = [sys.executable, "-m", "facts_damping.cli", "analyze", str(recording), "--out", str(out)]
-
-    def analyze(*options: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([*command, *options], capture_output=True, text=True, check=False)
-
-    for bad, reason in (
-        (["--spwvd", "w13,nothing"], "signal: 'nothing' given; allowed: w12, w34, w13, speed, "),
-        (["--spwvd", "w13", "--windows", "fast"], "argument --windows: fast given; allowed: two numbers with a comma"),
-        (
-            ["--spwvd", "w13", "--band", "0.1,40"],
-            "signal w13: band: 0.1 to 40 Hz given; allowed: rising, within 0 to 30",
-        ),
-        (["--band", "0.1,2"], "--windows, --band: given without --spwvd; allowed: with --spwvd SIGNAL,..."),
-    ):
-        done = analyze(*bad)
-        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-        assert reason in done.stderr
-        assert not out.exists()
-    done = analyze("--spwvd", "w13,sssc.injected_voltage", "--windows", "8,2", "--band", "0.2,2")
-    assert (done.returncode, done.stderr) == (0, "")
-    for name in ("w13", "sssc.injected_voltage"):
-        assert f"plot: {out / f'spwvd_{name}.png'}" in done.stdout
-        assert (out / f"spwvd_{name}.png").stat().st_size > 10_000
-
-
 def test_second_graph_in_the_same_domain_is_refused(command: subprocess.Popen[str], tmp_path: Path) -> None:
     wait_until_recording(tmp_path)
     with pytest.raises(RunError, match="ROS_DOMAIN_ID"):
