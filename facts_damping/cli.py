@@ -59,6 +59,9 @@ def parser() -> argparse.ArgumentParser:
     _common(command)
     command = add("analyze", commands.analyze)
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder or .mcap file")
+    command.add_argument("--spwvd", metavar="SIGNAL,...", help="also time-frequency distributions of these signals")
+    command.add_argument("--windows", type=_pair, metavar="LAG,TIME", help="of --spwvd, s; default: 10,4")
+    command.add_argument("--band", type=_pair, metavar="LOW,HIGH", help="of --spwvd, Hz; default: 0.1,2.5")
     _common(command, sets=False)
     command = add("modes", commands.modes)
     command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")
@@ -139,6 +142,15 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
         return int(text)
 
     return take
+
+
+def _pair(text: str) -> tuple[float, float]:
+    """Two numbers with a comma between."""
+    try:
+        first, second = map(float, text.split(","))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text} given; allowed: two numbers with a comma between") from error
+    return first, second
 
 
 def _seconds(low: float, high: float) -> Callable[[str], float]:

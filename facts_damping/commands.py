@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping import adapted, configuration, files, loop
-from facts_damping.errors import RunError, check_known
+from facts_damping.errors import InputError, RunError, check_known
 from facts_damping.terminal import Progress, write_json
 
 if TYPE_CHECKING:
@@ -122,6 +122,8 @@ def analyze(arguments: argparse.Namespace) -> None:
     """Figures and plots of recordings."""
     from facts_damping.recording.reader import load
 
+    if arguments.spwvd is None and (arguments.windows or arguments.band):
+        raise InputError("--windows, --band: given without --spwvd; allowed: with --spwvd SIGNAL,...")
     named = []
     for path in arguments.recordings:
         record = load(path)
@@ -132,7 +134,29 @@ def analyze(arguments: argparse.Namespace) -> None:
         summarise(record, None, str(path)) for (_, record), path in zip(named, arguments.recordings, strict=True)
     ]
     folder = Path(arguments.out) if arguments.out is not None else Path(arguments.recordings[0]).parent / "analysis"
-    _report(arguments, named, results, folder)
+    _report(arguments, named, results, folder, *_distributions(arguments, named, results, folder))
+
+
+def _distributions(
+    arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]], folder: Path
+) -> list[str]:
+    """Time-frequency pictures, where they are asked for: a line each."""
+    if arguments.spwvd is None:
+        return []
+    from facts_damping.analysis.time_frequency_plots import Settings, distribution_figures, save
+
+    asked = Settings()
+    if arguments.windows:
+        asked = asked._replace(lag=arguments.windows[0], time=arguments.windows[1])
+    if arguments.band:
+        asked = asked._replace(band=arguments.band)
+    modes = [[mode["frequency_hz"] for mode in result["modes"]] for result in results]
+    records = [(name, record, lines) for (name, record), lines in zip(named, modes, strict=True)]
+    figures, notes = distribution_figures(records, arguments.spwvd.split(","), asked)
+    paths = save(figures, files.new_folder(folder))
+    for note in notes:
+        sys.stderr.write(f"{note}\n")
+    return [f"plot: {path}" for path in paths]
 
 
 def modes(arguments: argparse.Namespace) -> None:

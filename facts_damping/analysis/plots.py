@@ -146,7 +146,7 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure |
                     label = panel if single and picture.together else name or "injected"
                     _draw(axes, record, panels[panel], label, COLOURS[(position + offset) % len(COLOURS)])
         _dress(axes, picture.label if len(row) > 1 else f"{row[0]}\n{picture.label}")
-    _mark_events(list(grid), records[0][1])
+    mark_events(list(grid), records[0][1])
     grid[-1].set_xlabel("t [s]")
     grid[-1].set_xlim(*_span([record for _, record in records]))
     figure.suptitle(picture.title, fontsize="medium", fontweight="bold", x=0.01, ha="left")
@@ -192,7 +192,7 @@ def _span(records: Sequence[Record]) -> tuple[float, float]:
     return float(first), float(last) + frame
 
 
-def _mark_events(grid: Sequence[Axes], record: Record) -> None:
+def mark_events(grid: Sequence[Axes], record: Record) -> None:
     """Vertical lines at the events in all axes, their kinds above the first."""
     for axes in grid:
         for time, _ in _events(record, 0.0):
