@@ -144,11 +144,19 @@ sweep:
 """
     found = swept(tmp_path, study(tmp_path, text))
     pictures = {path.stem for path in (tmp_path / "out").glob("*.png")}
-    assert pictures == {"curves", "probability", "map", "latency"}
+    assert pictures == {
+        "curves",
+        "latency",
+        *(f"{one}{of}" for one in ("probability", "map") for of in ("", "_not_damped")),
+    }
     (row,) = [r for r in found["rows"] if r["latency_max_ms"] == pytest.approx(70.0) and r["latency_p0_ms"] == 0.0][:1]
     assert (row["controller"], row["scheme"]) == ("ANFTSC+HBsWC", "indirect")
     assert (row["controllers.0.link.up.0.delay"], row["controllers.1.link.up.1.delay"]) == (0, 0.05)
-    assert [share["runs"] for share in found["shares"]] == [2] * 9
+    assert [share["runs"] for share in found["shares"]] == [2] * 18
+    for share in found["shares"]:
+        own = [row for row in found["rows"] if all(row[name] == share[name] for name in row if name in share)]
+        figure = {"unstable": "stable", "not_damped": "damped"}[share["criterion"]]
+        assert share["failed"] == sum(not row[figure] for row in own)
 
 
 def test_a_run_that_fails_is_a_row(tmp_path: Path) -> None:
@@ -222,7 +230,7 @@ def test_seeds_make_one_margin_and_shares(tmp_path: Path) -> None:
     assert one["per_seed"] == [one["margin_s"]] * 3
     assert 0 < one["high_s"] - one["low_s"] <= 0.02 * (1 + 1e-9)
     assert {row["seed"] for row in found["rows"]} == {1, 2, 3}
-    by_value = {share["link.up.1.delay"]: share for share in found["shares"]}
+    by_value = {share["link.up.1.delay"]: share for share in found["shares"] if share["criterion"] == "unstable"}
     assert by_value[0.0]["runs"] == by_value[0.4]["failed"] == 3
     assert by_value[0.4]["low"] == pytest.approx(0.4385, abs=1e-4)  # Wilson's, of 3 of 3: 3 / (3 + 1.96^2)
 
@@ -417,6 +425,15 @@ def test_no_scheduler_is_one_line(
         (
             "sweep: [{zip: [{field: seed, values: [1, 2]}, {field: duration, values: [1]}]}]",
             "axes of 2, 1 values given",
+        ),
+        (
+            "sweep: [{name: a, rows: [{duration: 1}], labels: [1, 2]}]",
+            "sweep.0: labels: 2 given; allowed: 1, one a row",
+        ),
+        ("sweep: [{rows: [{duration: 1}], labels: [1]}]", "labels: given; allowed: beside `rows` and a `name`"),
+        (
+            "margin: {field: link.up.0.delay, high: 1, tolerance: 0.1, across: who}",
+            "margin.across: 'who' given; allowed: system, scenario, controller, scheme, link, seed",
         ),
         ("sweep: [{field: duratoin, values: [1]}]", "duratoin: unknown key; allowed: system, scenario"),
         ("sweep: [{field: 'link up', values: [1]}]", "sweep.0.field: 'link up' given; allowed: "),
