@@ -42,6 +42,8 @@ def draw_margins(margins: Rows, across: str) -> Figure:
                 )
             _dress(axes, ", ".join(part for part in (scenario, cell(column)) if part), own)
     drawn[0][0].set_yticks(range(len(labels)), labels)
+    for axes in drawn[-1]:
+        axes.set_xlabel(margins[0]["field"])
     title = f"Least {margins[0]['field']} at which a run {WORDS[first]}"
     title += (
         "" if all(row["monotonic"] for row in margins if row["criterion"] == first) else "; again: where it does not"
@@ -53,7 +55,7 @@ def draw_margins(margins: Rows, across: str) -> Figure:
 
 def _dress(axes: Axes, title: str, rows: Rows) -> None:
     horizons = sorted({row["horizon_s"] for row in rows if row["horizon_s"]})
-    axes.set(title=f"{title}, horizon {' / '.join(f'{h:g}' for h in horizons)} s", xlabel=f"{rows[0]['field']}")
+    axes.set_title(f"{title}, horizon {' / '.join(f'{h:g}' for h in horizons)} s")
     axes.grid(visible=True, axis="x", lw=0.3)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
@@ -74,7 +76,7 @@ def _bar(axes: Axes, y: int, row: dict[str, Any]) -> None:
 def _diamond(axes: Axes, labels: Sequence[str], row: dict[str, Any]) -> None:
     at = row["high_s"] if row["beyond"] == "low" else row["margin_s"]
     if at is not None:
-        axes.plot(at, labels.index(row["label"]), "D", color="white", mec="0.1", ms=4.5)
+        axes.plot(at, labels.index(row["label"]), "D", color="white", mec="0.1", ms=4.5, clip_on=False, zorder=3)
 
 
 def _margin_legend(figure: Figure, margins: Rows) -> None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from numpy.typing import NDArray
 
     Rows = Sequence[dict[str, Any]]
@@ -33,6 +34,7 @@ CURVES = {
 SHARES = {"unstable": "share of unstable runs", "not_damped": "share of runs not damped"}
 BINS = 20  # of a drawn variable
 LEAST = 3  # values that make an axis
+MOST_TICKS = 12  # of a map, a tick each
 MOST_GROUPS = 30  # curves that can be told apart
 MOST_TOGETHER = 8  # groups with all figures in one picture
 SPREAD_MS = 1e-3  # a latency that varies less is one number, not a distribution
@@ -170,7 +172,7 @@ def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]
 
 def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str], criterion: str) -> Figure | None:
     """Share of runs that fail against a numeric axis with Wilson's interval; none where no two runs share a value."""
-    figure, panels = _panels(rows, [f"{SHARES[criterion]}, 95 % interval"], x)
+    figure, panels = _panels(rows, [f"{_share_label(rows, criterion)}, 95 % interval".replace(", ", ",\n", 1)], x)
     looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
     several = False
     for scenario, own in by_scenario(rows).items():
@@ -203,19 +205,33 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
     across = min(4, len(kept))
     down = -(-len(kept) // across)
     figure = Figure(figsize=(1.6 + 3.6 * across, 0.6 + 3.2 * down), layout="constrained")
-    drawn: Any = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True).ravel()
+    drawn: Any = figure.subplots(down, across, squeeze=False).ravel()
     for axes, (title, some) in zip(drawn, kept, strict=False):
         columns, wide = binned(np.array([row[x] for row in some], float))
         lines, high = binned(np.array([row[y] for row in some], float))
         failed = np.array([FAILED[criterion](row) for row in some])
         shares = [[failed[a & b].mean() if np.any(a & b) else np.nan for a in wide] for b in high]
         looks: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1, "shading": "nearest"}
-        image = axes.pcolormesh(columns, lines, np.array(shares, float), **looks)
+        at, up = _ticked(axes.xaxis, columns), _ticked(axes.yaxis, lines)
+        image = axes.pcolormesh(at, up, np.array(shares, float), **looks)
         axes.set(title=title, xlabel=x, ylabel=y)
     for axes in drawn[len(kept) :]:
         axes.set_visible(False)
-    figure.colorbar(image, ax=list(drawn), label=SHARES[criterion], shrink=0.8)
+    figure.colorbar(image, ax=list(drawn), label=_share_label(rows, criterion), shrink=0.8)
     return figure
+
+
+def _share_label(rows: Rows, criterion: str) -> str:
+    horizons = sorted({row["horizon_s"] for row in rows})
+    return f"{SHARES[criterion]}, horizon {' / '.join(f'{one:g}' for one in horizons)} s"
+
+
+def _ticked(axis: Axis, values: Sequence[float]) -> Sequence[float]:
+    """Where values stand on an axis: few at equal distances, each with its tick, many by their size."""
+    if len(values) > MOST_TICKS:
+        return values
+    axis.set_ticks(range(len(values)), [f"{value:g}" for value in values])
+    return range(len(values))
 
 
 def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
