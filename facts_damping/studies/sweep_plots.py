@@ -34,6 +34,7 @@ CURVES = {
 SHARES = {"unstable": "share of unstable runs", "not_damped": "share of runs not damped"}
 BINS = 20  # of a drawn variable
 LEAST = 3  # values that make an axis
+MOST_ACROSS = 5  # panels of a map
 MOST_TICKS = 12  # of a map, a tick each
 MOST_GROUPS = 30  # curves that can be told apart
 MOST_TOGETHER = 8  # groups with all figures in one picture
@@ -202,7 +203,7 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
         for name, some in groups(own, swept, (x, y), rows).items()
     }
     kept = list(panels.items())[:12]
-    across = min(4, len(kept))
+    across = min(MOST_ACROSS, len(kept))
     down = -(-len(kept) // across)
     figure = Figure(figsize=(1.6 + 3.6 * across, 0.6 + 3.2 * down), layout="constrained")
     drawn: Any = figure.subplots(down, across, squeeze=False).ravel()
