@@ -70,15 +70,11 @@ def parser() -> argparse.ArgumentParser:
     _common(command)
     command = add("margin", study_commands.margin)
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
-    _longest(command)
+    takes, text = _seconds(0.01, 10.0), "longest delay; default: 1 s"
+    command.add_argument("--max-delay", type=takes, default=1.0, metavar="S", help=text)
     command.add_argument("--pade", type=_whole(1, 10), metavar="N", help="also with Pade terms of order N, 1 to 10")
     command.add_argument("--time-domain", action="store_true", help="also by runs of the nonlinear loop")
     _common(command)
-    command = add("compensation", study_commands.compensation)
-    command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: LLC, LLC-tuned, HBsWC")
-    _longest(command)
-    _jobs(command)
-    _common(command, out=False)
     command = add("validate", commands.validate)
     command.add_argument("tables", nargs="*", metavar="TABLE", help="which tables; none: all")
     command.add_argument("--out", metavar="FILE", help="write the tables as a Markdown page")
@@ -173,11 +169,6 @@ COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _seconds(0.05, 36
 
 def _jobs(command: argparse.ArgumentParser) -> None:
     command.add_argument("--jobs", type=COUNT, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
-
-
-def _longest(command: argparse.ArgumentParser) -> None:
-    takes, text = _seconds(0.01, 10.0), "longest delay; default: 1 s"
-    command.add_argument("--max-delay", type=takes, default=1.0, metavar="S", help=text)
 
 
 def main(argv: list[str] | None = None) -> int:
