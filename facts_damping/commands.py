@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping import adapted, configuration, files, loop
-from facts_damping.errors import RunError, check_known
+from facts_damping.errors import InputError, RunError, check_known
 from facts_damping.terminal import Progress, write_json
 
 if TYPE_CHECKING:
@@ -107,8 +107,10 @@ def run(arguments: argparse.Namespace) -> None:
     name = label(case.summary())
     folder = out_folder(arguments, name)
     progress = Progress(name)
+    if arguments.foxglove is not None:
+        say(arguments, f"live view: ws://127.0.0.1:{arguments.foxglove}")
     try:
-        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout)
+        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, arguments.foxglove)
     finally:
         progress.close()
     record = load(outcome.recording)
@@ -133,6 +135,29 @@ def analyze(arguments: argparse.Namespace) -> None:
     ]
     folder = Path(arguments.out) if arguments.out is not None else Path(arguments.recordings[0]).parent / "analysis"
     _report(arguments, named, results, folder)
+
+
+def views(arguments: argparse.Namespace) -> None:
+    """Layouts for Foxglove and PlotJuggler of a run or of a recording, and that one by simulated time."""
+    from facts_damping.recording import in_simulated_time, origin
+    from facts_damping.views import layouts
+
+    given = None if arguments.what is None else Path(arguments.what)
+    if given is not None and (given.is_dir() or given.suffix == ".mcap"):
+        if arguments.set:
+            raise InputError(f"--set {arguments.set[0]}: given with a recording; allowed: with a run")
+        content, namespace = origin(given)
+        case = configuration.make_case(content, str(given), {})
+        folder = given.parent / "views" if arguments.out is None else Path(arguments.out)
+        for note in in_simulated_time(given, folder / "simulated_time"):
+            sys.stderr.write(f"{given}: {note}\n")
+        say(arguments, f"recording: {folder / 'simulated_time'}")
+    else:
+        case, namespace = configuration.load_case(arguments.what, arguments.set), "/"
+        folder = files.new_folder(out_folder(arguments, "views"))
+    for name, text in layouts(case, namespace).items():
+        files.write_whole(folder / name, text)
+        say(arguments, f"layout: {folder / name}")
 
 
 def modes(arguments: argparse.Namespace) -> None:
