@@ -54,6 +54,7 @@ class LiveView:
             )
         except (RuntimeError, ValueError, OSError) as error:
             raise InputError(f"host, port: {host}, {port} given: {error}; allowed: ones that are free here") from error
+        self.address = f"ws://{host}:{self.server.port}"
         self.spinner = Spinner(node)
 
     def on_message(self, channel: Any, tells_time: bool, data: bytes) -> None:
@@ -66,7 +67,7 @@ class LiveView:
 
     def run(self) -> None:
         """Serve until stopped."""
-        sys.stdout.write(f"ws://{host}:{self.server.port}\n")
+        sys.stdout.write(f"{self.address}\n")
         sys.stdout.flush()
         try:
             while True:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import socket
 import struct
@@ -118,9 +119,7 @@ def test_client_gets_what_is_recorded_and_the_recording_keeps_its_bits(
     case = load_case(None, SETS)
     graph.run(case, "realtime", tmp_path, quiet, view_port=port)
     client.end()
-    told = {
-        one["topic"]: (one["schemaName"], one["schemaEncoding"], one["schema"]) for one in client.channels.values()
-    }
+    told = {one["topic"]: (one["schemaName"], one["schemaEncoding"], one["schema"]) for one in client.channels.values()}
     assert told == recorded_channels(tmp_path)
     assert {one["encoding"] for one in client.channels.values()} == {"cdr"}
     assert "time" in client.info["capabilities"]
@@ -153,7 +152,7 @@ def test_lockstep_recording_with_a_view_equals_the_in_process_run(
 
 def test_client_that_does_not_read_holds_nobody_up(domain: int, tmp_path: Path, port: int) -> None:
     """Its buffers and those of its socket are full long before the end."""
-    case, stalled = load_case(None, ["duration=60"]), []
+    case, stalled = load_case(None, ["duration=20"]), []
 
     def stall(done: int, _of: int) -> None:
         if not stalled:
@@ -172,9 +171,7 @@ def test_client_that_does_not_read_holds_nobody_up(domain: int, tmp_path: Path, 
     assert_same(load(outcome.recording), loop.run(case))
 
 
-def test_view_that_dies_does_not_end_the_run(
-    domain: int, tmp_path: Path, port: int, started: dict[str, Any]
-) -> None:
+def test_view_that_dies_does_not_end_the_run(domain: int, tmp_path: Path, port: int, started: dict[str, Any]) -> None:
     def strike(_done: int, _of: int) -> None:
         started["live_view"].popen.kill()
 
@@ -189,7 +186,8 @@ def test_port_that_is_taken_is_named(domain: int, tmp_path: Path) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(RunError, match=rf"live_view: host, port: 127.0.0.1, {port} given.*allowed: ones that are free"):
+        said = rf"live_view: host, port: 127.0.0.1, {port} given.*allowed: ones that are free"
+        with pytest.raises(RunError, match=said):
             graph.run(load_case(None, ["duration=1"]), "lockstep", tmp_path, quiet, view_port=port)
     assert nodes_left(tmp_path) == []
 
@@ -210,4 +208,4 @@ def test_view_by_hand_serves_graph_after_graph_and_ends_quietly(
     assert (view.returncode, out, errors) == (0, f"ws://127.0.0.1:{port}\n", "")
     client.end()
     stamps = [log_time for log_time, _ in client.messages["/plant/state"]]
-    assert any(later < earlier for earlier, later in zip(stamps, stamps[1:], strict=False))
+    assert any(later < earlier for earlier, later in itertools.pairwise(stamps))

@@ -6,7 +6,7 @@ import json
 import re
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 from mcap.reader import make_reader
 from rosbags.interfaces import Nodetype
@@ -119,7 +119,7 @@ def foxglove_faults(text: str, bag: Bag) -> list[str]:
 
 
 def series(bag: Bag) -> set[str]:
-    """Names of all numbers over time, as PlotJuggler's parser of ROS messages makes them (ParserROS, rosx_introspection)."""
+    """Names of all numbers over time, as PlotJuggler makes them (its ParserROS and rosx_introspection)."""
     found = set()
     for topic, messages in bag.messages.items():
         for message in messages:
@@ -143,7 +143,7 @@ def _numbers(bag: Bag, kind: str, here: str, value: Any) -> Iterator[str]:
 
 
 def plotjuggler_curves(text: str) -> list[str]:
-    return [curve.attrib["name"] for curve in ElementTree.fromstring(text).iter("curve")]
+    return [curve.attrib["name"] for curve in ET.fromstring(text).iter("curve")]
 
 
 def plotjuggler_faults(text: str, known: set[str]) -> list[str]:

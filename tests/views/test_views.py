@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from typing import TYPE_CHECKING, Any, NamedTuple
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import pytest
 
@@ -187,7 +187,7 @@ def test_foxglove_shows_every_panel_once(recorded: Recorded) -> None:
 
 
 def test_plotjuggler_divides_places_as_it_says(recorded: Recorded) -> None:
-    root = ElementTree.fromstring(recorded.plotjuggler)
+    root = ET.fromstring(recorded.plotjuggler)
     splitters = list(root.iter("DockSplitter"))
     assert splitters
     for splitter in splitters:
