@@ -141,16 +141,14 @@ def save_weights(case: Case, out: Path) -> None:
             write_whole(out / f"{name}.weights.yaml", dump(found))
 
 
-def _started_view(run_file: Path, port: int) -> Process:
-    """A live view that serves; it may end later and the graph goes on."""
-    view = start(VIEW, VIEW, {"run": run_file, "port": port})
+def _wait_for_view(view: Process) -> None:
+    """Wait until a live view serves; it may end later and the graph goes on."""
     deadline = time.monotonic() + START_S
     while not view.read():
         if view.popen.poll() is not None or time.monotonic() > deadline:
             _end([view], signal.SIGINT)
             raise RunError(view.reason())
         time.sleep(POLL_S)
-    return view
 
 
 @contextmanager
@@ -164,7 +162,8 @@ def graph(
     running: dict[str, Process] = {}
     try:
         if view_port is not None:
-            running[VIEW] = _started_view(run_file, view_port)
+            running[VIEW] = start(VIEW, VIEW, {"run": run_file, "port": view_port})
+            _wait_for_view(running[VIEW])
         running["recorder"] = start("recorder", "recorder", {**common, "output": out / "recording"})
         for module, nodes in (
             ("wan_link", dict(enumerate(link_addresses(case)))),

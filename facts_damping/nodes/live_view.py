@@ -38,19 +38,18 @@ class LiveView:
         host: Any = node.declare_parameter("host", HOST, descriptor("address that the server listens at")).value
         port: Any = node.declare_parameter("port", PORT, descriptor("its port; 0: a free one", "", 0, 65535)).value
         sdk = _foxglove()
-        context = sdk.Context()
         schemas: dict[Any, Any] = {}
         clock = node.resolve_topic_name(CLOCK)
         for topic, kind in topics(case).items():
             name, of = node.resolve_topic_name(topic), message_type(kind)
             if of not in schemas:
                 schemas[of] = sdk.Schema(name=of, encoding="ros2msg", data=schema_text(of).encode())
-            channel = sdk.Channel(name, schema=schemas[of], message_encoding="cdr", context=context)
+            channel = sdk.Channel(name, schema=schemas[of], message_encoding="cdr")
             take = partial(self.on_message, channel, name == clock)
             node.create_subscription(kind, topic, take, LISTENING, raw=True)
         try:
             self.server = sdk.start_server(
-                name="facts_damping", host=host, port=port, capabilities=[sdk.Capability.Time], context=context
+                name="facts_damping", host=host, port=port, capabilities=[sdk.Capability.Time]
             )
         except (RuntimeError, ValueError, OSError) as error:
             raise InputError(f"host, port: {host}, {port} given: {error}; allowed: ones that are free here") from error

@@ -47,4 +47,4 @@ def _stamp(message: RawMessage) -> int:
         sec, nanosec = struct.unpack_from("<iI" if message.data[1] & 1 else ">iI", message.data, 4)
     except (IndexError, struct.error) as error:
         raise RecordingError(f"{message.topic}: a message is cut") from error
-    return max(0, sec * NANOSECONDS + nanosec)
+    return max(0, int(sec) * NANOSECONDS + int(nanosec))

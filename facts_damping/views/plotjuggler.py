@@ -25,7 +25,7 @@ STYLES = {PLOT: "Lines", STATES: "Steps"}
 def text(tabs: Sequence[Tab]) -> str:
     """The layout file of some tabs."""
     root = Element("root")
-    window = SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
+    window = SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     for tab in tabs:
         panels = [panel for panel in tab.panels if panel.kind in STYLES and any(map(name, panel.curves))]
         if panels:

@@ -8,6 +8,7 @@ import socket
 import struct
 import threading
 import time
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -44,7 +45,8 @@ class Client:
     """Subscribes to every channel that is advertised and keeps what comes."""
 
     def __init__(self, port: int) -> None:
-        self.port, self.connection = port, None
+        self.port = port
+        self.connection: ClientConnection | None = None
         self.channels: dict[int, dict[str, Any]] = {}
         self.messages: dict[str, list[tuple[int, bytes]]] = {}
         self.times: list[int] = []
@@ -152,20 +154,19 @@ def test_lockstep_recording_with_a_view_equals_the_in_process_run(
 
 def test_client_that_does_not_read_holds_nobody_up(domain: int, tmp_path: Path, port: int) -> None:
     """Its buffers and those of its socket are full long before the end."""
-    case, stalled = load_case(None, ["duration=20"]), []
+    case = load_case(None, ["duration=20"])
+    stalled: list[ClientConnection] = []
+    with ExitStack() as opened:
 
-    def stall(done: int, _of: int) -> None:
-        if not stalled:
-            one = connect(f"ws://127.0.0.1:{port}", subprotocols=[PROTOCOL], max_queue=1)
-            wanted = [{"id": i, "channelId": i} for i in range(1, 20)]
-            one.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
-            stalled.append(one)
+        def stall(_done: int, _of: int) -> None:
+            if not stalled:
+                address = f"ws://127.0.0.1:{port}"
+                wanted = [{"id": i, "channelId": i} for i in range(1, 20)]
+                one = connect(address, subprotocols=[PROTOCOL], max_queue=1, close_timeout=0.1)
+                stalled.append(opened.enter_context(one))
+                stalled[0].send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
 
-    try:
         outcome = graph.run(case, "lockstep", tmp_path, stall, view_port=port)
-    finally:
-        for one in stalled:
-            one.socket.close()
     assert stalled
     assert outcome.messages_lost == 0
     assert_same(load(outcome.recording), loop.run(case))

@@ -29,7 +29,8 @@ class Bag(NamedTuple):
 
 
 def read(folder: Path) -> Bag:
-    store, types, fields = get_typestore(Stores.EMPTY), {}, {}
+    store, types = get_typestore(Stores.EMPTY), {}
+    fields: dict[str, dict[str, tuple[str, bool]]] = {}
     messages: dict[str, list[Any]] = {}
     with next(folder.glob("*.mcap")).open("rb") as stream:
         reader = make_reader(stream)
