@@ -50,23 +50,13 @@ class Recorded(NamedTuple):
     plotjuggler: str
 
 
-@pytest.fixture(scope="module")
-def kept() -> dict[str, Recorded]:
-    """Recordings that were made already."""
-    return {}
-
-
-@pytest.fixture(params=RUNS)
-def recorded(
-    request: pytest.FixtureRequest, domain: int, tmp_path_factory: pytest.TempPathFactory, kept: dict[str, Recorded]
-) -> Recorded:
+@pytest.fixture(scope="module", params=RUNS)
+def recorded(request: pytest.FixtureRequest, module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     name = request.param
-    if name not in kept:
-        case = load_case(name, ["duration=2", *RUNS[name]])
-        folder = graph.run(case, "lockstep", tmp_path_factory.mktemp(name), quiet).recording
-        texts = layouts(case)
-        kept[name] = Recorded(folder, read(folder), texts["foxglove.json"], texts["plotjuggler.xml"])
-    return kept[name]
+    case = load_case(name, ["duration=2", *RUNS[name]])
+    folder = graph.run(case, "lockstep", tmp_path_factory.mktemp(name), quiet).recording
+    texts = layouts(case)
+    return Recorded(folder, read(folder), texts["foxglove.json"], texts["plotjuggler.xml"])
 
 
 def test_every_path_leads_to_what_its_panel_can_show(recorded: Recorded) -> None:
@@ -97,7 +87,7 @@ MUTATIONS = [
 
 
 @pytest.mark.parametrize(("good", "bad"), MUTATIONS)
-@pytest.mark.parametrize("recorded", ["two_area_small"], indirect=True)
+@pytest.mark.parametrize("recorded", ["two_area_small"], indirect=True, scope="module")
 def test_a_wrong_path_is_found(recorded: Recorded, good: str, bad: str) -> None:
     texts = {"foxglove": recorded.foxglove, "plotjuggler": recorded.plotjuggler}
     changed = {tool: text.replace(good, bad) for tool, text in texts.items() if good in text}
@@ -217,7 +207,7 @@ def test_command_makes_layouts_of_a_recording_and_a_copy_by_simulated_time(recor
     assert foxglove_faults(recorded.foxglove, read(tmp_path / "simulated_time")) == []
 
 
-@pytest.mark.parametrize("recorded", ["two_area_small"], indirect=True)
+@pytest.mark.parametrize("recorded", ["two_area_small"], indirect=True, scope="module")
 def test_layouts_of_a_graph_in_a_namespace(recorded: Recorded, tmp_path: Path) -> None:
     content = scan(recorded.folder)
     moved = {name: name if name == "/diagnostics" else f"/grid{name}" for name in content.topics}
