@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ from facts_damping.nodes.parameters import descriptor, read_case
 from facts_damping.nodes.recorder import message_type, topics
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.recording.schemas import schema_text
-from facts_damping.signals import NANOSECONDS
+from facts_damping.recording.simulated import stamp_ns
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -25,8 +24,6 @@ LISTENING = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliab
 
 CLOCK = "plant/state"  # the topic whose stamps are the time that clients are told
 HOST, PORT = "127.0.0.1", 8765
-_STAMP = struct.Struct("<iI")  # of the header, which all messages here begin with
-HEADER = 4  # bytes of encapsulation before it
 
 
 class LiveView:
@@ -37,7 +34,7 @@ class LiveView:
         case = read_case(node)
         host: Any = node.declare_parameter("host", HOST, descriptor("address that the server listens at")).value
         port: Any = node.declare_parameter("port", PORT, descriptor("its port; 0: a free one", "", 0, 65535)).value
-        sdk = _foxglove()
+        sdk = library()
         schemas: dict[Any, Any] = {}
         clock = node.resolve_topic_name(CLOCK)
         for topic, kind in topics(case).items():
@@ -58,8 +55,7 @@ class LiveView:
 
     def on_message(self, channel: Any, tells_time: bool, data: bytes) -> None:
         """Hand on one message."""
-        sec, nanosec = _STAMP.unpack_from(data, HEADER)
-        stamp = max(0, sec * NANOSECONDS + nanosec)
+        stamp = stamp_ns(data)
         if tells_time:
             self.server.broadcast_time(stamp)
         channel.log(data, log_time=stamp)
@@ -75,7 +71,7 @@ class LiveView:
             self.server.stop()
 
 
-def _foxglove() -> Any:
+def library() -> Any:
     """The library, which is an extra."""
     try:
         import foxglove  # noqa: PLC0415 (an extra)

@@ -42,9 +42,17 @@ def _check_header(topic: TopicInfo) -> None:
 
 
 def _stamp(message: RawMessage) -> int:
-    """Time in the header, ns: the first eight bytes after the encapsulation, whose second byte tells their order."""
+    """Time in the header of a message, ns."""
     try:
-        sec, nanosec = struct.unpack_from("<iI" if message.data[1] & 1 else ">iI", message.data, 4)
+        return stamp_ns(message.data)
     except (IndexError, struct.error) as error:
         raise RecordingError(f"{message.topic}: a message is cut") from error
+
+
+def stamp_ns(cdr: bytes) -> int:
+    """Time in the header that a message begins with, ns; 0 if it is before 0.
+
+    It is the first eight bytes after the encapsulation, whose second byte tells their order.
+    """
+    sec, nanosec = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, 4)
     return max(0, int(sec) * NANOSECONDS + int(nanosec))

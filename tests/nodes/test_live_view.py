@@ -6,12 +6,15 @@ import itertools
 import json
 import socket
 import struct
+import sys
 import threading
 import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import rclpy
+from facts_damping_msgs.msg import GridEvent
 from mcap.reader import make_reader
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
@@ -19,7 +22,11 @@ from websockets.typing import Subprotocol
 
 from facts_damping import graph, loop
 from facts_damping.configuration import load_case
-from facts_damping.errors import RunError
+from facts_damping.errors import InputError, RunError
+from facts_damping.nodes import live_view
+from facts_damping.nodes.live_view import LISTENING
+from facts_damping.nodes.node import RELIABLE, wait_for_peers
+from facts_damping.nodes.parameters import Options
 from facts_damping.recording.reader import load
 from tests.nodes.graphs import PATIENCE_S, assert_same, nodes_left, payloads, quiet
 
@@ -210,3 +217,29 @@ def test_view_by_hand_serves_graph_after_graph_and_ends_quietly(
     client.end()
     stamps = [log_time for log_time, _ in client.messages["/plant/state"]]
     assert any(later < earlier for earlier, later in itertools.pairwise(stamps))
+
+
+def test_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    with pytest.raises(InputError, match=r"foxglove-sdk is missing; allowed: pip install 'facts_damping\[foxglove\]'"):
+        live_view.library()
+
+
+def test_nodes_do_not_take_a_view_for_a_peer(domain: int) -> None:
+    rclpy.init()
+    node, other = rclpy.create_node("node"), rclpy.create_node("other")
+    try:
+        publisher = node.create_publisher(GridEvent, "events", RELIABLE)
+        other.create_subscription(GridEvent, "events", lambda _: None, LISTENING)
+        deadline = time.monotonic() + PATIENCE_S
+        while publisher.get_subscription_count() < 1:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        with pytest.raises(RunError, match=r"missing after 0.5 s: a subscriber of /events"):
+            wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, 0.5, recorder=False))
+        other.create_subscription(GridEvent, "events", lambda _: None, RELIABLE)
+        wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, PATIENCE_S, recorder=False))
+    finally:
+        other.destroy_node()
+        node.destroy_node()
+        rclpy.shutdown()
