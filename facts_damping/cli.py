@@ -56,6 +56,8 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
     command.add_argument("--mode", choices=["lockstep", "realtime"], default="lockstep", help="default: lockstep")
     command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help="longest wait for a silent node")
+    text = "serve a live view to Foxglove; default: port 8765"
+    command.add_argument("--foxglove", nargs="?", const=8765, type=_whole(1, 65535), metavar="PORT", help=text)
     _common(command)
     command = add("analyze", commands.analyze)
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder or .mcap file")
@@ -63,6 +65,15 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("--windows", type=_pair, metavar="LAG,TIME", help="of --spwvd, s; default: 10,4")
     command.add_argument("--band", type=_pair, metavar="LOW,HIGH", help="of --spwvd, Hz; default: 0.1,2.5")
     _common(command, sets=False)
+    command = add("views", commands.views)
+    command.add_argument(
+        "what", nargs="?", metavar="RUN|RECORDING", help="a run as above, a recording's folder, or .mcap"
+    )
+    command.add_argument(
+        "--set", action="append", default=[], metavar="KEY.PATH=VALUE", help="change a field; repeatable"
+    )
+    command.add_argument("--out", metavar="DIR", help="folder for the files")
+    command.set_defaults(json=None)
     command = add("modes", commands.modes)
     command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")
     command.add_argument("--devices", metavar="NAME,...", help="devices installed, or none; default: sssc, where it is")

@@ -107,8 +107,10 @@ def run(arguments: argparse.Namespace) -> None:
     name = label(case.summary())
     folder = out_folder(arguments, name)
     progress = Progress(name)
+    if arguments.foxglove is not None:
+        say(arguments, f"live view: ws://127.0.0.1:{arguments.foxglove}")
     try:
-        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout)
+        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, arguments.foxglove)
     finally:
         progress.close()
     record = load(outcome.recording)
@@ -157,6 +159,29 @@ def _distributions(
     for note in notes:
         sys.stderr.write(f"{note}\n")
     return [f"plot: {path}" for path in paths]
+
+
+def views(arguments: argparse.Namespace) -> None:
+    """Layouts for Foxglove and PlotJuggler of a run or of a recording, and that one by simulated time."""
+    from facts_damping.recording import in_simulated_time, origin
+    from facts_damping.views import layouts
+
+    given = None if arguments.what is None else Path(arguments.what)
+    if given is not None and (given.is_dir() or given.suffix == ".mcap"):
+        if arguments.set:
+            raise InputError(f"--set {arguments.set[0]}: given with a recording; allowed: with a run")
+        content, namespace = origin(given)
+        case = configuration.make_case(content, str(given), {})
+        folder = given.parent / "views" if arguments.out is None else Path(arguments.out)
+        for note in in_simulated_time(given, folder / "simulated_time"):
+            sys.stderr.write(f"{given}: {note}\n")
+        say(arguments, f"recording: {folder / 'simulated_time'}")
+    else:
+        case, namespace = configuration.load_case(arguments.what, arguments.set), "/"
+        folder = files.new_folder(out_folder(arguments, "views"))
+    for name, text in layouts(case, namespace).items():
+        files.write_whole(folder / name, text)
+        say(arguments, f"layout: {folder / name}")
 
 
 def modes(arguments: argparse.Namespace) -> None:

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 POLL_S = 0.02
 STOPPED_FIRST = ("plant_sim", "recorder")  # the source, then who has to hear it all, then the others together
+VIEW = "live_view"  # who only listens
+START_S = 60.0  # patience with its start
 STOP_S = 15.0  # patience with a node that was told to stop
 PR_SET_PDEATHSIG = 1
 MOST_DOMAIN = 232
@@ -139,14 +141,29 @@ def save_weights(case: Case, out: Path) -> None:
             write_whole(out / f"{name}.weights.yaml", dump(found))
 
 
+def _wait_for_view(view: Process) -> None:
+    """Wait until a live view serves; it may end later and the graph goes on."""
+    deadline = time.monotonic() + START_S
+    while not view.read():
+        if view.popen.poll() is not None or time.monotonic() > deadline:
+            _end([view], signal.SIGINT)
+            raise RunError(view.reason())
+        time.sleep(POLL_S)
+
+
 @contextmanager
-def graph(case: Case, mode: str, out: Path, timeout: float) -> Iterator[dict[str, Process]]:
+def graph(
+    case: Case, mode: str, out: Path, timeout: float, view_port: int | None = None
+) -> Iterator[dict[str, Process]]:
     """The nodes of a case, started; on leaving, the plant is stopped first, then the recorder, then the others."""
     run_file = out / "run.yaml"
     run_file.write_text(dump(case.document()), encoding="utf-8")
     common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True}
     running: dict[str, Process] = {}
     try:
+        if view_port is not None:
+            running[VIEW] = start(VIEW, VIEW, {"run": run_file, "port": view_port})
+            _wait_for_view(running[VIEW])
         running["recorder"] = start("recorder", "recorder", {**common, "output": out / "recording"})
         for module, nodes in (
             ("wan_link", dict(enumerate(link_addresses(case)))),
@@ -168,9 +185,17 @@ def graph(case: Case, mode: str, out: Path, timeout: float) -> Iterator[dict[str
         save_weights(case, out)
 
 
-def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], timeout: float = 5.0) -> Outcome:
+def run(
+    case: Case,
+    mode: str,
+    out: Path,
+    progress: Callable[[int, int], None],
+    timeout: float = 5.0,
+    view_port: int | None = None,
+) -> Outcome:
     """Run a case as a graph of processes; the recording is `out / "recording"`.
 
+    `view_port`: of a live view for Foxglove; None: without.
     Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.
     """
     check_domain(os.environ.get("ROS_DOMAIN_ID", "0"))
@@ -179,7 +204,7 @@ def run(case: Case, mode: str, out: Path, progress: Callable[[int, int], None], 
     new_folder(out)
     began = time.monotonic()
     misses = 0
-    with graph(case, mode, out, timeout) as running:
+    with graph(case, mode, out, timeout, view_port) as running:
         plant = running["plant_sim"]
         heard = time.monotonic() + 60.0  # patience with the start, above the nodes' own
         while plant.popen.poll() is None:
@@ -214,7 +239,7 @@ def check_domain(domain: str) -> None:
 
 def _check_others(running: dict[str, Process]) -> None:
     """Raise where a node other than the plant has ended: one that was killed is the cause of the others' end."""
-    ended = [p for name, p in running.items() if name != "plant_sim" and p.popen.poll() is not None]
+    ended = [p for name, p in running.items() if name not in ("plant_sim", VIEW) and p.popen.poll() is not None]
     if ended:
         killed = [p for p in ended if (p.popen.returncode or 0) < 0]
         raise RunError((killed or ended)[0].reason())

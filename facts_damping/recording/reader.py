@@ -60,6 +60,22 @@ def load(path: Path | str) -> Record:
     return record
 
 
+def origin(path: Path | str) -> tuple[dict[str, Any], str]:
+    """What a recording is of: the run's configuration, and the namespace of its graph (`/`: none).
+
+    Raises RecordingError as `load` does, and where the configuration is missing.
+    """
+    content = scan(path)
+    configuration, _ = _configuration(content)
+    if not configuration:
+        raise RecordingError(f"{path}: the run's configuration is missing")
+    try:
+        frames = _topics(content, controlled=False)["frames"][0]
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
+    return configuration, frames.removesuffix(KINDS["frames"][1]) or "/"
+
+
 def _assemble(content: Content, configuration: dict[str, Any], notes: list[str]) -> Record:
     """Record of what was read."""
     topics = _topics(content, bool(configuration.get("controllers")))
