@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.link import Link
 
+SPAN = 6.0  # frames of `identifier_span`, where an identifier predicts: with one value it does not know an oscillation
 MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
 
 
@@ -275,14 +276,15 @@ def _filled(
         )
     own = defaults(row, controller.profile, *counts.values())
     values = {**own, **known.get((controller.name, scheme), {}), **controller.parameters}
-    if controller.compensation in OF_IDENTIFIERS and "identifier_order" not in controller.parameters:
-        values["identifier_order"] = 2.0  # of order 1 and one signal it has no model of an oscillation
-    if values.get("identifier_order") == 2.0 and "identifier" not in controller.parameters:
+    if controller.compensation in OF_IDENTIFIERS and "identifier_span" not in controller.parameters:
+        values["identifier_span"] = SPAN
+    order = 2 if values.get("identifier_span") else 1
+    if order > 1 and "identifier" not in controller.parameters:
         values["identifier"] = "ANFTSI"  # whose consequents are then affine
-    if values.get("identifier") == "ANFGuMoI" and max(*counts.values(), values["identifier_order"]) > 1:
+    if values.get("identifier") == "ANFGuMoI" and max(*counts.values(), order) > 1:
         raise InputError(
             f"{where('parameters.identifier')}: 'ANFGuMoI' given; "
-            "allowed: ANFTSI with several signals or devices, or identifier_order 2"
+            "allowed: ANFTSI with several signals or devices, or an identifier_span"
         )
     if values.get("lag") == -1.0:
         values["lag"] = mean_delay([*link.up, *link.down])
@@ -331,7 +333,9 @@ def _weights(
     if scheme == "indirect":
         kind_of_identifier = str(values["identifier"])
         counts = len(controller.signals), len(controller.devices)
-        wanted["identifier"] = identifier.network_of(kind_of_identifier, *counts, int(values["identifier_order"])).size
+        wanted["identifier"] = identifier.network_of(
+            kind_of_identifier, *counts, 2 if values["identifier_span"] else 1
+        ).size
     for part, size in wanted.items():
         given = getattr(found, part)
         if given is not None and len(given) != size:

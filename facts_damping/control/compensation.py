@@ -1,5 +1,4 @@
-"""Delay compensation: signals as they will be when the setpoint is in force, from time stamps and a mode, or from a prediction;
-compiled.
+"""Delay compensation: signals as they will be when the setpoint is in force, by a mode or a prediction; compiled.
 
 The latency tau is what time stamps show, arrival less measurement of the newest frame, through a first-order filter,
 and the delay of the way down, which a controller cannot see. Both compensators turn a signal by w tau at one frequency:

@@ -3,8 +3,9 @@
     y_I(k) = f_I(y(k-h), mean u(k-h-d .. k-1-d)),  f_I += -eta_I (y_I - y) dy_I/df_I + momentum,  J = dy_I/du
 
 (5.1) and (6.7), which have h = 1 and pair y with u of the same frame, (5.12) and (5.6). d is the known delay from
-measurement to actuation: setpoints are paired by the measurement that they rest on. One of order 2 is given y(k-2h),
-too: it knows where a signal goes. All is normalised by the controller's scales and the devices' limits.
+measurement to actuation: setpoints are paired by the measurement that they rest on. One with a span of b frames is
+given y(k-h-b), too, and so knows where a signal goes. All is normalised by the controller's scales and the devices'
+limits.
 """
 
 from __future__ import annotations
@@ -65,6 +66,7 @@ class Identifiers(NamedTuple):
     lag_ns: NDArray[np.int64]
     horizon: NDArray[np.int64]  # frames
     order: NDArray[np.int64]  # how many past values of each signal it is given
+    span: NDArray[np.int64]  # frames from one of them to the next
     ahead_ns: NDArray[np.int64]  # how far it predicts; UNSET: not at all
     period_ns: NDArray[np.int64]
 
@@ -107,14 +109,15 @@ def identifiers(
     """The identifiers of a run as tables."""
     n, most = len(rows), max([len(row.devices) for row in rows], default=0)
     outputs = max([len(row.signals) for row in rows], default=0)
-    order = np.array([int(row.settings["identifier_order"][0]) for row in rows], np.int64)
+    span = np.array([int(row.settings["identifier_span"][0]) for row in rows], np.int64)
+    order = np.where(span > 0, 2, 1)
     nets = [network_of(row.kind, len(row.signals), len(row.devices), o) for row, o in zip(rows, order, strict=True)]
     starts = [_start(net, row) if row.weights is None else row.weights for net, row in zip(nets, rows, strict=True)]
     given, held = inputs([row.signals for row in rows], signals, stations)
     lag_ns = np.array([to_ns(float(row.settings["lag"][0])) for row in rows], np.int64)
     horizon = np.array([int(row.settings["identifier_horizon"][0]) for row in rows], np.int64)
     ahead_ns = np.where([row.predicts for row in rows], lag_ns, UNSET)
-    back = int((horizon * order).max(initial=1))
+    back = int((horizon + span).max(initial=1))
     lag = int(lag_ns.max(initial=0)) * frame_rate // NANOSECONDS
     kept = lag + back + SPARE
     made = Identifiers(
@@ -127,6 +130,7 @@ def identifiers(
         lag_ns=lag_ns,
         horizon=horizon,
         order=order,
+        span=span,
         ahead_ns=ahead_ns,
         period_ns=np.full(n, NANOSECONDS // frame_rate, np.int64),
     )
@@ -161,7 +165,7 @@ def identifiers(
 def _start(net: Network, row: Identified) -> NDArray[np.float64]:
     """Parameters from which y_I is near y(k-h) + J u for small y and u, J the linear plant's.
 
-    Affine consequents hold J as it is, and in the place of y(k-h) what becomes of past values in the least damped mode.
+    Affine consequents hold J as it is, and in the place of y(k-h) what past values become in the least damped mode.
     Gaussian rules at -h and h give weight tanh(2 sum_i h_i x_i / s^2); two mirrored wavelets give slopes of
     weight (cos 5q)' about q = 0.
     """
@@ -169,8 +173,10 @@ def _start(net: Network, row: Identified) -> NDArray[np.float64]:
     by_u = row.known.jacobian * np.array(row.limits) / scale[:, None]
     order = (net.inputs - len(row.devices)) // net.outputs
     if net.outputs * len(row.devices) * order > 1:
-        turn = row.known.turn ** int(row.settings["identifier_horizon"][0])
-        return _linear_start(net, np.hstack([_ahead(row.known.swing / scale, turn, order), by_u]))
+        horizon, span = (int(row.settings[f"identifier_{name}"][0]) for name in ("horizon", "span"))
+        past = np.concatenate([row.known.swing / scale / row.known.turn ** (span * j) for j in range(order)])
+        later = row.known.swing / scale * row.known.turn**horizon
+        return _linear_start(net, np.hstack([_ahead(past, later), by_u]))
     weight, by_u = float(row.settings["identifier_weight"][0]), by_u[0]
     slopes = np.concatenate([np.ones(len(row.signals)), by_u])
     width, dilation = np.full(net.inputs, WIDTH), np.full(net.inputs, DILATION)
@@ -184,15 +190,10 @@ def _start(net: Network, row: Identified) -> NDArray[np.float64]:
     return initial(net, Start([weight], spread, width, shift, dilation))
 
 
-def _ahead(swing: NDArray[np.complex128], turn: complex, order: int) -> NDArray[np.float64]:
-    """The smallest real matrix M, (signals, order signals), with M Y nearest turn v for signals' swing v in a mode.
-
-    Y: v, and below it v / turn and so on, as many as the order. Of one signal and order 2: 2 Re turn, -|turn|^2.
-    """
-    past = np.concatenate([swing / turn**j for j in range(order)])
-    parts = np.column_stack([past.real, past.imag])
-    later = np.column_stack([(turn * swing).real, (turn * swing).imag])
-    return np.asarray(np.linalg.lstsq(parts.T, later.T, rcond=1e-9)[0].T)
+def _ahead(past: NDArray[np.complex128], later: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """The smallest real matrix M, (signals, past values), with M `past` nearest `later`: phasors of a mode."""
+    by_past, by_later = (np.column_stack([swing.real, swing.imag]) for swing in (past, later))
+    return np.asarray(np.linalg.lstsq(by_past.T, by_later.T, rcond=1e-9)[0].T)
 
 
 def _linear_start(net: Network, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -245,13 +246,13 @@ def _learn(ids: Identifiers, state: IdentifierState, n: int) -> None:
     net, s, now = shape_of(ids.shape[n]), ids.settings[n], state.held.newest_ns[n]
     own, p = one(state.learner, n, net), shape_of(ids.shape[n]).outputs
     elapsed = 0
-    for back in range(ids.order[n], 0, -1):
-        before = frame_before(ids, state, n, now, back * ids.horizon[n])
+    for k in range(ids.order[n]):
+        before = frame_before(ids, state, n, now, ids.horizon[n] + k * ids.span[n])
         if before == UNSET:
             return
-        elapsed = now - state.past_ns[n, before]
+        elapsed = elapsed if k else now - state.past_ns[n, before]
         for j in range(p):
-            own.x[(back - 1) * p + j] = state.past[n, before, j] / s[j].scale
+            own.x[k * p + j] = state.past[n, before, j] / s[j].scale
     fill(own.x[ids.order[n] * p : net.inputs], ids, state, n, now, elapsed)
     _look(net, own, ids, state, n)
     for j in range(net.outputs):

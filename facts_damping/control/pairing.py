@@ -28,7 +28,7 @@ def frame_before(ids: Identifiers, state: IdentifierState, n: int, now: int, fra
 
 @compiled
 def between(ids: Identifiers, state: IdentifierState, n: int, now: int, frames: int, into: NDArray[np.float64]) -> None:
-    """The signals `frames` before `now`, p.u.; of a frame that is missing on the line between its neighbours, or NaN."""
+    """The signals `frames` before `now`, p.u.; where that frame is missing, on the line between others, or NaN."""
     at = frame_before(ids, state, n, now, frames)
     wanted, low, high = now - frames * ids.period_ns[n], at, at
     for i in range(state.past_ns.shape[1] if at == UNSET else 0):
@@ -38,7 +38,7 @@ def between(ids: Identifiers, state: IdentifierState, n: int, now: int, frames: 
         if then > wanted and (high == UNSET or then < state.past_ns[n, high]):
             high = i
     for j in range(into.size):
-        if low == UNSET or high == UNSET:
+        if UNSET in (low, high):
             into[j] = math.nan
         elif low == high:
             into[j] = state.past[n, low, j]

@@ -1,16 +1,18 @@
 """Signals ahead: an identifier iterated from the newest frame over the known delay; compiled.
 
-    y_p(k+i) = f_I(y_p(k+i-h), y_p(k+i-2h), mean u(k+i-h-d .. k+i-1-d)),  i = 1, 2, ..;   y_p(k+i) = y(k+i), i <= 0
+    y_p(k+i) = f_I(y_p(k+i-h), y_p(k+i-h-b), mean u(k+i-h-d .. k+i-1-d)),  i = 1, 2 ..;  y_p(k+i) = y(k+i) for i <= 0
     c(k) = y_p(k+1+d) - y_p(k+1)
 
-y(k-2h) where the identifier is of order 2. c goes to the controller, which has it at the frame after, k + 1, and then
-acts on y(k+1) + c(k): the signals as they will be when its setpoint is in force. So the error of the first frame is
-made good by the measurement, and without delay nothing is added. Setpoints that were given and are not yet in force
-are known; the one of frame k is not, and in its place the one before holds on.
+y(k-h-b) where the identifier has a span of b frames. c goes to the controller, which has it at the frame after, k + 1,
+and acts on y(k+1) + c(k): the signals as they will be when its setpoint is in force. So the measurement makes good the
+error of the first frame, and without delay nothing is added. Setpoints that were given and are not yet in force are
+known; the one of frame k is not, and the one before holds on in its place.
 
-(That a model identified on line predicts over the delay of a network: G.-P. Liu, Y. Xia, J. Chen, D. Rees, W. Hu,
-Networked Predictive Control of Systems With Random Network Delays in Both Forward and Feedback Channels, IEEE Trans.
-Industrial Electronics 54(3), 2007.)
+Prediction over the delay of a network: G.-P. Liu, Y. Xia, J. Chen, D. Rees, W. Hu, Networked Predictive Control of
+Systems With Random Network Delays in Both Forward and Feedback Channels, IEEE Trans. Industrial Electronics 54(3),
+2007. By a model identified on line, for interarea oscillations: W. Yao, L. Jiang, J. Fang, J. Wen, S. Wang, Damping of
+Inter-Area Low Frequency Oscillation Using an Adaptive Wide-Area Damping Controller, J. Electrical Engineering and
+Technology 9(1), 2014.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ def look_ahead(ids: Identifiers, state: IdentifierState, n: int, net: Network, o
     is on the line between theirs.
     """
     now, period, path = state.held.newest_ns[n], ids.period_ns[n], state.path[n]
-    back, frames = ids.order[n] * ids.horizon[n], ids.ahead_ns[n] // period
+    back, frames = ids.horizon[n] + ids.span[n], ids.ahead_ns[n] // period
     part = (ids.ahead_ns[n] - frames * period) / period
     for j in range(net.outputs):
         state.change[n, j] = math.nan
@@ -58,7 +60,7 @@ def _next(ids: Identifiers, state: IdentifierState, n: int, net: Network, own: L
     s, order, path = ids.settings[n], ids.order[n], state.path[n]
     for k in range(order):
         for j in range(net.outputs):
-            own.x[k * net.outputs + j] = path[i - (k + 1) * ids.horizon[n], j] / s[j].scale
+            own.x[k * net.outputs + j] = path[i - ids.horizon[n] - k * ids.span[n], j] / s[j].scale
     fill(own.x[order * net.outputs : net.inputs], ids, state, n, time_ns, ids.horizon[n] * ids.period_ns[n])
     forward(net, own.theta, own.x, own.passed)
     for j in range(net.outputs):

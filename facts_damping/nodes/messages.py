@@ -157,9 +157,7 @@ class Estimates:
         self._lyapunov = t.index(["lyapunov", "lyapunov_fall"])
         self._jacobian = t.index(f"jacobian.{i}" for i in range(p * q))
         self._ahead = t.index(["ahead"])
-        self._by_signal = {
-            name: t.index(f"{name}.{i}" for i in range(p)) for name in ("prediction", "error", "change")
-        }
+        self._by_signal = {name: t.index(f"{name}.{i}" for i in range(p)) for name in ("prediction", "error", "change")}
 
     def fill(self, tick: int, rows: NDArray[Any], state: IdentifierState, n: int) -> bytes:
         """Message of a tick's estimates (ESTIMATE), signal by signal, and of how identifier n learns."""
