@@ -91,9 +91,9 @@ def test_setpoints_under_way_are_known_but_for_the_newest(lag: int) -> None:
 def test_after_learning_it_is_right_where_the_start_was_wrong() -> None:
     """Of 0.45 Hz at the start, with half of the answer; 0.25 s ahead. Excited by setpoints held for 0.2 s."""
     held = np.repeat(np.random.default_rng(2).uniform(-0.3, 0.3, 500), 12).tolist()
-    wrong = {"turn": cmath.exp(2j * math.pi * 0.45 / FRAMES), "answer": ANSWER / 2.0, "lag": 15.0}
-    predicted, true = follow(observer(**wrong, identifier_eta=1.0), 15.0, held)
-    start, _ = follow(observer(**wrong, identifier_eta=0.0), 15.0, held)
+    wrong = cmath.exp(2j * math.pi * 0.45 / FRAMES)
+    predicted, true = follow(observer(wrong, ANSWER / 2.0, 15.0, identifier_eta=1.0), 15.0, held)
+    start, _ = follow(observer(wrong, ANSWER / 2.0, 15.0, identifier_eta=0.0), 15.0, held)
     late = slice(-2000, None)
     assert rms((predicted - true)[late]) < 0.05 * rms(true[late])  # that of the measured signal in its place
     assert rms((predicted - true)[late]) < 0.1 * rms((start - true)[late])
@@ -157,23 +157,32 @@ def test_without_delay_it_is_none_with_the_same_identifier() -> None:
     for name in ("frames", "issued", "applied", "machines", "devices", "learning"):
         assert getattr(predicted, name).tobytes() == getattr(plain, name).tobytes(), name
     assert np.any(plain.issued["value"] != 0.0)
-    assert set(predicted.estimates["change"][2:]) == {0.0}
+    assert set(predicted.estimates["change"][10:]) == {0.0}
     assert np.isnan(plain.estimates["change"]).all()
     delayed = run(*DELAYED, "controllers.0.parameters.identifier_span=6")
     assert delayed.issued.tobytes() != run(*DELAYED, "controllers.0.compensation=prediction").issued.tobytes()
 
 
 def test_in_a_run_it_says_where_the_signal_goes() -> None:
-    """0.2 s ahead, of the speeds' difference of `small` from 1 s on: half of the change is left at most."""
-    record = run(*DELAYED, "controllers.0.compensation=prediction")
-    told = record.estimates[record.estimates["measured_ns"] > 1_000_000_000]
-    assert told["ahead"] == pytest.approx(0.2)
-    weights = load_case("two_area_small", [*OWN]).system.signals["speed"].weights
-    y = sum(w * record.frames[:, record.stations.index(s), 2] for s, w in weights.items())
-    at = np.searchsorted(record.time_ns, told["measured_ns"] - 1)
-    keep = at + 13 < len(y)
-    true = (y[at[keep] + 13] - y[at[keep] + 1]).astype(np.float64)
-    assert rms(told["change"][keep] - true) < 0.5 * rms(true)
+    """0.2 s ahead, of the speeds' difference of `small`, from 1 s on: the error is at most three quarters of the change.
+
+    Better than the measured signal in its place, and that of a model with one past value, which hardly moves.
+    """
+    errors = {}
+    for span in (6, 0):
+        record = run(
+            *DELAYED, "controllers.0.compensation=prediction", f"controllers.0.parameters.identifier_span={span}"
+        )
+        told = record.estimates[record.estimates["measured_ns"] > 1_000_000_000]
+        assert told["ahead"] == pytest.approx(0.2)
+        weights = load_case("two_area_small", [*OWN]).system.signals["speed"].weights
+        y = record.frames[:, [record.stations.index(s) for s in weights], 2] @ np.array(list(weights.values()))
+        at = np.searchsorted(record.time_ns, told["measured_ns"])
+        known = at + 13 < len(y)
+        true = y[at[known] + 13] - y[at[known] + 1]
+        errors[span] = rms(np.nan_to_num(told["change"][known]) - true) / rms(true)
+    assert errors[6] < 0.75
+    assert errors[6] < errors[0]
 
 
 def test_what_is_not_there_is_named() -> None:
