@@ -164,7 +164,7 @@ def test_without_delay_it_is_none_with_the_same_identifier() -> None:
 
 
 def test_in_a_run_it_says_where_the_signal_goes() -> None:
-    """0.2 s ahead, of the speeds' difference of `small`, from 1 s on: the error is at most three quarters of the change.
+    """0.2 s ahead, the speeds' difference of `small`, from 1 s on: the error is three quarters of the change at most.
 
     Better than the measured signal in its place, and that of a model with one past value, which hardly moves.
     """
