@@ -67,6 +67,8 @@ ESTIMATE = np.dtype(
         ("jacobian", "f8"),  # p.u. of the signal per p.u. of setpoint, one frame ahead
         ("prediction", "f8"),  # p.u.; NaN: none yet
         ("error", "f8"),  # p.u., prediction less measurement; NaN: none yet
+        ("ahead", "f8"),  # s, how far `change` looks ahead; NaN: not asked for
+        ("change", "f8"),  # p.u., predicted from the frame after the newest over `ahead`; NaN: none
     ]
 )
 

@@ -190,10 +190,11 @@ def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]
             here = place(message.identifier)
             measured = time_ns(message.header.stamp)
             known = [_lookup(index, name, source.topic) for name in message.input_names]
-            for i, (prediction, error) in enumerate(zip(message.prediction, message.error, strict=True)):
+            of_signals = zip(message.prediction, message.error, message.change, strict=True)
+            for i, (prediction, error, change) in enumerate(of_signals):
                 for j, device in enumerate(known):
                     jacobian = message.jacobian[i * len(known) + j]
-                    rows.append((tick, here, i, device, measured, jacobian, prediction, error))
+                    rows.append((tick, here, i, device, measured, jacobian, prediction, error, message.ahead, change))
     return np.array(sorted(rows, key=itemgetter(0, 1)), ESTIMATE)
 
 
