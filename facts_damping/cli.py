@@ -59,6 +59,7 @@ def parser() -> argparse.ArgumentParser:
     _common(command)
     command = add("analyze", commands.analyze)
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder or .mcap file")
+    command.add_argument("--run", metavar="RUN", help="the run that they are of, where they hold none")
     _common(command, sets=False)
     command = add("replay", recording_commands.replay)
     command.add_argument("recording", metavar="RECORDING", help="folder or file of a recording")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping import files, loop
 from facts_damping import replay as again
-from facts_damping.commands import label, out_folder, say
+from facts_damping.commands import out_folder, say
 from facts_damping.errors import InputError, RunError
 from facts_damping.terminal import Progress, write_json
 
@@ -127,5 +127,5 @@ def export(arguments: argparse.Namespace) -> None:
     record = load(arguments.recording)
     write(record, path)
     for note in record.notes:
-        sys.stderr.write(f"{label(record.configuration) if record.configuration else arguments.recording}: {note}\n")
+        sys.stderr.write(f"{arguments.recording}: {note}\n")
     say(arguments, f"{len(record.time_ns)} ticks, {len(record.arrays)} columns: {path}")

@@ -58,7 +58,8 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str]) -> Ca
     if run is not None:
         return load_case(run, sets)
     if not record.configuration:
-        raise InputError(f"{source}: holds no run (`ros2 bag record` keeps none); allowed: --run with the run it is of")
+        notes = "".join(f"; {note}" for note in record.notes)
+        raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{notes}")
     content, pairs = deepcopy(record.configuration), dict(parse_set(text) for text in sets)
     _forget(content, pairs)
     change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)

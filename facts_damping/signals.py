@@ -181,7 +181,7 @@ class Record:
         return {name: unit for name, unit, _ in _columns(self)}
 
 
-ANGLES = {"rotor_angle": "rad", "blocked": "-"}  # units of the truth's fields; all others are p.u.
+TRUTH_UNITS = {"rotor_angle": "rad", "blocked": "-"}  # of the truth's fields; all others are p.u.
 
 
 def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
@@ -212,7 +212,7 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
     ):
         for i, one in enumerate(names):
             for name in table.dtype.names or ():
-                unit = ANGLES.get(name, "pu")
+                unit = TRUTH_UNITS.get(name, "pu")
                 yield f"{kind}.{one}.{name}" + (f"_{unit}" if unit != "-" else ""), unit, table[name][:, i]
     yield "in_synchronism", "-", record.in_synchronism
     yield from _learnt(record)

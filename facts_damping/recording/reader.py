@@ -121,6 +121,7 @@ def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
         return {}, [*notes, "the run's configuration is missing"]
     try:
         run = check(Run, configuration, CONFIGURATION)
+        check(Run, run.asked or {}, CONFIGURATION, None, "asked")
         if isinstance(run.system, dict):
             check(System, run.system, CONFIGURATION, None, "system")
     except InputError as error:
