@@ -33,7 +33,7 @@ def replay(arguments: argparse.Namespace) -> None:
     found, estimated = again.first_difference(played, issued), again.first_estimate(played, estimates)
     result = {
         "recording": str(arguments.recording),
-        "run": case.summary(),
+        "controllers": [controller.model_dump() for controller in case.controllers],
         "ticks": len(played.ticks),
         "setpoints": len(issued),
         "estimates": len(estimates),
