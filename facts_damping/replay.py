@@ -249,7 +249,5 @@ def notes_on(record: Record, played: Record) -> list[str]:
         notes.append(f"the recording begins with tick {first}: what controllers had learnt before is not known")
     if end is not None:
         at = played.time_ns[-1] / NANOSECONDS
-        notes.append(
-            f"replayed up to tick {last} at {at:.3f} s: of tick {end} frames, setpoints or estimates are missing"
-        )
+        notes.append(f"replayed up to tick {last} at {at:.3f} s: of tick {end} not all is there")
     return notes

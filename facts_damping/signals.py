@@ -125,7 +125,7 @@ class Record:
     and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE), `learning` a row a
     learning rate (LEARNING).
     `in_synchronism` is false at the tick that ended an unstable run. `notes` says what a damaged
-    recording lacks; `gap_tick` is its first tick that lacks something controllers heard or said, none if there is none.
+    recording lacks; `gap_tick` is its first tick of which something is missing, none if there is none.
     `arrays` has all of it as one column a quantity, a row a tick, and `units` the unit of each.
     """
 

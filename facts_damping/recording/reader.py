@@ -217,9 +217,10 @@ def _lacking(ticks: NDArray[np.int64], last: int) -> Iterator[int]:
 
 
 def _unanswered(found: dict[str, list[Series]], ticks: NDArray[np.int64]) -> int | None:
-    """The first tick, from that of the first frames on, that lacks a message of what controllers hear and say."""
+    """The first tick, from that of the first frames on, that lacks one of these, or what controllers hear and say."""
     first, end = int(ticks[0]), int(ticks[-1]) + 1
     heard = [one.ticks[(one.ticks >= first) & (one.ticks < end)] for kind in HEARD for one in found[kind]]
+    heard.append(ticks)
     return min([first + tick for one in heard for tick in islice(_lacking(one - first, end - first), 1)], default=None)
 
 
