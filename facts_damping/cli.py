@@ -8,7 +8,7 @@ import signal
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-from facts_damping import __version__, commands, files, study_commands
+from facts_damping import __version__, commands, files, recording_commands, study_commands
 from facts_damping.errors import FactsDampingError, InputError, RecordingError
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ def parser() -> argparse.ArgumentParser:
     _common(command)
     command = add("analyze", commands.analyze)
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder or .mcap file")
+    command.add_argument("--run", metavar="RUN", help="the run that they are of, where they hold none")
     command.add_argument("--spwvd", metavar="SIGNAL,...", help="also time-frequency distributions of these signals")
     command.add_argument("--windows", type=_pair, metavar="LAG,TIME", help="of --spwvd, s; default: 10,4")
     command.add_argument("--band", type=_pair, metavar="LOW,HIGH", help="of --spwvd, Hz; default: 0.1,2.5")
@@ -73,6 +74,16 @@ def parser() -> argparse.ArgumentParser:
         "--set", action="append", default=[], metavar="KEY.PATH=VALUE", help="change a field; repeatable"
     )
     command.add_argument("--out", metavar="DIR", help="folder for the files")
+    command.set_defaults(json=None)
+    command = add("replay", recording_commands.replay)
+    command.add_argument("recording", metavar="RECORDING", help="folder or file of a recording")
+    command.add_argument("--run", metavar="RUN", help="the run that it is of, where it holds none")
+    command.add_argument("--nodes", action="store_true", help="by ROS 2 nodes in lockstep, recorded")
+    command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help="longest wait for a silent node")
+    _common(command)
+    command = add("export", recording_commands.export)
+    command.add_argument("recording", metavar="RECORDING", help="folder or file of a recording")
+    command.add_argument("--out", required=True, metavar="FILE", help="FILE.parquet or FILE.csv")
     command.set_defaults(json=None)
     command = add("modes", commands.modes)
     command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping import adapted, configuration, files, loop
 from facts_damping.errors import InputError, RunError, check_known
+from facts_damping.parameters.run import Run
 from facts_damping.terminal import Progress, write_json
 
 if TYPE_CHECKING:
@@ -128,8 +130,9 @@ def analyze(arguments: argparse.Namespace) -> None:
         raise InputError("--windows, --band: given without --spwvd; allowed: with --spwvd SIGNAL,...")
     named = []
     for path in arguments.recordings:
-        record = load(path)
-        named.append((label(record.configuration.get("asked") or record.configuration), record))
+        record = _explained(load(path), path, arguments.run)
+        run = record.configuration.get("asked") or record.configuration
+        named.append((label(Run.model_validate(run).model_dump()), record))
     if len({name for name, _ in named}) < len(named):
         named = [(f"{i + 1} {name}", record) for i, (name, record) in enumerate(named)]
     results = [
@@ -182,6 +185,16 @@ def views(arguments: argparse.Namespace) -> None:
     for name, text in layouts(case, namespace).items():
         files.write_whole(folder / name, text)
         say(arguments, f"layout: {folder / name}")
+
+
+def _explained(record: Record, path: str, run: str | None) -> Record:
+    """The record; where it holds no run (`ros2 bag record` keeps none), with that of a name or file."""
+    if record.configuration:
+        return record
+    if run is None:
+        notes = "".join(f"; {note}" for note in record.notes)
+        raise InputError(f"{path}: holds no run; allowed: --run with the run it is of{notes}")
+    return replace(record, configuration=configuration.load_case(run).document())
 
 
 def modes(arguments: argparse.Namespace) -> None:

@@ -22,16 +22,18 @@ from facts_damping.parts import (
     identifier_addresses,
     identifier_names,
     link_addresses,
+    recorded_topic,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from facts_damping.configuration import Case
 
 POLL_S = 0.02
-STOPPED_FIRST = ("plant_sim", "recorder")  # the source, then who has to hear it all, then the others together
+SOURCES = ("plant_sim", "replay_source")  # what a graph runs on: the plant, or a recording in place of it and the links
+STOPPED_FIRST = (*SOURCES, "recorder")  # the source, then who has to hear it all, then the others together
 VIEW = "live_view"  # who only listens
 START_S = 60.0  # patience with its start
 STOP_S = 15.0  # patience with a node that was told to stop
@@ -88,11 +90,13 @@ def _die_with_parent() -> None:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def start(name: str, module: str, parameters: dict[str, Any]) -> Process:
-    """Start a node, named by its place in the graph, as a process of its own session."""
+def start(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> Process:
+    """Start a node, named by its place in the graph, as a process of its own session; `remaps`: of its topics."""
     namespace, _, own = name.rpartition("/")
     arguments = [sys.executable, "-m", f"facts_damping.nodes.{module}", "--ros-args", "-r", f"__node:={own}"]
     arguments += ["-r", f"__ns:=/{namespace}"] if namespace else []
+    for topic, other in (remaps or {}).items():
+        arguments += ["-r", f"{topic}:={other}"]
     for key, value in parameters.items():
         arguments += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
     output, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in `graph`)
@@ -153,12 +157,17 @@ def _wait_for_view(view: Process) -> None:
 
 @contextmanager
 def graph(
-    case: Case, mode: str, out: Path, timeout: float, view_port: int | None = None
+    case: Case, mode: str, out: Path, timeout: float, view_port: int | None = None, replayed: Path | str | None = None
 ) -> Iterator[dict[str, Process]]:
-    """The nodes of a case, started; on leaving, the plant is stopped first, then the recorder, then the others."""
+    """The nodes of a case, started; on leaving, the source is stopped first, then the recorder, then the others.
+
+    `view_port`: of a live view; `replayed`: a recording that stands in for plant and links; identifiers then hear its
+    setpoints.
+    """
     run_file = out / "run.yaml"
     run_file.write_text(dump(case.document()), encoding="utf-8")
     common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True}
+    senders = [str(address) for address in controller_addresses(case)]
     running: dict[str, Process] = {}
     try:
         if view_port is not None:
@@ -166,14 +175,19 @@ def graph(
             _wait_for_view(running[VIEW])
         running["recorder"] = start("recorder", "recorder", {**common, "output": out / "recording"})
         for module, nodes in (
-            ("wan_link", dict(enumerate(link_addresses(case)))),
+            ("wan_link", dict(enumerate(link_addresses(case))) if replayed is None else {}),
             ("controller", dict(enumerate(controller_addresses(case)))),
             ("identifier", identifier_addresses(case)),
         ):
             for i, node in nodes.items():
                 own = {"index": i} | ({} if module == "wan_link" else {"save": _part(out, node.name)})
-                running[str(node)] = start(str(node), module, {**common, **own})
-        running["plant_sim"] = start("plant_sim", "plant_sim", common)
+                hears = () if replayed is None or module != "identifier" else (recorded_topic(senders[i]),)
+                remaps = ({f"/{senders[i]}/setpoints": f"/{topic}" for topic in hears},) if hears else ()
+                running[str(node)] = start(str(node), module, {**common, **own}, *remaps)
+        if replayed is None:
+            running["plant_sim"] = start("plant_sim", "plant_sim", common)
+        else:
+            running["replay_source"] = start("replay_source", "replay_source", {**common, "recording": replayed})
         yield running
     finally:
         for name in STOPPED_FIRST:
@@ -192,10 +206,12 @@ def run(
     progress: Callable[[int, int], None],
     timeout: float = 5.0,
     view_port: int | None = None,
+    replayed: Path | str | None = None,
 ) -> Outcome:
     """Run a case as a graph of processes; the recording is `out / "recording"`.
 
-    `view_port`: of a live view for Foxglove; None: without.
+    `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that stands in for plant and links.
+
     Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.
     """
     check_domain(os.environ.get("ROS_DOMAIN_ID", "0"))
@@ -204,8 +220,8 @@ def run(
     new_folder(out)
     began = time.monotonic()
     misses = 0
-    with graph(case, mode, out, timeout, view_port) as running:
-        plant = running["plant_sim"]
+    with graph(case, mode, out, timeout, view_port, replayed) as running:
+        plant = next(running[name] for name in SOURCES if name in running)
         heard = time.monotonic() + 60.0  # patience with the start, above the nodes' own
         while plant.popen.poll() is None:
             for k, n, late in plant.progress():
@@ -213,7 +229,7 @@ def run(
                 progress(k, n)
             _check_others(running)
             if time.monotonic() - heard > timeout + 5.0:
-                raise RunError(f"plant_sim is silent: no progress within {timeout + 5.0:g} s")
+                raise RunError(f"{plant.name} is silent: no progress within {timeout + 5.0:g} s")
             time.sleep(POLL_S)
         if plant.popen.returncode != 0:
             _check_others(running)
@@ -238,8 +254,8 @@ def check_domain(domain: str) -> None:
 
 
 def _check_others(running: dict[str, Process]) -> None:
-    """Raise where a node other than the plant has ended: one that was killed is the cause of the others' end."""
-    ended = [p for name, p in running.items() if name not in ("plant_sim", VIEW) and p.popen.poll() is not None]
+    """Raise where a node other than the source has ended: one that was killed is the cause of the others' end."""
+    ended = [p for name, p in running.items() if name not in (*SOURCES, VIEW) and p.popen.poll() is not None]
     if ended:
         killed = [p for p in ended if (p.popen.returncode or 0) < 0]
         raise RunError((killed or ended)[0].reason())

@@ -247,6 +247,11 @@ def link_addresses(case: Case) -> list[Address]:
     return [Address(place, "wan_link") for place in places]
 
 
+def recorded_topic(controller: str) -> str:
+    """The topic, in a replay, of what was recorded as the setpoints of a controller (its place in the graph)."""
+    return f"recorded/{controller}/setpoints"
+
+
 def re_name(kind: str) -> str:
     """A kind's name as a ROS name: letters, digits and underscores."""
     return "".join(letter if letter.isalnum() else "_" for letter in kind)

@@ -7,11 +7,14 @@ analysis read the same fields by the same names. Times are integer nanoseconds o
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
 NANOSECONDS = 1_000_000_000
@@ -124,7 +127,8 @@ class Record:
     and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE), `learning` a row a
     learning rate (LEARNING).
     `in_synchronism` is false at the tick that ended an unstable run. `notes` says what a damaged
-    recording lacks.
+    recording lacks; `gap_tick` is its first tick of which something is missing, none if there is none.
+    `arrays` has all of it as one column a quantity, a row a tick, and `units` the unit of each.
     """
 
     configuration: dict[str, Any]
@@ -144,8 +148,118 @@ class Record:
     learning: NDArray[Any] = field(default_factory=lambda: np.zeros(0, LEARNING))
     events: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    gap_tick: int | None = None
 
     @property
     def time_s(self) -> NDArray[np.float64]:
         """Time of every tick, s."""
         return self.time_ns / NANOSECONDS
+
+    @property
+    def frame_rate(self) -> int:
+        """Frames per second: as configured, else from the times of the ticks."""
+        given = self.configuration.get("frame_rate")
+        if isinstance(given, int):
+            return given
+        return round(NANOSECONDS / float(np.diff(self.time_ns).min())) if len(self.time_ns) > 1 else 1
+
+    @property
+    def ticks(self) -> NDArray[np.int64]:
+        """Number of every tick: t_k = k / f, rounded down."""
+        return -(-self.time_ns * self.frame_rate // NANOSECONDS)
+
+    @cached_property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All signals on the grid of ticks by name, each (ticks,) (docs/recordings.md).
+
+        What comes now and then (delivered entries, setpoints) stands at a tick as it was last known at the tick's end;
+        NaN before the first.
+        """
+        return {name: values for name, _, values in _columns(self)}
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Unit of each of `arrays`; `-`: none."""
+        return {name: unit for name, unit, _ in _columns(self)}
+
+
+TRUTH_UNITS = {"rotor_angle": "rad", "blocked": "-"}  # of the truth's fields; all others are p.u.
+
+
+def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
+    """Name, unit and values of every column of a record; a name ends with its unit."""
+    yield "tick", "-", record.ticks
+    yield "time_s", "s", record.time_s
+    for s, station in enumerate(record.stations):
+        for c, (name, unit) in enumerate(CHANNELS.items()):
+            yield f"pmu.{station}.{name}_{unit}", unit, record.frames[:, s, c]
+    for link in sorted(set(record.delivered["link"].tolist())):
+        for s, station in enumerate(record.stations):
+            rows = record.delivered[(record.delivered["link"] == link) & (record.delivered["station"] == s)]
+            rows = rows[_newest(rows)]
+            held = _held(
+                record.ticks, rows["tick"], np.column_stack([rows["values"], rows["measured_ns"] / NANOSECONDS])
+            )
+            for c, (name, unit) in enumerate({**CHANNELS, "measured": "s"}.items()):
+                yield f"delivered.{link}.{station}.{name}_{unit}", unit, held[:, c]
+    for way in ("issued", "applied"):
+        rows = getattr(record, way)
+        for c, d in sorted(set(zip(rows["controller"].tolist(), rows["device"].tolist(), strict=True))):
+            own = rows[(rows["controller"] == c) & (rows["device"] == d)]
+            name = f"{way}.{record.controller_names[c]}.{record.device_names[d]}"
+            yield f"{name}_pu", "pu", _held(record.ticks, own["tick"], own["value"][:, None])[:, 0]
+    for kind, names, table in (
+        ("machine", record.machine_names, record.machines),
+        ("device", record.device_names, record.devices),
+    ):
+        for i, one in enumerate(names):
+            for name in table.dtype.names or ():
+                unit = TRUTH_UNITS.get(name, "pu")
+                yield f"{kind}.{one}.{name}" + (f"_{unit}" if unit != "-" else ""), unit, table[name][:, i]
+    yield "in_synchronism", "-", record.in_synchronism
+    yield from _learnt(record)
+
+
+def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
+    """Columns of what identifiers estimate and how networks learn."""
+    rows = record.estimates
+    for c, i, d in sorted(set(zip(*(rows[key].tolist() for key in ("controller", "signal", "device")), strict=True))):
+        own = rows[(rows["controller"] == c) & (rows["signal"] == i) & (rows["device"] == d)]
+        place, signal = record.controller_names[c], _signal(record, c, i)
+        values = _held(
+            record.ticks, own["tick"], np.column_stack([own[key] for key in ("jacobian", "prediction", "error")])
+        )
+        yield f"estimate.{place}.{signal}.{record.device_names[d]}_pu_per_pu", "pu/pu", values[:, 0]
+        if d == rows["device"][(rows["controller"] == c) & (rows["signal"] == i)][0]:
+            yield f"estimate.{place}.{signal}.prediction_pu", "pu", values[:, 1]
+            yield f"estimate.{place}.{signal}.error_pu", "pu", values[:, 2]
+    rows, keys = record.learning, ("controller", "identifier", "output", "group")
+    for c, n, o, g in sorted(set(zip(*(rows[key].tolist() for key in keys), strict=True))):
+        own = rows[(rows["controller"] == c) & (rows["identifier"] == n) & (rows["output"] == o) & (rows["group"] == g)]
+        place = f"learning.{record.controller_names[c]}." + ("identifier" if n else "controller")
+        values = _held(record.ticks, own["tick"], np.column_stack([own[key] for key in ("rate", "lyapunov", "fall")]))
+        yield f"{place}.{o}.{g}.rate", "-", values[:, 0]
+        if (o, g) == (0, 0):
+            yield f"{place}.lyapunov", "-", values[:, 1]
+            yield f"{place}.fall", "-", values[:, 2]
+
+
+def _signal(record: Record, controller: int, signal: int) -> str:
+    """Name of a controller's signal, as configured; else its place."""
+    rows = record.configuration.get("controllers") or []
+    names = rows[controller].get("signals", []) if controller < len(rows) else []
+    return str(names[signal]) if signal < len(names) else str(signal)
+
+
+def _newest(rows: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which deliveries of a station are newer, by measurement, than all before them."""
+    measured = rows["measured_ns"]
+    before = np.concatenate([[np.iinfo(np.int64).min], np.maximum.accumulate(measured)[:-1]]) if len(rows) else measured
+    return np.asarray(measured > before)
+
+
+def _held(ticks: NDArray[np.int64], at: NDArray[np.int64], values: NDArray[Any]) -> NDArray[np.float64]:
+    """Values (rows, columns) of ticks `at`, sorted, on a grid of ticks: the last up to each; NaN before the first."""
+    place = np.searchsorted(at, ticks, side="right")
+    padded = np.vstack([np.full((1, values.shape[1]), np.nan), values])
+    return np.asarray(padded[place], np.float64)

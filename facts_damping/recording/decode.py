@@ -8,7 +8,6 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from facts_damping.errors import RecordingError
@@ -22,6 +21,7 @@ from facts_damping.signals import (
     MACHINE_TRUTH,
     NANOSECONDS,
     SETPOINT,
+    TRUTH_UNITS,
 )
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # Fields of PmuFrame, MachineState and DeviceState in the order of the arrays' columns: a field of a
 # message is the column's name and its unit.
 _FRAME_FIELDS = [f"{name}_{unit}" for name, unit in CHANNELS.items()]
-_UNITS = {"rotor_angle": "_rad", "blocked": ""}
+_UNITS = {name: "" if unit == "-" else f"_{unit}" for name, unit in TRUTH_UNITS.items()}
 _MACHINE_FIELDS = [f"{name}{_UNITS.get(name, '_pu')}" for name in MACHINE_TRUTH.names or ()]
 _DEVICE_FIELDS = [f"{name}{_UNITS.get(name, '_pu')}" for name in DEVICE_TRUTH.names or ()]
 
@@ -58,7 +58,7 @@ def decoder(topic: TopicInfo) -> Callable[[bytes], Any]:
     def decode(data: bytes) -> Any:
         try:
             return store.deserialize_cdr(data, topic.message_type)
-        except (SerdeError, KeyError, IndexError, AssertionError) as error:
+        except Exception as error:
             raise RecordingError(
                 f"{topic.name}: a message is not a {topic.message_type} ({type(error).__name__})"
             ) from error
@@ -89,14 +89,19 @@ def series(topic: str, messages: Iterable[Any]) -> tuple[Series, int]:
     return ordered, count - len(ticks)
 
 
-def select(source: Series, ticks: Iterable[int]) -> Series:
+def select(source: Series, ticks: NDArray[np.int64]) -> Series:
     """Part of a series that belongs to the given ticks."""
-    keep = np.isin(source.ticks, np.fromiter(ticks, np.int64))
-    return Series(
-        source.topic,
-        source.ticks[keep],
-        [message for message, kept in zip(source.messages, keep, strict=True) if kept],
-    )
+    return _kept(source, np.isin(source.ticks, ticks))
+
+
+def until(source: Series, last: int) -> Series:
+    """Part of a series up to a tick."""
+    return _kept(source, source.ticks <= last)
+
+
+def _kept(source: Series, keep: NDArray[np.bool_]) -> Series:
+    messages = [message for message, kept in zip(source.messages, keep, strict=True) if kept]
+    return Series(source.topic, source.ticks[keep], messages)
 
 
 def names_of(messages: Iterable[Any], entries: str, name: str) -> list[str]:

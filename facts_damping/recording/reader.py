@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 from functools import reduce
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from facts_damping.errors import RecordingError
+from facts_damping.checking import check
+from facts_damping.errors import InputError, RecordingError
+from facts_damping.parameters.run import Run
+from facts_damping.parameters.system import System
 from facts_damping.recording import decode
-from facts_damping.recording.scan import Content, scan
+from facts_damping.recording.scan import scan
+from facts_damping.recording.writer import CONFIGURATION
 from facts_damping.signals import NANOSECONDS, Record
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
+    from facts_damping.recording.content import Content
     from facts_damping.recording.decode import Series
 
 # What is read: name here, type of message, end of the topic's name. Every controller has its `/setpoints`, every link
@@ -38,6 +44,7 @@ REQUIRED = ("frames", "state")  # without these there is no record of a plant
 CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
 OF_LINKS = ("delivered", "applied")  # of these each link has its own
 SEVERAL = (*OF_LINKS, "issued", "estimates", "learning")  # these are of a link, a controller, an identifier
+HEARD = ("delivered", "issued", "estimates")  # what controllers and identifiers hear and say
 LISTED = 5  # so many lost ticks are named one by one
 
 
@@ -52,7 +59,7 @@ def load(path: Path | str) -> Record:
     configuration, notes = _configuration(content)
     try:
         record = _assemble(content, configuration, notes)
-    except (AttributeError, TypeError, ValueError, OverflowError) as error:
+    except (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise RecordingError(f"{path}: a message has not the fields of this package's messages ({reason})") from error
     except RecordingError as error:
@@ -88,7 +95,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     ticks = _ticks(found, content.complete)
     notes += _gaps(found, ticks)
     _check_end(ticks, configuration, found["state"][0], content.complete, notes)
-    cut = {kind: [decode.select(one, range(ticks[-1] + 1)) for one in parts] for kind, parts in found.items()}
+    cut = {kind: [decode.until(one, int(ticks[-1])) for one in parts] for kind, parts in found.items()}
     plant = {kind: decode.select(cut[kind][0], ticks) for kind in REQUIRED}
     stations = decode.names_of(plant["frames"].messages, "frames", "station")
     devices = decode.names_of(plant["state"].messages, "devices", "device")
@@ -114,6 +121,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         in_synchronism=np.array([message.in_synchronism for message in state.messages], np.bool_),
         events=decode.events(message for topic in topics["events"] for message in messages[topic]),
         notes=notes,
+        gap_tick=_unanswered(found, ticks),
     )
 
 
@@ -125,9 +133,16 @@ def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
         configuration = YAML(typ="safe", pure=True).load(content.configuration)
     except (YAMLError, ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError):
         configuration = None  # damaged text: ruamel.yaml raises more than its own errors
-    if isinstance(configuration, dict):
-        return configuration, notes
-    return {}, [*notes, "the run's configuration is missing"]
+    if not isinstance(configuration, dict):
+        return {}, [*notes, "the run's configuration is missing"]
+    try:
+        run = check(Run, configuration, CONFIGURATION)
+        check(Run, run.asked or {}, CONFIGURATION, None, "asked")
+        if isinstance(run.system, dict):
+            check(System, run.system, CONFIGURATION, None, "system")
+    except InputError as error:
+        return {}, [*notes, f"the run's configuration is not one of this version and left out: {error}"]
+    return configuration, notes
 
 
 def _topics(content: Content, controlled: bool) -> dict[str, list[str]]:
@@ -199,13 +214,30 @@ def _ticks(found: dict[str, list[Series]], complete: bool) -> NDArray[np.int64]:
 
 def _gaps(found: dict[str, list[Series]], ticks: NDArray[np.int64]) -> list[str]:
     """A note for each topic that lacks ticks before the last one (which nobody need answer)."""
-    notes = []
+    notes, last = [], int(ticks[-1])
     for one in (series for parts in found.values() for series in parts):
-        missing = np.setdiff1d(np.arange(ticks[-1]), one.ticks).tolist()
-        if missing:
-            listed = ", ".join(str(tick) for tick in missing[:LISTED]) + (", ..." if len(missing) > LISTED else "")
-            notes.append(f"{one.topic}: {len(missing)} of {ticks[-1] + 1} ticks are missing ({listed})")
+        there = one.ticks[one.ticks < last]
+        if len(there) < last:
+            listed = list(islice(_lacking(there, last), LISTED + 1))
+            named = ", ".join(map(str, listed[:LISTED])) + (", ..." if len(listed) > LISTED else "")
+            notes.append(f"{one.topic}: {last - len(there)} of {last + 1} ticks are missing ({named})")
     return notes
+
+
+def _lacking(ticks: NDArray[np.int64], last: int) -> Iterator[int]:
+    """Ticks from 0 on, before `last`, that are not among `ticks`, which are sorted."""
+    expected = 0
+    for tick in [*ticks.tolist(), last]:
+        yield from range(expected, tick)
+        expected = tick + 1
+
+
+def _unanswered(found: dict[str, list[Series]], ticks: NDArray[np.int64]) -> int | None:
+    """The first tick, from that of the first frames on, that lacks one of these, or what controllers hear and say."""
+    first, end = int(ticks[0]), int(ticks[-1]) + 1
+    heard = [one.ticks[(one.ticks >= first) & (one.ticks < end)] for kind in HEARD for one in found[kind]]
+    heard.append(ticks)
+    return min([first + tick for one in heard for tick in islice(_lacking(one - first, end - first), 1)], default=None)
 
 
 def _check_end(

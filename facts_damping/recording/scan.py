@@ -3,56 +3,40 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
+from zlib import crc32
 
 import yaml
-from mcap.records import Attachment, Channel, Chunk, DataEnd, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, DataEnd, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from facts_damping.errors import RecordingError
 from facts_damping.recording.bagfile import FILE_NAME, TopicInfo
+from facts_damping.recording.content import Content, RawMessage
+from facts_damping.recording.database import SQLITE, read_database
 from facts_damping.recording.writer import CONFIGURATION, LOST, VERSIONS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-class RawMessage(NamedTuple):
-    """One message: topic, times of reception and publication (ns), publisher's counter, CDR bytes."""
-
-    topic: str
-    log_ns: int
-    publish_ns: int
-    sequence: int
-    data: bytes
-
-
-@dataclass
-class Content:
-    """All that could be read; `complete`: no file lacks its end; `notes` say what is damaged."""
-
-    topics: dict[str, TopicInfo] = field(default_factory=dict)
-    messages: list[RawMessage] = field(default_factory=list)
-    configuration: str = ""
-    versions: dict[str, str] = field(default_factory=dict)
-    lost: dict[str, int] = field(default_factory=dict)
-    complete: bool = True
-    notes: list[str] = field(default_factory=list)
-
-
 def scan(path: Path | str) -> Content:
-    """Read a recording: a folder in rosbag2's layout, with or without metadata.yaml, or one `.mcap` file.
+    """Read a recording: a folder in rosbag2's layout, with or without metadata.yaml, or one file of it.
 
-    The files of a folder are read in order. Of a damaged file everything up to the damage is read, and
-    what lies behind a damaged chunk. Raises RecordingError if there is no MCAP file or nothing in it.
+    Files are MCAP, or SQLite as older `ros2 bag record` makes them; those of a folder are read in order. Of a damaged
+    file everything up to the damage is read, and what lies behind a damaged chunk. Raises RecordingError if there is
+    no such file or no message in it.
     """
     content = Content()
-    for file in mcap_files(Path(path)):
+    for file in bag_files(Path(path)):
         try:
-            _scan_file(file, content)
+            if file.suffix == SQLITE:
+                read_database(file, content)
+            else:
+                _scan_file(file, content)
         except OSError as error:
             raise RecordingError(f"{file} cannot be read: {error.strerror or error}") from error
     if not content.messages:
@@ -60,53 +44,89 @@ def scan(path: Path | str) -> Content:
     return content
 
 
-def mcap_files(path: Path) -> list[Path]:
-    """MCAP files of a recording in order: as metadata.yaml lists them, else by the numbers in their names."""
+def bag_files(path: Path) -> list[Path]:
+    """Files of a recording in order: as metadata.yaml lists them, else by the numbers in their names."""
     if path.is_file():
         return [path]
     if not path.is_dir():
         raise RecordingError(f"{path} does not exist; give a recording's folder or an .mcap file")
-    files = sorted(path.glob("*.mcap"), key=lambda file: [int(n) for n in re.findall(r"\d+", file.stem)][-1:])
+    found = [file for file in path.iterdir() if file.suffix in (".mcap", SQLITE) and file.is_file()]
+    files = sorted(found, key=lambda file: [int(n) for n in re.findall(r"\d+", file.stem)][-1:])
     if not files:
-        raise RecordingError(f"{path} holds no .mcap file")
+        packed = ", ".join(sorted(file.name for file in path.glob("*.zstd")))
+        why = f"; {packed}: unpack with zstd -d" if packed else ""
+        raise RecordingError(f"{path} holds no .mcap file (nor {SQLITE}){why}")
     listed = _listed_files(path / FILE_NAME)
     return sorted(files, key=lambda file: listed.index(file.name) if file.name in listed else len(listed))
 
 
 def _listed_files(metadata: Path) -> list[str]:
-    """File names in metadata.yaml; none if it is missing or damaged, for the MCAP files tell the same."""
+    """File names in metadata.yaml; none if it is missing or damaged, for the files tell the same."""
     try:
         content = yaml.safe_load(metadata.read_text(encoding="utf-8"))
         return [Path(str(name)).name for name in content["rosbag2_bagfile_information"]["relative_file_paths"]]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
+    except (
+        OSError,
+        yaml.YAMLError,
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ):
         return []
 
 
 def _scan_file(file: Path, content: Content) -> None:
-    """Add what one file holds to `content`.
+    """Add what one MCAP file holds to `content`.
 
     Schemas and channels stand in the first chunk and again in the summary at the end: the first that is
-    read counts, so that damage to one of the two places does no harm.
+    read counts, so that damage to one of the two places does no harm. A checksum over all that lies before the summary
+    tells of damage that nothing else shows.
     """
+    data, notes, known = file.read_bytes(), content.notes, len(content.notes)
+    if not data.startswith(MCAP0_MAGIC):
+        raise RecordingError(f"{file} is not an MCAP file")
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
     messages: list[Message] = []
-    complete = False
-    for record in _sound_records(file, content.notes):
+    complete, summary = False, _summary_is_sound(data)
+    for start, end, record in _sound_records(data, file.name, notes):
         if isinstance(record, Message):
             messages.append(record)
-        elif isinstance(record, Schema):
-            schemas.setdefault(record.id, record)
-        elif isinstance(record, Channel):
-            channels.setdefault(record.id, record)
+        elif isinstance(record, (Schema, Channel)):
+            if isinstance(record, Schema) and (summary or not complete):
+                schemas.setdefault(record.id, record)
+            elif isinstance(record, Channel) and (summary or not complete):
+                channels.setdefault(record.id, record)
         elif isinstance(record, DataEnd):
             complete = True
+            if len(notes) == known and record.data_section_crc not in (0, crc32(data[:start])):
+                notes.append(f"{file.name}: the checksum of the whole does not fit: something in it is damaged")
+        elif isinstance(record, Statistics):
+            if summary and len(notes) == known and record.message_count != len(messages):
+                notes.append(f"{file.name}: {len(messages)} of {record.message_count} messages are there")
+        elif isinstance(record, Attachment) and _crc(data[end - 4 : end]) not in (0, crc32(data[start + 9 : end - 4])):
+            notes.append(f"{file.name}: {record.name} is damaged and left out")
         else:
             _add_extra(record, content)
     for channel in channels.values():
         _add_topic(channel, schemas.get(channel.schema_id), content)
     _add_messages(messages, channels, content)
     content.complete = content.complete and complete
+
+
+def _crc(data: bytes) -> int:
+    return int.from_bytes(data, "little")
+
+
+def _summary_is_sound(data: bytes) -> bool:
+    """Whether the summary's checksum fits: over the summary and the footer but for the checksum itself."""
+    end = len(data) - len(MCAP0_MAGIC) - 4
+    start = int.from_bytes(data[end - 16 : end - 8], "little")
+    stored = _crc(data[end : end + 4])
+    return data.endswith(MCAP0_MAGIC) and (stored == 0 or stored == crc32(data[start:end]))
 
 
 def _add_messages(messages: list[Message], channels: dict[int, Channel], content: Content) -> None:
@@ -139,27 +159,27 @@ def _add_extra(record: McapRecord, content: Content) -> None:
             content.lost[topic] = content.lost.get(topic, 0) + (int(count) if count.isdecimal() else 0)
 
 
-def _sound_records(file: Path, notes: list[str]) -> Iterator[McapRecord]:
-    """Records of a file up to its end or the first damage between chunks; damaged chunks are left out.
+def _sound_records(data: bytes, name: str, notes: list[str]) -> Iterator[tuple[int, int, McapRecord]]:
+    """Records of a file, where each begins and ends, up to the file's end or the first damage between chunks.
 
-    mcap, zstandard and lz4 raise a dozen kinds of error on damaged bytes: all of them mean the same here.
+    Damaged chunks are left out. mcap, zstandard and lz4 raise a dozen kinds of error on damaged bytes: all of them mean
+    the same here.
     """
-    size = file.stat().st_size
-    with file.open("rb") as stream:
-        if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-            raise RecordingError(f"{file} is not an MCAP file")
-        reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=size)
-        records = iter(reader.records)
-        while True:
-            position = stream.tell()
-            try:
-                record = next(records, None)
-            except Exception:  # noqa: BLE001 (see above)
-                notes.append(f"{file.name}: cut or damaged at byte {position} of {size}")
-                return
-            if record is None:
-                return
-            yield from _unpack(record, f"{file.name}: chunk at byte {position} is damaged and left out", notes)
+    stream = BytesIO(data)
+    stream.seek(len(MCAP0_MAGIC))
+    reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=len(data))
+    records = iter(reader.records)
+    while True:
+        position = stream.tell()
+        try:
+            record = next(records, None)
+        except Exception:  # noqa: BLE001 (see above)
+            notes.append(f"{name}: cut or damaged at byte {position} of {len(data)}")
+            return
+        if record is None:
+            return
+        for one in _unpack(record, f"{name}: chunk at byte {position} is damaged and left out", notes):
+            yield position, stream.tell(), one
 
 
 def _unpack(record: McapRecord, damage: str, notes: list[str]) -> list[McapRecord]:

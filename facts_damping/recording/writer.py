@@ -51,7 +51,7 @@ class RecordingWriter:
         self._counts: dict[str, int] = {}
         self._span: tuple[int, int] | None = None
         self._stream: IO[bytes] | None = _open_new(self.file)
-        self._mcap = Writer(self._stream, compression=CompressionType.ZSTD)
+        self._mcap = Writer(self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._mcap.start(profile="ros2")
         self._mcap.add_metadata(VERSIONS, self._versions)
         if configuration:

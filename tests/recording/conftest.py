@@ -35,12 +35,23 @@ STATIONS, MACHINES, DEVICES, CONTROLLERS = (
 TOPICS = {
     "/pmu/frames": "PmuDataFrame",
     "/pmu/delivered": "PmuDataFrame",
-    "/controller_10_B/setpoints": "VoltageSetpoints",
-    "/controller_2_A/setpoints": "VoltageSetpoints",
     "/setpoints/delivered": "VoltageSetpoints",
     "/plant/state": "PlantState",
     "/plant/events": "GridEvent",
 }
+
+
+def topics(record: Record) -> dict[str, str]:
+    """Topics of a run with one link, and their types."""
+    own = {f"/{name}/setpoints": "VoltageSetpoints" for name in reversed(record.controller_names)}
+    own |= {identifier(c): "JacobianEstimate" for c in set(record.estimates["controller"].tolist())}
+    return TOPICS | own
+
+
+def identifier(controller: int) -> str:
+    return f"/identifier_{controller}_X/estimate"
+
+
 CONFIGURATION = {
     "system": "two_area",
     "controllers": [{"name": name, "devices": DEVICES} for name in "AB"],
@@ -99,7 +110,7 @@ class Messages:
 
     def __init__(self) -> None:
         self.store = get_typestore(Stores.EMPTY)
-        for name in set(TOPICS.values()):
+        for name in {*TOPICS.values(), "JacobianEstimate"}:
             self.store.register(get_types_from_msg(schema_text(PACKAGE + name), PACKAGE + name))
 
     def make(self, name: str, **fields: Any) -> Any:
@@ -112,22 +123,22 @@ class Messages:
     def header(self, ns: int) -> Any:
         return self.make("std_msgs/msg/Header", stamp=self.time(ns), frame_id="")
 
-    def frame(self, station: int, tick: int, measured: int, arrival: int, values: Any) -> Any:
+    def frame(self, station: str, tick: int, measured: int, arrival: int, values: Any) -> Any:
         units = dict(zip([f"{name}_{unit}" for name, unit in CHANNELS.items()], map(float, values), strict=True))
-        head = {"header": self.header(measured), "station": STATIONS[station], "tick": tick}
+        head = {"header": self.header(measured), "station": station, "tick": tick}
         return self.make("PmuFrame", **head, arrival=self.time(arrival), **units, status=0)
 
     def frames(self, stamp: int, tick: int, entries: list[Any]) -> Any:
         head = {"header": self.header(stamp), "tick": tick, "fresh": bool(entries)}
         return self.make("PmuDataFrame", **head, frames=entries)
 
-    def setpoints(self, stamp: int, tick: int, controller: str, rows: Any) -> Any:
+    def setpoints(self, record: Record, stamp: int, tick: int, controller: str, rows: Any) -> Any:
         entries = [
             self.make(
                 "VoltageSetpoint",
                 header=self.header(row["measured_ns"]),
-                device=DEVICES[row["device"]],
-                controller=CONTROLLERS[row["controller"]],
+                device=record.device_names[row["device"]],
+                controller=record.controller_names[row["controller"]],
                 issued=self.time(row["issued_ns"]),
                 effective=self.time(row["effective_ns"]),
                 value_pu=float(row["value"]),
@@ -137,14 +148,34 @@ class Messages:
         head = {"header": self.header(stamp), "tick": tick, "controller": controller, "fresh": bool(entries)}
         return self.make("VoltageSetpoints", **head, setpoints=entries)
 
+    def estimate(self, record: Record, tick: int, controller: int) -> Any:
+        rows = record.estimates[(record.estimates["tick"] == tick) & (record.estimates["controller"] == controller)]
+        devices = list(dict.fromkeys(rows["device"].tolist()))
+        row = rows[:: len(devices)]
+        return self.make(
+            "JacobianEstimate",
+            header=self.header(rows["measured_ns"][0]),
+            tick=tick,
+            identifier=identifier(controller).split("/")[1],
+            output_names=[str(signal) for signal in row["signal"]],
+            input_names=[record.device_names[device] for device in devices],
+            jacobian=rows["jacobian"].copy(),
+            prediction=row["prediction"].copy(),
+            error=row["error"].copy(),
+            lyapunov=0.0,
+            lyapunov_fall=0.0,
+            parameter_groups=[],
+            learning_rates=np.zeros(0),
+        )
+
     def state(self, record: Record, tick: int) -> Any:
         machines = [
             self.make("MachineState", machine=name, **_fields(record.machines[tick, index], {"rotor_angle": "_rad"}))
-            for index, name in enumerate(MACHINES)
+            for index, name in enumerate(record.machine_names)
         ]
         devices = [
             self.make("DeviceState", device=name, **_fields(record.devices[tick, index], {"blocked": ""}))
-            for index, name in enumerate(DEVICES)
+            for index, name in enumerate(record.device_names)
         ]
         flag = bool(record.in_synchronism[tick])
         head = {"header": self.header(record.time_ns[tick]), "tick": tick, "in_synchronism": flag}
@@ -160,23 +191,26 @@ class Messages:
         stamp = int(record.time_ns[tick])
         delivered = record.delivered[record.delivered["tick"] == tick]
         issued, applied = (rows[rows["tick"] == tick] for rows in (record.issued, record.applied))
-        measured = [self.frame(i, tick, stamp, stamp, record.frames[tick, i]) for i in range(len(STATIONS))]
+        names = record.stations
+        measured = [self.frame(name, tick, stamp, stamp, record.frames[tick, i]) for i, name in enumerate(names)]
         arrived = [
-            self.frame(row["station"], tick, row["measured_ns"], row["arrival_ns"], row["values"]) for row in delivered
+            self.frame(names[row["station"]], tick, row["measured_ns"], row["arrival_ns"], row["values"])
+            for row in delivered
         ]
         return {
             "/pmu/frames": self.frames(stamp, tick, measured),
             "/plant/state": self.state(record, tick),
             "/pmu/delivered": self.frames(stamp, tick, arrived),
             **{
-                f"/{name}/setpoints": self.setpoints(stamp, tick, name, issued[issued["controller"] == index])
-                for index, name in reversed(list(enumerate(CONTROLLERS)))
+                f"/{name}/setpoints": self.setpoints(record, stamp, tick, name, issued[issued["controller"] == index])
+                for index, name in reversed(list(enumerate(record.controller_names)))
             },
-            "/setpoints/delivered": self.setpoints(stamp, tick, "", applied),
+            "/setpoints/delivered": self.setpoints(record, stamp, tick, "", applied),
+            **{identifier(c): self.estimate(record, tick, c) for c in set(record.estimates["controller"].tolist())},
         }
 
-    def cdr(self, topic: str, message: Any) -> bytes:
-        return bytes(self.store.serialize_cdr(message, PACKAGE + TOPICS[topic]))
+    def cdr(self, message: Any) -> bytes:
+        return bytes(self.store.serialize_cdr(message, message.__msgtype__))
 
 
 def _fields(row: Any, units: dict[str, str]) -> dict[str, Any]:
@@ -196,9 +230,12 @@ def random_record() -> Callable[..., Record]:
     return make_record
 
 
-@pytest.fixture
-def write_record(messages: Messages) -> Callable[..., None]:
-    """Writes a record's messages; `skip(topic, tick)` leaves some out; a flush every `chunk` ticks."""
+@pytest.fixture(scope="session")
+def written(messages: Messages) -> Callable[..., None]:
+    """Writes a record's messages; `skip(topic, tick)` leaves some out; a flush every `chunk` ticks.
+
+    `change(topic, message)` gives other messages; `more` are topics of other types, with a message each tick.
+    """
 
     def write(
         record: Record,
@@ -206,19 +243,32 @@ def write_record(messages: Messages) -> Callable[..., None]:
         skip: Callable[[str, int], bool] = lambda _topic, _tick: False,
         chunk: int = 5,
         lost: dict[str, int] | None = None,
+        change: Callable[[str, Any], Any] = lambda _topic, message: message,
+        configuration: str | None = None,
+        more: dict[str, str] | None = None,
     ) -> None:
-        with RecordingWriter(folder, yaml.safe_dump(record.configuration), {"facts_damping": "1"}) as writer:
-            for topic, name in TOPICS.items():
+        text = yaml.safe_dump(record.configuration) if configuration is None else configuration
+        with RecordingWriter(folder, text, {"facts_damping": "1"}) as writer:
+            for topic, name in topics(record).items():
                 writer.add_topic(topic, PACKAGE + name)
+            for topic, name in (more or {}).items():
+                writer.add_topic(topic, name)
             for event in record.events:
-                writer.write("/plant/events", messages.cdr("/plant/events", messages.event(event)), 1000, 1000)
+                writer.write("/plant/events", messages.cdr(messages.event(event)), 1000, 1000)
             for tick in range(len(record.time_ns)):
+                ns = 1000 + int(record.time_ns[tick])
                 for topic, message in messages.tick(record, tick).items():
                     if not skip(topic, tick):
-                        ns = 1000 + int(record.time_ns[tick])
-                        writer.write(topic, messages.cdr(topic, message), ns + 10, ns, tick)
+                        writer.write(topic, messages.cdr(change(topic, message)), ns + 10, ns, tick)
+                for topic in more or {}:
+                    writer.write(topic, bytes([0, 1, 0, 0, 2, 0, 0, 0, 97, 0]), ns, ns, tick)
                 if tick % chunk == chunk - 1:
                     writer.flush()
             writer.close(lost)
 
     return write
+
+
+@pytest.fixture
+def write_record(written: Callable[..., None]) -> Callable[..., None]:
+    return written

@@ -1,0 +1,68 @@
+"""Recorded and replayed setpoints side by side: table and picture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from matplotlib.figure import Figure
+
+from facts_damping.analysis.plots import COLOURS, DPI, MARGIN, PANEL_HEIGHT, WIDTH
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+LINES = {
+    "rms_recorded_pu": "rms recorded [p.u.]",
+    "rms_replayed_pu": "rms replayed [p.u.]",
+    "rms_difference_pu": "rms of the difference [p.u.]",
+    "max_difference_pu": "largest difference [p.u.]",
+    "correlation": "correlation",
+    "saturated_recorded": "at the limit, recorded [share]",
+    "saturated_replayed": "at the limit, replayed [share]",
+}
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """The figures of each device (`replay.beside`), a column each, as text."""
+    cells = [["", *(row["device"] for row in rows)]]
+    for key, words in LINES.items():
+        cells.append([words, *("-" if row[key] is None else f"{row[key]:.4g}" for row in rows)])
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return "\n".join(
+        "  ".join(
+            f"{cell:<{width}}" if i == 0 else f"{cell:>{width}}" for i, (cell, width) in enumerate(pairs)
+        ).rstrip()
+        for pairs in (list(zip(line, widths, strict=True)) for line in cells)
+    )
+
+
+def plot(
+    time_s: NDArray[Any],
+    pairs: dict[str, tuple[NDArray[Any], NDArray[Any]]],
+    limits: dict[str, float],
+    labels: tuple[str, str],
+    path: Path,
+) -> Path:
+    """Setpoints of each device as recorded and as replayed, p.u., with limits and their difference; a PNG file."""
+    figure = Figure(figsize=(WIDTH, MARGIN + 2 * PANEL_HEIGHT * max(len(pairs), 1)), layout="constrained")
+    grid = figure.subplots(2 * len(pairs), 1, sharex=True, squeeze=False)[:, 0]
+    for row, (device, (one, other)) in enumerate(pairs.items()):
+        both, apart = grid[2 * row], grid[2 * row + 1]
+        both.step(time_s, one, where="post", color=COLOURS[0], linewidth=1.2, label=f"recorded: {labels[0]}")
+        both.step(time_s, other, where="post", color=COLOURS[1], linewidth=1.0, label=f"replayed: {labels[1]}")
+        for limit in (-limits[device], limits[device]):
+            both.axhline(limit, color="#B00020", linewidth=0.8, linestyle=":")
+        apart.step(time_s, other - one, where="post", color=COLOURS[2], linewidth=1.0)
+        both.set_ylabel(f"{device}\nsetpoint [p.u.]")
+        apart.set_ylabel("replayed - recorded\n[p.u.]")
+        for axes in (both, apart):
+            axes.grid(visible=True, color="0.92")
+            axes.spines[["top", "right"]].set_visible(False)
+    grid[-1].set_xlabel("t [s]")
+    handles, names = grid[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper right", ncols=2, fontsize="small", frameon=False)
+    figure.savefig(path, dpi=DPI)
+    return path

@@ -1,0 +1,142 @@
+"""replay_source: a recording in the place of plant and links; publishes what was delivered, tick by tick."""
+
+from __future__ import annotations
+
+import sys
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from facts_damping_msgs.msg import GridEvent, JacobianEstimate, PlantState, PmuDataFrame, VoltageSetpoints
+
+from facts_damping.errors import RunError
+from facts_damping.nodes.messages import Estimates, Truth, grid_event
+from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
+from facts_damping.nodes.parameters import descriptor, read_case, read_options
+from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.parts import controller_addresses, identifier_addresses, link_addresses, recorded_topic
+from facts_damping.recording.reader import load
+from facts_damping.replay import fitted
+from facts_damping.signals import DELIVERY
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from rclpy.node import Node
+
+PROGRESS_S = 0.2  # wall time between two lines of progress on standard output
+
+
+class ReplaySource:
+    """A recording, and who has answered."""
+
+    def __init__(self, node: Node) -> None:
+        """Read parameters and recording, wire the topics."""
+        self.case, self.options = read_case(node), read_options(node)
+        path: Any = node.declare_parameter("recording", "", descriptor("recording to be replayed")).value
+        self.record = fitted(load(path), self.case)
+        self.frames, self.setpoints, self.truth = Frames(self.case), Setpoints(self.case), Truth(self.case)
+        controllers, identifiers = controller_addresses(self.case), identifier_addresses(self.case)
+        links, used, extra = link_addresses(self.case), self.case.used_links, int(self.options.recorder)
+        self.to_all = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)
+        self.to_state = node.create_publisher(PlantState, "plant/state", RELIABLE)
+        self.to_events = node.create_publisher(GridEvent, "plant/events", RELIABLE)
+        self.delivered = [node.create_publisher(PmuDataFrame, link.topic("pmu/delivered"), RELIABLE) for link in links]
+        self.applied = [
+            node.create_publisher(VoltageSetpoints, link.topic("setpoints/delivered"), RELIABLE) for link in links
+        ]
+        self.recorded = {
+            c: node.create_publisher(VoltageSetpoints, recorded_topic(str(controllers[c])), RELIABLE)
+            for c in identifiers
+        }
+        self.answered: dict[str, int] = {}
+        for c, controller in enumerate(controllers):
+            # In the place of its link, and of its identifier, which hears the recorded setpoints.
+            for i in range(1 + (c in identifiers)):
+                heard = partial(self.on_setpoints, str(controller)) if i == 0 else _nothing
+                node.create_subscription(VoltageSetpoints, f"{controller}/setpoints", heard, RELIABLE, raw=True)
+        for c, identifier in identifiers.items():
+            heard = partial(self.on_estimate, str(identifier), Estimates(self.case, c))
+            node.create_subscription(JacobianEstimate, f"{identifier}/estimate", heard, RELIABLE, raw=True)
+        self.answered = dict.fromkeys([*map(str, controllers), *map(str, identifiers.values())], -1)
+        self.spinner = Spinner(node)
+        listeners = [
+            sum(link == i for link in used) + sum(used[c] == i for c in identifiers) for i in range(len(links))
+        ]
+        expected = dict.fromkeys((self.to_all, self.to_state, self.to_events, *self.applied), extra)
+        expected |= {self.delivered[i]: count + extra for i, count in enumerate(listeners)}
+        wait_for_peers(node, expected | dict.fromkeys(self.recorded.values(), 1), self.options)
+
+    def on_setpoints(self, controller: str, data: bytes) -> None:
+        """A controller has answered."""
+        self.answered[controller] = self.setpoints.read(data)[0]
+
+    def on_estimate(self, identifier: str, estimates: Estimates, data: bytes) -> None:
+        """An identifier has answered."""
+        self.answered[identifier] = estimates.read(data)[0]
+
+    def publish(self, at: int, tick: int, start: int) -> None:
+        """What was delivered, and recorded, in a tick: first what others wait for."""
+        record = self.record
+        arrived, issued, applied = (
+            rows[slice(*np.searchsorted(rows["tick"], [tick, tick + 1]))]
+            for rows in (record.delivered, record.issued, record.applied)
+        )
+        for link, publisher in enumerate(self.delivered):
+            rows = np.ascontiguousarray(arrived[arrived["link"] == link])
+            publish(publisher, self.frames.fill(tick, start, rows, len(rows)))
+        for c, publisher in self.recorded.items():
+            rows = issued[issued["controller"] == c]
+            publish(publisher, self.setpoints.fill(tick, start, rows, record.controller_names[c]))
+        for link, publisher in enumerate(self.applied):
+            rows = applied[np.array(self.case.used_links)[applied["controller"]] == link]
+            publish(publisher, self.setpoints.fill(tick, start, rows, ""))
+        entries = _entries(start, record.frames[at])
+        publish(self.to_all, self.frames.fill(tick, start, entries, len(entries)))
+        sound = bool(record.in_synchronism[at])
+        publish(self.to_state, self.truth.fill(tick, start, sound, record.machines[at], record.devices[at]))
+
+    def run(self) -> None:
+        """All ticks that can be replayed, each when all have answered the one before."""
+        events, ticks, told = list(self.record.events), self.record.ticks.tolist(), -PROGRESS_S
+        for at, (tick, start) in enumerate(zip(ticks, self.record.time_ns.tolist(), strict=True)):
+            self.publish(at, tick, start)
+            while events and events[0]["time_ns"] <= start:
+                publish(self.to_events, grid_event(events.pop(0)))
+            self.wait(tick)
+            if time.monotonic() - told > PROGRESS_S or at + 1 == len(ticks):
+                told = time.monotonic()
+                sys.stdout.write(f"tick {at + 1} {len(ticks)} 0\n")
+                sys.stdout.flush()
+        finish([*self.delivered, *self.applied, self.to_all, self.to_state, self.to_events], self.options.timeout)
+
+    def wait(self, tick: int) -> None:
+        """Wait for the answers to a tick; who stays silent is named."""
+        deadline = time.monotonic() + self.options.timeout + 1.0
+        while min(self.answered.values()) < tick:
+            if not self.spinner.turn(0.05) and time.monotonic() > deadline:
+                who = ", ".join(name for name, newest in self.answered.items() if newest < tick)
+                raise RunError(f"{who} is silent: no answer to tick {tick} within {self.options.timeout:g} s")
+
+
+def _entries(start: int, frame: NDArray[np.float64]) -> NDArray[Any]:
+    """What all PMUs measured at a tick (DELIVERY)."""
+    found = np.zeros(len(frame), DELIVERY)
+    found["station"] = np.arange(len(frame))
+    found["measured_ns"] = found["arrival_ns"] = start
+    found["values"] = frame
+    return found
+
+
+def _nothing(_data: bytes) -> None:
+    """For who need not listen."""
+
+
+def main() -> None:
+    """Entry point."""
+    run_node("replay_source", ReplaySource)
+
+
+if __name__ == "__main__":
+    main()

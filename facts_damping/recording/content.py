@@ -1,0 +1,32 @@
+"""What the files of a recording hold, before it is decoded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from facts_damping.recording.bagfile import TopicInfo
+
+
+class RawMessage(NamedTuple):
+    """One message: topic, times of reception and publication (ns), publisher's counter, CDR bytes."""
+
+    topic: str
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
+
+
+@dataclass
+class Content:
+    """All that could be read; `complete`: no file lacks its end; `notes` say what is damaged."""
+
+    topics: dict[str, TopicInfo] = field(default_factory=dict)
+    messages: list[RawMessage] = field(default_factory=list)
+    configuration: str = ""
+    versions: dict[str, str] = field(default_factory=dict)
+    lost: dict[str, int] = field(default_factory=dict)
+    complete: bool = True
+    notes: list[str] = field(default_factory=list)

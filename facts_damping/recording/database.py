@@ -1,0 +1,59 @@
+"""Bags of SQLite, the storage of `ros2 bag record` before MCAP.
+
+They have no checksums: damage that only changes a number is not seen.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.rosbag2 import Reader
+
+from facts_damping.errors import RecordingError
+from facts_damping.recording.bagfile import TopicInfo
+from facts_damping.recording.content import RawMessage
+from facts_damping.recording.schemas import schema_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from typing import Any
+
+    from facts_damping.recording.content import Content
+
+SQLITE = ".db3"
+
+
+def read_database(file: Path, content: Content) -> None:
+    """Add what one file holds to `content`; of a damaged one what comes before the damage.
+
+    Definitions of messages are those of the file; older ones have none, then the installed ones count.
+    """
+    if not file.read_bytes()[:16].startswith(b"SQLite format 3"):
+        raise RecordingError(f"{file} is not an SQLite file")
+    try:
+        with Reader(file) as reader:
+            for connection in reader.connections:
+                _add_topic(connection, content)
+            for connection, log_ns, data in reader.messages():
+                content.messages.append(RawMessage(connection.topic, log_ns, log_ns, 0, bytes(data)))
+    except RecordingError:
+        raise
+    except Exception as error:  # noqa: BLE001 (SQLite and rosbags raise many kinds on damaged files)
+        content.complete = False
+        content.notes.append(f"{file.name}: cut or damaged ({' '.join(str(error).split()) or type(error).__name__})")
+
+
+def _add_topic(connection: Any, content: Content) -> None:
+    name = connection.msgtype
+    if connection.msgdef.format == MessageDefinitionFormat.MSG:
+        text = connection.msgdef.data
+    else:
+        try:
+            text = schema_text(name)
+        except RecordingError:
+            text = ""
+    made = TopicInfo(connection.topic, name, text, "", connection.digest)
+    known = content.topics.setdefault(connection.topic, made)
+    if (known.message_type, known.schema) != (made.message_type, made.schema):
+        raise RecordingError(f"topic {connection.topic} has two types: {known.message_type}, {name}")

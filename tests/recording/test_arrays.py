@@ -1,0 +1,107 @@
+"""Signals by name on the grid of ticks, with units; the same in Parquet and CSV."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+
+from facts_damping import cli, loop
+from facts_damping.configuration import load_case
+from facts_damping.recording import load
+from facts_damping.signals import CHANNELS
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from facts_damping.signals import Record
+
+RUN = ["duration=2", "link=plc", "controllers.0.name=HBsWC", "scenario=large", "frame_rate=50"]
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    return loop.run(load_case(None, RUN))
+
+
+def test_every_column_is_on_the_grid_and_has_a_unit(record: Record) -> None:
+    assert record.arrays.keys() == record.units.keys()
+    assert all(values.shape == (100,) for values in record.arrays.values())
+    assert record.arrays["tick"].tolist() == list(range(100))
+    assert set(record.units.values()) == {"-", "s", "pu", "rad", "pu/pu"}
+    for name, unit in record.units.items():
+        ending = {"pu": "_pu", "rad": "_rad", "s": "_s", "pu/pu": "_pu_per_pu", "-": ""}[unit]
+        assert name.endswith(ending)
+
+
+def test_what_is_sampled_stands_as_it_is(record: Record) -> None:
+    arrays = record.arrays
+    assert arrays["machine.G3.rotor_angle_rad"].tobytes() == record.machines["rotor_angle"][:, 2].tobytes()
+    assert arrays["device.sssc.injected_voltage_pu"].tobytes() == record.devices["injected_voltage"][:, 0].tobytes()
+    column = list(CHANNELS).index("active_power")
+    assert (
+        arrays["pmu.TIE.active_power_pu"].tobytes() == record.frames[:, record.stations.index("TIE"), column].tobytes()
+    )
+
+
+def test_what_comes_now_and_then_is_held(record: Record) -> None:
+    """Tick by tick, by hand: entries that are older than what is known do not count."""
+    speed, station = list(CHANNELS).index("speed_deviation"), record.stations.index("G2")
+    known, at, issued = np.nan, -1, np.nan
+    for tick in range(100):
+        for row in record.delivered[(record.delivered["tick"] == tick) & (record.delivered["station"] == station)]:
+            if row["measured_ns"] > at:
+                at, known = row["measured_ns"], row["values"][speed]
+        for row in record.issued[record.issued["tick"] == tick]:
+            issued = row["value"]
+        np.testing.assert_equal(record.arrays["delivered.0.G2.speed_deviation_pu"][tick], known)
+        np.testing.assert_equal(record.arrays["issued.controller_0_HBsWC.sssc_pu"][tick], issued)
+    assert np.isnan(record.arrays["delivered.0.G2.speed_deviation_pu"][0])
+    assert at > 0
+    assert record.arrays["delivered.0.G2.measured_s"][-1] == at / 1e9
+
+
+def test_estimates_and_learning_rates_are_there(record: Record) -> None:
+    jacobian = record.arrays["estimate.controller_0_HBsWC.speed.sssc_pu_per_pu"]
+    assert jacobian.tobytes() == record.estimates["jacobian"].tobytes()
+    own = record.learning[(record.learning["identifier"] == 0) & (record.learning["group"] == 1)]
+    assert record.arrays["learning.controller_0_HBsWC.controller.0.1.rate"].tobytes() == own["rate"].tobytes()
+    assert "learning.controller_0_HBsWC.identifier.lyapunov" in record.arrays
+
+
+def test_frame_rate_is_told_by_the_ticks_where_nothing_else_tells(record: Record) -> None:
+    bare = load_case(None, ["duration=1", "frame_rate=30"])
+    made = loop.run(bare)
+    made.configuration.clear()
+    assert made.frame_rate == 30
+    assert made.ticks.tolist() == list(range(30))
+
+
+@pytest.mark.parametrize("kind", ["parquet", "csv"])
+def test_export_holds_the_same_columns(tmp_path: Path, record: Record, write_record: Any, kind: str) -> None:
+    write_record(record, tmp_path / "run")
+    file = tmp_path / f"table.{kind}"
+    assert cli.main(["export", str(tmp_path / "run"), "--out", str(file)]) == 0
+    arrays = load(tmp_path / "run").arrays
+    table = pd.read_parquet(file) if kind == "parquet" else pd.read_csv(file, engine="pyarrow")
+    assert list(table.columns) == list(arrays)
+    for name, values in arrays.items():
+        np.testing.assert_array_equal(table[name].to_numpy(), values, err_msg=name)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run", file.name]
+    if kind == "parquet":
+        schema = pyarrow.parquet.read_schema(file)
+        assert schema.field("machine.G1.rotor_angle_rad").metadata == {b"unit": b"rad"}
+        assert b"HBsWC" in schema.metadata[b"run.yaml"]
+
+
+@pytest.mark.parametrize(("out", "said"), [("table.xlsx", "allowed: a file that ends with .parquet or .csv"),
+                                           ("none/table.csv", "cannot be written")])  # fmt: skip
+def test_export_refuses_in_one_line(
+    tmp_path: Path, record: Record, write_record: Any, capsys: Any, out: str, said: str
+) -> None:
+    write_record(record, tmp_path / "run")
+    assert cli.main(["export", str(tmp_path / "run"), "--out", str(tmp_path / out)]) == 2
+    assert said in capsys.readouterr().err
