@@ -500,11 +500,12 @@ def test_the_example(tmp_path: Path) -> None:
     assert {row["scheme"] for row in found["rows"]} == {None, "direct"}
 
 
+Place = tuple[tuple[str, str], ...]  # columns that tell a margin apart, with what they say
 TITLE = re.compile(r"(unstable|not_damped), (?:(\w+), )?\w+, horizon 20 s:")
 BRACKET = re.compile(r"[\d.]+ \[([\d.]+), ([\d.]+)\]|> ([\d.]+)|< ([\d.]+)")
 
 
-def told_margins(page: str, plan: sweep.Plan) -> Iterator[tuple[str, tuple[str, ...], str]]:
+def told_margins(page: str, plan: sweep.Plan) -> Iterator[tuple[str, Place, str]]:
     """Criterion, what tells a margin apart, and its cell, of all tables of a page that are a study's."""
     lines = (Path(__file__).parents[2] / "docs" / page).read_text(encoding="utf-8").splitlines()
     assert plan.study.margin is not None
