@@ -96,7 +96,9 @@ def _by_nodes(
     loop.build_loop(case)  # bad input is refused before anything starts
     progress = Progress("replay")
     try:
-        outcome = graph.run(case, "lockstep", folder or Path(), progress, arguments.timeout, replayed=arguments.recording)
+        outcome = graph.run(
+            case, "lockstep", folder or Path(), progress, arguments.timeout, replayed=arguments.recording
+        )
     finally:
         progress.close()
     by_nodes = load(outcome.recording)

@@ -141,7 +141,7 @@ def test_a_silent_controller_is_named(
     record = load(graphs["decentralised"])
     case = replay.case_of(record, "it", None, [])
     with pytest.raises(RunError, match=f"{silent}.* is silent: no answer to tick"):
-        graph.run(case, "lockstep", tmp_path / "out", strike, 1.0, graphs["decentralised"])
+        graph.run(case, "lockstep", tmp_path / "out", strike, 1.0, replayed=graphs["decentralised"])
     assert nodes_left(tmp_path) == []
 
 
