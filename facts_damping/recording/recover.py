@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.recording.bagfile import TopicInfo
-    from facts_damping.recording.scan import Content
+    from facts_damping.recording.content import Content
 
 
 def recover(path: Path | str, out: Path | str) -> list[str]:

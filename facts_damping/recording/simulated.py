@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.recording.bagfile import TopicInfo
-    from facts_damping.recording.scan import RawMessage
+    from facts_damping.recording.content import RawMessage
 
 
 def in_simulated_time(path: Path | str, out: Path | str) -> list[str]:
