@@ -10,7 +10,7 @@ from setuptools import find_packages, setup
 
 ROOT = Path(__file__).parent
 NAME = "facts_damping"
-NODES = ("plant_sim", "wan_link", "controller", "identifier", "recorder")
+NODES = ("plant_sim", "wan_link", "controller", "identifier", "recorder", "live_view")
 
 
 def version() -> str:
@@ -76,6 +76,7 @@ setup(
             "ros-kilted-std-msgs==5.5.1",
         ],
         "bench": ["andes>=1.9,<3"],
+        "foxglove": ["foxglove-sdk>=0.30,<1"],  # for the node live_view
         "dask": ["distributed>=2024.1"],  # for `facts-damping sweep --scheduler`; versions are dates
         "matpower": ["matpowercaseframes==2.1.1", "pandas<4"],  # for `facts-damping import`
         "test": [
@@ -90,6 +91,7 @@ setup(
             "ros-kilted-rosidl-core-generators==0.3.1",
             "ros-kilted-rosidl-default-generators==1.7.1",
             "distributed>=2024.1",
+            "foxglove-sdk>=0.30,<1",
             "hypothesis>=6.100,<7",
             "import-linter>=2,<3",
             "matpowercaseframes==2.1.1",
@@ -101,6 +103,7 @@ setup(
             "pytest-xdist>=3.6,<4",
             "ruff==0.17.5",
             "types-PyYAML>=6,<7",
+            "websockets>=14,<18",
         ],
     },
     entry_points={

@@ -14,9 +14,8 @@ import numpy as np
 from facts_damping import loop
 from facts_damping.compiling import compiled
 from facts_damping.configuration import load_case
-from facts_damping.control.bank import act
+from facts_damping.control.bank import act, serve
 from facts_damping.control.identifier import identify, remember, tell
-from facts_damping.loop import serve
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.signals import CHANNELS, DELIVERY, ESTIMATE, SETPOINT
 
@@ -68,7 +67,8 @@ def steps(parts: Any, delivered: NDArray[Any], out: NDArray[Any], estimates: NDA
             identify(parts.identifiers, parts.identifier_state, i, delivered, delivered.size)
             remember(parts.identifiers, parts.identifier_state, i, out, count)
             tell(parts.identifiers, parts.identifier_state, i, k, estimates, 0)
-            serve(parts.bank_state.jacobian[0], parts.identifier_state.jacobian[i])
+            told = parts.identifier_state
+            serve(parts.bank_state, 0, told.jacobian[i], told.change[i], told.held.newest_ns[i])
 
 
 def step_us(name: str, scheme: str | None, *more: str) -> float:

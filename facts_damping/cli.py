@@ -56,16 +56,28 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
     command.add_argument("--mode", choices=["lockstep", "realtime"], default="lockstep", help="default: lockstep")
     command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help="longest wait for a silent node")
+    text = "serve a live view to Foxglove; default: port 8765"
+    command.add_argument("--foxglove", nargs="?", const=8765, type=_whole(1, 65535), metavar="PORT", help=text)
     _common(command)
     command = add("analyze", commands.analyze)
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder or .mcap file")
     command.add_argument("--modes-method", choices=MODES, default=MODES[0], help="finds modes; default: matrix_pencil")
     command.add_argument("--baseline", metavar="RECORDING", help="what improvement counts from; default: the first")
+    command.add_argument("--run", metavar="RUN", help="the run that they are of, where they hold none")
     command.add_argument("--spwvd", metavar="SIGNAL,...", help="also time-frequency distributions of these signals")
     command.add_argument("--windows", type=_pair, metavar="LAG,TIME", help="of --spwvd, s; default: 10,4")
     command.add_argument("--band", type=_pair, metavar="LOW,HIGH", help="of --spwvd, Hz; default: 0.1,2.5")
     command.add_argument("--report", metavar="FILE.html", help="also one page with everything, for a browser")
     _common(command, sets=False)
+    command = add("views", commands.views)
+    command.add_argument(
+        "what", nargs="?", metavar="RUN|RECORDING", help="a run as above, a recording's folder, or .mcap"
+    )
+    command.add_argument(
+        "--set", action="append", default=[], metavar="KEY.PATH=VALUE", help="change a field; repeatable"
+    )
+    command.add_argument("--out", metavar="DIR", help="folder for the files")
+    command.set_defaults(json=None)
     command = add("replay", recording_commands.replay)
     command.add_argument("recording", metavar="RECORDING", help="folder or file of a recording")
     command.add_argument("--run", metavar="RUN", help="the run that it is of, where it holds none")
@@ -83,15 +95,11 @@ def parser() -> argparse.ArgumentParser:
     _common(command)
     command = add("margin", study_commands.margin)
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
-    _longest(command)
+    takes, text = _seconds(0.01, 10.0), "longest delay; default: 1 s"
+    command.add_argument("--max-delay", type=takes, default=1.0, metavar="S", help=text)
     command.add_argument("--pade", type=_whole(1, 10), metavar="N", help="also with Pade terms of order N, 1 to 10")
     command.add_argument("--time-domain", action="store_true", help="also by runs of the nonlinear loop")
     _common(command)
-    command = add("compensation", study_commands.compensation)
-    command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: LLC, LLC-tuned, HBsWC")
-    _longest(command)
-    _jobs(command)
-    _common(command, out=False)
     command = add("validate", commands.validate)
     command.add_argument("tables", nargs="*", metavar="TABLE", help="which tables; none: all")
     command.add_argument("--out", metavar="FILE", help="write the tables as a Markdown page")
@@ -187,11 +195,6 @@ COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _seconds(0.05, 36
 
 def _jobs(command: argparse.ArgumentParser) -> None:
     command.add_argument("--jobs", type=COUNT, default=os.cpu_count() or 1, metavar="N", help="default: all cores")
-
-
-def _longest(command: argparse.ArgumentParser) -> None:
-    takes, text = _seconds(0.01, 10.0), "longest delay; default: 1 s"
-    command.add_argument("--max-delay", type=takes, default=1.0, metavar="S", help=text)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping import adapted, configuration, files, loop
 from facts_damping.errors import InputError, RunError, check_known
+from facts_damping.parameters.run import Run
 from facts_damping.terminal import Progress, write_json
 
 if TYPE_CHECKING:
@@ -109,8 +111,10 @@ def run(arguments: argparse.Namespace) -> None:
     name = label(case.summary())
     folder = out_folder(arguments, name)
     progress = Progress(name)
+    if arguments.foxglove is not None:
+        say(arguments, f"live view: ws://127.0.0.1:{arguments.foxglove}")
     try:
-        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout)
+        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, arguments.foxglove)
     finally:
         progress.close()
     record = load(outcome.recording)
@@ -134,8 +138,9 @@ def analyze(arguments: argparse.Namespace) -> None:
     named, progress = [], Progress("read", "recordings")
     for i, path in enumerate(given):
         progress(i, len(given))
-        record = load(path)
-        named.append((label(record.configuration.get("asked") or record.configuration), record))
+        record = _explained(load(path), path, arguments.run)
+        run = record.configuration.get("asked") or record.configuration
+        named.append((label(Run.model_validate(run).model_dump()), record))
     progress.close()
     if len({name for name, _ in named}) < len(named):
         named = [(f"{i + 1} {name}", record) for i, (name, record) in enumerate(named)]
@@ -160,7 +165,7 @@ def _distributions(
     """Time-frequency pictures, where they are asked for: a line each."""
     if arguments.spwvd is None:
         return []
-    from facts_damping.analysis.time_frequency_plots import Settings, plot_distributions
+    from facts_damping.analysis.time_frequency_plots import Settings, distribution_figures, save
 
     asked = Settings()
     if arguments.windows:
@@ -169,7 +174,8 @@ def _distributions(
         asked = asked._replace(band=arguments.band)
     modes = [[mode["frequency_hz"] for mode in result["modes"]] for result in results]
     records = [(name, record, lines) for (name, record), lines in zip(named, modes, strict=True)]
-    paths, notes = plot_distributions(records, arguments.spwvd.split(","), asked, files.new_folder(folder))
+    figures, notes = distribution_figures(records, arguments.spwvd.split(","), asked)
+    paths = save(figures, files.new_folder(folder))
     for note in notes:
         sys.stderr.write(f"{note}\n")
     return [f"plot: {path}" for path in paths]
@@ -185,6 +191,39 @@ def _page(
 
     report.write(Path(arguments.report), named, results, baseline)
     return [f"report: {arguments.report}"]
+
+
+def views(arguments: argparse.Namespace) -> None:
+    """Layouts for Foxglove and PlotJuggler of a run or of a recording, and that one by simulated time."""
+    from facts_damping.recording import in_simulated_time, origin
+    from facts_damping.views import layouts
+
+    given = None if arguments.what is None else Path(arguments.what)
+    if given is not None and (given.is_dir() or given.suffix == ".mcap"):
+        if arguments.set:
+            raise InputError(f"--set {arguments.set[0]}: given with a recording; allowed: with a run")
+        content, namespace = origin(given)
+        case = configuration.make_case(content, str(given), {})
+        folder = given.parent / "views" if arguments.out is None else Path(arguments.out)
+        for note in in_simulated_time(given, folder / "simulated_time"):
+            sys.stderr.write(f"{given}: {note}\n")
+        say(arguments, f"recording: {folder / 'simulated_time'}")
+    else:
+        case, namespace = configuration.load_case(arguments.what, arguments.set), "/"
+        folder = files.new_folder(out_folder(arguments, "views"))
+    for name, text in layouts(case, namespace).items():
+        files.write_whole(folder / name, text)
+        say(arguments, f"layout: {folder / name}")
+
+
+def _explained(record: Record, path: str, run: str | None) -> Record:
+    """The record; where it holds no run (`ros2 bag record` keeps none), with that of a name or file."""
+    if record.configuration:
+        return record
+    if run is None:
+        notes = "".join(f"; {note}" for note in record.notes)
+        raise InputError(f"{path}: holds no run; allowed: --run with the run it is of{notes}")
+    return replace(record, configuration=configuration.load_case(run).document())
 
 
 def modes(arguments: argparse.Namespace) -> None:

@@ -16,7 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 KEPT_CACHES = 4
-NOT_COMPILED = ("analysis", "nodes", "recording", "studies", "validation")  # folders without compiled functions
+NOT_COMPILED = (
+    "analysis",
+    "nodes",
+    "recording",
+    "studies",
+    "validation",
+    "views",
+)  # folders without compiled functions
 
 
 def _fingerprint(folder: Path) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping import files
 from facts_damping.checking import check, origin
 from facts_damping.control import bank, identifier
+from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.table import Parameter, Value, defaults, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.link import Link
 
+SPAN = 6.0  # frames of `identifier_span`, where an identifier predicts: with one value it does not know an oscillation
 MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
 
 
@@ -258,6 +260,11 @@ def _filled(
     if row.network is None and controller.scheme is not None:
         raise InputError(f"{where('scheme')}: '{controller.scheme}' given; allowed: none for {controller.name}")
     scheme = None if row.network is None else controller.scheme or "indirect"
+    if controller.compensation in OF_IDENTIFIERS and scheme != "indirect":
+        raise InputError(
+            f"{where('compensation')}: '{controller.compensation}' given; allowed: {', '.join(COMPENSATIONS)} for "
+            f"{controller.name}{f' {scheme}' if scheme else ''}, or an indirect controller, whose identifier predicts"
+        )
     counts = {"signal": len(controller.signals), "device": len(controller.devices)}
     for name, value in controller.parameters.items():
         check_parameter(where(f"parameters.{name}"), name, value, row.parameters, counts)
@@ -269,9 +276,15 @@ def _filled(
         )
     own = defaults(row, controller.profile, *counts.values())
     values = {**own, **known.get((controller.name, scheme), {}), **controller.parameters}
-    if values.get("identifier") == "ANFGuMoI" and max(counts.values()) > 1:
+    if controller.compensation in OF_IDENTIFIERS and "identifier_span" not in controller.parameters:
+        values["identifier_span"] = SPAN
+    order = 2 if values.get("identifier_span") else 1
+    if order > 1 and "identifier" not in controller.parameters:
+        values["identifier"] = "ANFTSI"  # whose consequents are then affine
+    if values.get("identifier") == "ANFGuMoI" and max(*counts.values(), order) > 1:
         raise InputError(
-            f"{where('parameters.identifier')}: 'ANFGuMoI' given; allowed: ANFTSI with several signals or devices"
+            f"{where('parameters.identifier')}: 'ANFGuMoI' given; "
+            "allowed: ANFTSI with several signals or devices, or an identifier_span"
         )
     if values.get("lag") == -1.0:
         values["lag"] = mean_delay([*link.up, *link.down])
@@ -320,7 +333,9 @@ def _weights(
     if scheme == "indirect":
         kind_of_identifier = str(values["identifier"])
         counts = len(controller.signals), len(controller.devices)
-        wanted["identifier"] = identifier.network_of(kind_of_identifier, *counts).size
+        wanted["identifier"] = identifier.network_of(
+            kind_of_identifier, *counts, 2 if values["identifier_span"] else 1
+        ).size
     for part, size in wanted.items():
         given = getattr(found, part)
         if given is not None and len(given) != size:

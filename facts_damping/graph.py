@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 POLL_S = 0.02
 SOURCES = ("plant_sim", "replay_source")  # what a graph runs on: the plant, or a recording in place of it and the links
 STOPPED_FIRST = (*SOURCES, "recorder")  # the source, then who has to hear it all, then the others together
+VIEW = "live_view"  # who only listens
+START_S = 60.0  # patience with its start
 STOP_S = 15.0  # patience with a node that was told to stop
 PR_SET_PDEATHSIG = 1
 MOST_DOMAIN = 232
@@ -143,13 +145,24 @@ def save_weights(case: Case, out: Path) -> None:
             write_whole(out / f"{name}.weights.yaml", dump(found))
 
 
+def _wait_for_view(view: Process) -> None:
+    """Wait until a live view serves; it may end later and the graph goes on."""
+    deadline = time.monotonic() + START_S
+    while not view.read():
+        if view.popen.poll() is not None or time.monotonic() > deadline:
+            _end([view], signal.SIGINT)
+            raise RunError(view.reason())
+        time.sleep(POLL_S)
+
+
 @contextmanager
 def graph(
-    case: Case, mode: str, out: Path, timeout: float, replayed: Path | str | None = None
+    case: Case, mode: str, out: Path, timeout: float, view_port: int | None = None, replayed: Path | str | None = None
 ) -> Iterator[dict[str, Process]]:
     """The nodes of a case, started; on leaving, the source is stopped first, then the recorder, then the others.
 
-    `replayed`: a recording that stands in for plant and links; identifiers then hear its setpoints.
+    `view_port`: of a live view; `replayed`: a recording that stands in for plant and links; identifiers then hear its
+    setpoints.
     """
     run_file = out / "run.yaml"
     run_file.write_text(dump(case.document()), encoding="utf-8")
@@ -157,6 +170,9 @@ def graph(
     senders = [str(address) for address in controller_addresses(case)]
     running: dict[str, Process] = {}
     try:
+        if view_port is not None:
+            running[VIEW] = start(VIEW, VIEW, {"run": run_file, "port": view_port})
+            _wait_for_view(running[VIEW])
         running["recorder"] = start("recorder", "recorder", {**common, "output": out / "recording"})
         for module, nodes in (
             ("wan_link", dict(enumerate(link_addresses(case))) if replayed is None else {}),
@@ -189,11 +205,12 @@ def run(
     out: Path,
     progress: Callable[[int, int], None],
     timeout: float = 5.0,
+    view_port: int | None = None,
     replayed: Path | str | None = None,
 ) -> Outcome:
     """Run a case as a graph of processes; the recording is `out / "recording"`.
 
-    `replayed`: a recording that stands in for plant and links.
+    `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that stands in for plant and links.
 
     Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.
     """
@@ -203,7 +220,7 @@ def run(
     new_folder(out)
     began = time.monotonic()
     misses = 0
-    with graph(case, mode, out, timeout, replayed) as running:
+    with graph(case, mode, out, timeout, view_port, replayed) as running:
         plant = next(running[name] for name in SOURCES if name in running)
         heard = time.monotonic() + 60.0  # patience with the start, above the nodes' own
         while plant.popen.poll() is None:
@@ -238,7 +255,7 @@ def check_domain(domain: str) -> None:
 
 def _check_others(running: dict[str, Process]) -> None:
     """Raise where a node other than the source has ended: one that was killed is the cause of the others' end."""
-    ended = [p for name, p in running.items() if name not in SOURCES and p.popen.poll() is not None]
+    ended = [p for name, p in running.items() if name not in (*SOURCES, VIEW) and p.popen.poll() is not None]
     if ended:
         killed = [p for p in ended if (p.popen.returncode or 0) < 0]
         raise RunError((killed or ended)[0].reason())

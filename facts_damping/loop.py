@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.control.bank import Bank, BankState, act
+from facts_damping.control.bank import Bank, BankState, act, serve
 from facts_damping.control.identifier import Identifiers, IdentifierState, identify, remember, tell
 from facts_damping.control.table import LEAD_LAG
 from facts_damping.errors import RunError
@@ -149,7 +149,7 @@ def learn_tick(loop: Loop, tick: int, issued: int, estimates: NDArray[Any], at: 
         identify(ids, state, n, loop.links.up.out[link], loop.links.up.ring[link, 2])
         remember(ids, state, n, loop.issued, issued)
         at = tell(ids, state, n, tick, estimates, at)
-        serve(loop.bank_state.jacobian[ids.controller[n]], state.jacobian[n])
+        serve(loop.bank_state, ids.controller[n], state.jacobian[n], state.change[n], state.held.newest_ns[n])
     return at
 
 
@@ -166,14 +166,6 @@ def _tell_learning(loop: Loop, tick: int, out: NDArray[Any], at: int) -> int:
         net = shape_of(ids.shape[n])
         at = rates_told(net, one(learnt.learner, n, net), learnt.lyapunov[n], tick, ids.controller[n], 1, out, at)
     return at
-
-
-@compiled
-def serve(held: NDArray[np.float64], estimate: NDArray[np.float64]) -> None:
-    """Hand an estimate to a controller, for its next tick."""
-    for i in range(estimate.shape[0]):
-        for d in range(estimate.shape[1]):
-            held[i, d] = estimate[i, d]
 
 
 @compiled

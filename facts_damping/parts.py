@@ -9,6 +9,7 @@ import numpy as np
 
 from facts_damping.control import identifier
 from facts_damping.control.bank import Bank, BankState, bank, network_of
+from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.identifier import Identified, Identifiers, IdentifierState, identifiers
 from facts_damping.control.inputs import TURN
 from facts_damping.control.known import Known
@@ -51,7 +52,8 @@ def learning_rates(case: Case) -> int:
 def identifier_network(controller: Controller) -> Network:
     """The network of a controller's identifier."""
     kind = str(controller.parameters["identifier"])
-    return identifier.network_of(kind, len(controller.signals), len(controller.devices))
+    order = 2 if controller.number("identifier_span") else 1
+    return identifier.network_of(kind, len(controller.signals), len(controller.devices), order)
 
 
 def build_plant(case: Case) -> Built:
@@ -151,11 +153,12 @@ def _compensated(case: Case, i: int, plant: Sensitivity | None) -> float:
     Control Handbook, CRC 1996).
     """
     c = case.controllers[i]
-    if c.compensation == "none":
+    if c.compensation in ("none", *OF_IDENTIFIERS):
         return 0.0
     here, mode = f"controllers.{i}.compensation", None if plant is None else plant.eigenvalue
     if c.compensation == "smith":
-        raise InputError(f"{here}: 'smith' given; allowed: none, lead, phasor: {_no_smith(mode)}")
+        allowed = [*COMPENSATIONS, *(OF_IDENTIFIERS if c.scheme == "indirect" else [])]
+        raise InputError(f"{here}: 'smith' given; allowed: {', '.join(allowed)}: {_no_smith(mode)}")
     if mode is None and c.number("mode_hz") == 0.0:
         raise InputError(f"{here}: '{c.compensation}' given, but the plant has no swing mode; allowed: none")
     return TURN * c.number("mode_hz") or float(mode.imag if mode is not None else 0.0)
@@ -184,6 +187,7 @@ def _identified(case: Case, i: int, made: Bank, known: Known) -> Identified:
         limits=made.actuators.limit[i, : len(places)].tolist(),
         known=known,
         weights=np.array(c.weights.identifier) if isinstance(c.weights, Weights) and c.weights.identifier else None,
+        predicts=c.compensation == "prediction",
     )
 
 

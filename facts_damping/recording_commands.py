@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping import files, loop
 from facts_damping import replay as again
-from facts_damping.commands import label, out_folder, say
+from facts_damping.commands import out_folder, say
 from facts_damping.errors import InputError, RunError
 from facts_damping.terminal import Progress, write_json
 
@@ -33,7 +33,7 @@ def replay(arguments: argparse.Namespace) -> None:
     found, estimated = again.first_difference(played, issued), again.first_estimate(played, estimates)
     result = {
         "recording": str(arguments.recording),
-        "run": case.summary(),
+        "controllers": [controller.model_dump() for controller in case.controllers],
         "ticks": len(played.ticks),
         "setpoints": len(issued),
         "estimates": len(estimates),
@@ -96,7 +96,9 @@ def _by_nodes(
     loop.build_loop(case)  # bad input is refused before anything starts
     progress = Progress("replay")
     try:
-        outcome = graph.run(case, "lockstep", folder or Path(), progress, arguments.timeout, arguments.recording)
+        outcome = graph.run(
+            case, "lockstep", folder or Path(), progress, arguments.timeout, replayed=arguments.recording
+        )
     finally:
         progress.close()
     by_nodes = load(outcome.recording)
@@ -127,5 +129,5 @@ def export(arguments: argparse.Namespace) -> None:
     record = load(arguments.recording)
     write(record, path)
     for note in record.notes:
-        sys.stderr.write(f"{label(record.configuration) if record.configuration else arguments.recording}: {note}\n")
+        sys.stderr.write(f"{arguments.recording}: {note}\n")
     say(arguments, f"{len(record.time_ns)} ticks, {len(record.arrays)} columns: {path}")

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.configuration import change, load_case, make_case
-from facts_damping.control.bank import act
+from facts_damping.control.bank import act, serve
 from facts_damping.control.identifier import identify, remember, tell
 from facts_damping.errors import InputError
 from facts_damping.files import parse_set, read_value
-from facts_damping.loop import issue_room, serve
+from facts_damping.loop import issue_room
 from facts_damping.parts import build_control, controller_names
 from facts_damping.signals import ESTIMATE, NANOSECONDS, SETPOINT
 
@@ -58,7 +58,8 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str]) -> Ca
     if run is not None:
         return load_case(run, sets)
     if not record.configuration:
-        raise InputError(f"{source}: holds no run (`ros2 bag record` keeps none); allowed: --run with the run it is of")
+        notes = "".join(f"; {note}" for note in record.notes)
+        raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{notes}")
     content, pairs = deepcopy(record.configuration), dict(parse_set(text) for text in sets)
     _forget(content, pairs)
     change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
@@ -163,7 +164,7 @@ def play(
             remember(identifiers, learnt, n, recorded[at], len(recorded[at]))
             told = np.zeros(len(case.controllers[c].signals) * len(case.controllers[c].devices), ESTIMATE)
             tell(identifiers, learnt, n, tick, told, 0)
-            serve(state.jacobian[c], learnt.jacobian[n])
+            serve(state, c, learnt.jacobian[n], learnt.change[n], learnt.held.newest_ns[n])
             estimates.append(told)
         if at % record.frame_rate == 0 or at + 1 == len(ticks):
             progress(at + 1, len(ticks))
@@ -248,7 +249,5 @@ def notes_on(record: Record, played: Record) -> list[str]:
         notes.append(f"the recording begins with tick {first}: what controllers had learnt before is not known")
     if end is not None:
         at = played.time_ns[-1] / NANOSECONDS
-        notes.append(
-            f"replayed up to tick {last} at {at:.3f} s: of tick {end} frames, setpoints or estimates are missing"
-        )
+        notes.append(f"replayed up to tick {last} at {at:.3f} s: of tick {end} not all is there")
     return notes

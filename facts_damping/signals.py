@@ -70,6 +70,8 @@ ESTIMATE = np.dtype(
         ("jacobian", "f8"),  # p.u. of the signal per p.u. of setpoint, one frame ahead
         ("prediction", "f8"),  # p.u.; NaN: none yet
         ("error", "f8"),  # p.u., prediction less measurement; NaN: none yet
+        ("ahead", "f8"),  # s, how far `change` looks ahead; NaN: not asked for
+        ("change", "f8"),  # p.u., predicted from the frame after the newest over `ahead`; NaN: none
     ]
 )
 
@@ -125,7 +127,7 @@ class Record:
     and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE), `learning` a row a
     learning rate (LEARNING).
     `in_synchronism` is false at the tick that ended an unstable run. `notes` says what a damaged
-    recording lacks; `gap_tick` is its first tick that lacks something controllers heard or said, none if there is none.
+    recording lacks; `gap_tick` is its first tick of which something is missing, none if there is none.
     `arrays` has all of it as one column a quantity, a row a tick, and `units` the unit of each.
     """
 
@@ -181,7 +183,7 @@ class Record:
         return {name: unit for name, unit, _ in _columns(self)}
 
 
-ANGLES = {"rotor_angle": "rad", "blocked": "-"}  # units of the truth's fields; all others are p.u.
+TRUTH_UNITS = {"rotor_angle": "rad", "blocked": "-"}  # of the truth's fields; all others are p.u.
 
 
 def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
@@ -212,7 +214,7 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
     ):
         for i, one in enumerate(names):
             for name in table.dtype.names or ():
-                unit = ANGLES.get(name, "pu")
+                unit = TRUTH_UNITS.get(name, "pu")
                 yield f"{kind}.{one}.{name}" + (f"_{unit}" if unit != "-" else ""), unit, table[name][:, i]
     yield "in_synchronism", "-", record.in_synchronism
     yield from _learnt(record)

@@ -1,4 +1,4 @@
-"""What the commands that make many runs do: tune, compare, architectures, jacobian, portray, margin, compensation."""
+"""What the commands that make many runs do: tune, compare, architectures, jacobian, portray, margin."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ def sweep(arguments: argparse.Namespace) -> None:
     finally:
         progress.close()
     rows, margins = study.rows(found), study.found_margins(plan, found)
-    shares = study.found_shares(plan, found)
+    shares, across = study.found_shares(plan, found), study.across(plan)
     write_json(arguments.json, {"rows": rows, "margins": margins, "shares": shares})
     written = results.write(folder, rows, margins, shares)
-    pictures = draw(rows, study.swept(plan), margins, folder)
-    for line in (*results.text(rows, margins, shares), "", *(f"table: {p}" for p in written)):
+    pictures = draw(rows, study.swept(plan), margins, across, folder)
+    for line in (*results.text(rows, margins, shares, across), "", *(f"table: {p}" for p in written)):
         say(arguments, line)
     for path in pictures:
         say(arguments, f"picture: {path}")
@@ -166,18 +166,4 @@ def margin(arguments: argparse.Namespace) -> None:
         pictures.append(pages.draw(found, runs, files.new_folder(Path(arguments.out)) / "margin.png"))
     write_json(arguments.json, pages.document(found, runs))
     for line in (*pages.text(found, runs), *(f"plot: {path}" for path in pictures)):
-        say(arguments, line)
-
-
-def compensation(arguments: argparse.Namespace) -> None:
-    """How much delay controllers bear on two_area with each kind of delay compensation, by runs."""
-    from facts_damping.studies import compensation as study
-
-    progress = Progress("compensation", "margins")
-    try:
-        rows = study.study(arguments.controllers, arguments.max_delay, arguments.set, arguments.jobs, progress)
-    finally:
-        progress.close()
-    write_json(arguments.json, rows)
-    for line in study.text(rows, arguments.max_delay):
         say(arguments, line)

@@ -3,26 +3,41 @@
 from __future__ import annotations
 
 import itertools
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 _DOMAINS = itertools.count(1)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Groups for `pytest -n`: files run side by side, graphs one after the other, from the start."""
-    items.sort(key=lambda item: "domain" not in _fixtures(item))
+    items.sort(key=lambda item: not _has_graph(item))
     for item in items:
-        item.add_marker(pytest.mark.xdist_group("graphs" if "domain" in _fixtures(item) else item.path.name))
+        item.add_marker(pytest.mark.xdist_group("graphs" if _has_graph(item) else item.path.name))
 
 
-def _fixtures(item: pytest.Item) -> list[str]:
-    return getattr(item, "fixturenames", [])
+def _has_graph(item: pytest.Item) -> bool:
+    return not {"domain", "module_domain"}.isdisjoint(getattr(item, "fixturenames", []))
 
 
 @pytest.fixture
 def domain(monkeypatch: pytest.MonkeyPatch) -> int:
     """A ROS_DOMAIN_ID that no other test of this session uses, in the environment."""
+    return _new_domain(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def module_domain() -> Iterator[int]:
+    """One for all tests of a module, which share what a graph has left."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        yield _new_domain(monkeypatch)
+
+
+def _new_domain(monkeypatch: pytest.MonkeyPatch) -> int:
     number = next(_DOMAINS)
     assert number <= 101, "ROS domains go up to 101"
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))

@@ -14,7 +14,7 @@ import facts_damping
 ROOT = Path(__file__).parents[1]
 PARTS = ["facts_damping", "msg_defs", "config", "launch", "resource"]
 FILES = ["package.xml", "setup.py", "setup.cfg", "pyproject.toml", "colcon_defaults.yaml"]
-EXECUTABLES = ["controller", "facts-damping", "identifier", "plant_sim", "recorder", "wan_link"]
+EXECUTABLES = ["controller", "facts-damping", "identifier", "live_view", "plant_sim", "recorder", "wan_link"]
 PACKAGES = ["facts_damping", "facts_damping_msgs"]
 
 

@@ -40,7 +40,8 @@ ORDER = 2  # of the high-pass, which runs forwards and backwards
 BINS = 512  # frequencies at least
 COLUMNS = 4000  # times at most, if the window over time is long enough to leave none out
 OVERLAP = 4  # times within the length of that window, at least
-BLOCK = 2_000_000  # products of lags that are held at once: 32 MB
+BLOCK = 100_000  # products of lags that are held at once, if the windows let them: 1.6 MB, about a cache
+LARGEST_WINDOWS = 2_000_000  # products within both windows
 LARGEST = 100_000_000  # values of a distribution: 800 MB
 FEWEST = 16  # samples
 
@@ -96,8 +97,8 @@ def spwvd(
         hop: samples from one time to the next, the first at sample 0
         bins: F, frequencies in 0 to fs / 2, at least 2 M + 1; none: the next fast length
 
-    Time counts from 0. It takes (samples / hop) bins floats, and 50 MB beside. Raises InputError for windows of even
-    length or that do not fit, too few bins, or a result of more than 800 MB.
+    Time counts from 0. It takes (samples / hop) bins floats, and up to 200 MB beside with long windows. Raises
+    InputError for windows that have no middle or are too long, too few bins, or a result of more than 800 MB.
     """
     h = np.ones(2 * ((len(z) - 1) // 2) + 1) if lag_window is None else np.asarray(lag_window, float)
     g = np.ones(1) if time_window is None else np.asarray(time_window, float)
@@ -112,10 +113,12 @@ def spwvd(
             f"{times} times and {F} frequencies given; allowed: {LARGEST} values: "
             "a shorter record, a shorter lag window, or a larger hop"
         )
+    if (M + 1) * (2 * L + 1) > LARGEST_WINDOWS:
+        raise InputError(f"windows of {2 * M + 1} lags and {2 * L + 1} samples given; allowed: one of them shorter")
     h, g = h[M:] / h[M], g[::-1, np.newaxis] / g.sum()
     padded = np.pad(z, M + L)
     values = np.empty((times, F))
-    rows = max(1, (BLOCK // (M + 1) - 2 * L) // hop)
+    rows = max(1, max(BLOCK // (M + 1) - 2 * L, 2 * L) // hop)
     for first in range(0, times, rows):
         count = min(rows, times - first)
         span = (count - 1) * hop + 2 * L + 1
@@ -167,12 +170,11 @@ def analyse(
 
 
 def analytic(x: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Analytic signal x + j H(x) of (samples,), H the Hilbert transform.
+    """Analytic signal x + j H(x) of (samples,), H the Hilbert transform of a signal that is zero outside the record.
 
-    The signal goes on mirrored, as it does for all filters here: its end, joined to its beginning by the Fourier
-    transform, would be a jump.
+    So the end does not reach into the beginning, as it does in a discrete Fourier transform of the record alone.
     """
-    return np.asarray(signal.hilbert(np.concatenate([x, x[-2:0:-1]]))[: len(x)], np.complex128)
+    return np.asarray(signal.hilbert(x, fft.next_fast_len(2 * len(x)))[: len(x)], np.complex128)
 
 
 def _check_windows(h: NDArray[np.float64], g: NDArray[np.float64]) -> None:

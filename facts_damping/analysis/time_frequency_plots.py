@@ -14,7 +14,7 @@ from facts_damping.analysis.time_frequency import BAND, LAG, TIME, analyse
 from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -37,14 +37,13 @@ class Settings(NamedTuple):
     band: tuple[float, float] = BAND
 
 
-def plot_distributions(
-    records: Sequence[tuple[str, Record, Sequence[float]]], names: Sequence[str], settings: Settings, folder: Path
-) -> tuple[list[Path], list[str]]:
-    """Pictures of the named signals (`recorded`) of records: paths of the PNG files in `folder`, and notes.
+def distribution_figures(
+    records: Sequence[tuple[str, Record, Sequence[float]]], names: Sequence[str], settings: Settings
+) -> tuple[dict[str, Figure], list[str]]:
+    """Pictures of the named signals (`recorded`) of records: {stem of a file: figure}, and notes.
 
-    `records`: (name, record, frequencies of its modes, Hz). The files are spwvd_<signal>.png, of several records
-    spwvd_<signal>_<number>.png. All is analysed before anything is written. Raises InputError for a signal that is not
-    there or cannot be analysed.
+    `records`: (name, record, frequencies of its modes, Hz). A stem is spwvd_<signal>, of several records
+    spwvd_<signal>_<number>. Raises InputError for a signal that is not there or cannot be analysed.
     """
     figures, notes = {}, []
     for number, (title, record, modes) in enumerate(records, 1):
@@ -53,23 +52,23 @@ def plot_distributions(
             try:
                 analysed = analyse(record.time_s, values, *settings)
             except InputError as error:
-                raise InputError(f"--spwvd {name}: {error}") from error
+                raise InputError(f"signal {name}: {error}") from error
             if analysed.filled:
                 notes.append(f"{title}: {name}: {analysed.filled} ticks are missing and were filled by straight lines")
             figure = Figure(figsize=SIZE, layout="constrained")
             draw_distribution(figure, analysed, unit, settings.band, modes, record)
-            figure.suptitle(
-                _heading(name, title, settings),
-                fontsize="medium",
-                fontweight="bold",
-                x=0.01,
-                ha="left",
-            )
+            heading = _heading(name, title, settings)
+            figure.suptitle(heading, fontsize="medium", fontweight="bold", x=0.01, ha="left")
             figures[f"spwvd_{name}" + (f"_{number}" if len(records) > 1 else "")] = figure
+    return figures, notes
+
+
+def save(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
+    """Write figures as PNG files: their paths."""
     paths = [folder / f"{stem}.png" for stem in figures]
     for path, figure in zip(paths, figures.values(), strict=True):
         figure.savefig(path, dpi=DPI)
-    return paths, notes
+    return paths
 
 
 def _heading(name: str, title: str, settings: Settings) -> str:

@@ -219,6 +219,18 @@ def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: in
 
 
 @compiled
+def serve(
+    state: BankState, c: int, jacobian: NDArray[np.float64], change: NDArray[np.float64], measured_ns: int
+) -> None:
+    """Hand an identifier's estimate to controller c, for its next tick: `measured_ns`, the newest frame it rests on."""
+    for i in range(jacobian.shape[0]):
+        state.compensated.change[c, i] = change[i]
+        for d in range(jacobian.shape[1]):
+            state.jacobian[c, i, d] = jacobian[i, d]
+    state.compensated.change_ns[c] = measured_ns
+
+
+@compiled
 def act(
     made: Bank,
     state: BankState,
@@ -243,7 +255,7 @@ def act(
             continue
         newest = state.held.newest_ns[c]
         age, signals = (arrival - newest) * 1e-9, state.held.signal[c]
-        compensate(made.compensators, state.compensated, c, made.settings[c, 0], signals, age, since * 1e-9)
+        compensate(made.compensators, state.compensated, c, made.settings[c, 0], signals, newest, age, since * 1e-9)
         if made.code[c] == LEAD_LAG:
             for d in range(made.device.shape[1]):
                 if made.device[c, d] != UNSET:

@@ -1,4 +1,4 @@
-"""Delay compensation: signals as they will be when the setpoint is in force, from time stamps and a mode; compiled.
+"""Delay compensation: signals as they will be when the setpoint is in force, by a mode or a prediction; compiled.
 
 The latency tau is what time stamps show, arrival less measurement of the newest frame, through a first-order filter,
 and the delay of the way down, which a controller cannot see. Both compensators turn a signal by w tau at one frequency:
@@ -6,7 +6,10 @@ and the delay of the way down, which a controller cannot see. Both compensators 
     lead:   two equal sections (1 + s a) / (1 + s / (a w^2)) / (a w), each of phase w tau / 2 and gain 1 at w
     phasor: y = y0 + Re q, of which mean y0 and phasor q are estimated; Re(q exp(j w tau)) in its place
 
-Retuned to the latency at every frame. The sections: P. Kundur, Power System Stability and Control, 1994, 12.5. The
+Retuned to the latency at every frame. A third way adds what the controller's identifier predicts that the signals
+change until then (control/prediction.py).
+
+The sections: P. Kundur, Power System Stability and Control, 1994, 12.5. The
 phasor: L. Angquist, C. Gama, Damping Algorithm Based on Phasor Estimation, IEEE PES Winter Meeting 2001. That it is
 turned by the latency: N. R. Chaudhuri, S. Ray, R. Majumder, B. Chaudhuri, A New Approach to Continuous Latency
 Compensation With Adaptive Phasor Power Oscillation Damping Controller (POD), IEEE Trans. Power Systems 25(2), 2010.
@@ -20,6 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.control.inputs import UNSET
 from facts_damping.control.lead_lag import section
 
 if TYPE_CHECKING:
@@ -27,8 +31,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-NONE, LEAD, PHASOR = 0, 1, 2
-COMPENSATIONS = {"none": NONE, "lead": LEAD, "phasor": PHASOR}
+NONE, LEAD, PHASOR, PREDICTION = 0, 1, 2, 3
+COMPENSATIONS = {"none": NONE, "lead": LEAD, "phasor": PHASOR}  # of any controller
+OF_IDENTIFIERS = {"prediction": PREDICTION}  # of those that have one
+HELD_NS = 100_000_000  # ns between the frame that a prediction rests on and the newest: older ones count for nothing
 MOST_LEAD = math.radians(60.0)  # rad, of a section; what would need more stays there
 SECTIONS = 2
 
@@ -46,17 +52,22 @@ class Compensated(NamedTuple):
     latency: NDArray[np.float64]  # (controllers,), s, that time stamps show, filtered
     sections: NDArray[np.float64]  # (controllers, most signals, 4): input and output of each section
     phasor: NDArray[np.float64]  # (controllers, most signals, 3): mean, real and imaginary part
+    change: NDArray[np.float64]  # (controllers, most signals), p.u., until the setpoint is in force; NaN: not predicted
+    change_ns: NDArray[np.int64]  # (controllers,): the newest frame that the change rests on
     signal: NDArray[np.float64]  # (controllers, most signals): what the controllers act on
 
 
 def compensators(names: Sequence[str], omega: Sequence[float], signals: int) -> tuple[Compensators, Compensated]:
     """Compensators of controllers, by name, with the mode's rad/s, for at most so many signals each; at rest."""
     n = len(names)
-    made = Compensators(np.array([COMPENSATIONS[name] for name in names], np.int64), np.array(omega, np.float64))
+    codes = COMPENSATIONS | OF_IDENTIFIERS
+    made = Compensators(np.array([codes[name] for name in names], np.int64), np.array(omega, np.float64))
     state = Compensated(
         latency=np.zeros(n),
         sections=np.zeros((n, signals, 2 * SECTIONS)),
         phasor=np.zeros((n, signals, 3)),
+        change=np.full((n, signals), np.nan),
+        change_ns=np.full(n, UNSET, np.int64),
         signal=np.full((n, signals), np.nan),
     )
     return made, state
@@ -64,16 +75,31 @@ def compensators(names: Sequence[str], omega: Sequence[float], signals: int) -> 
 
 @compiled
 def compensate(
-    made: Compensators, state: Compensated, c: int, s: Any, given: NDArray[np.float64], age: float, dt: float
+    made: Compensators,
+    state: Compensated,
+    c: int,
+    s: Any,
+    given: NDArray[np.float64],
+    newest_ns: int,
+    age: float,
+    dt: float,
 ) -> None:
     """A frame's step of controller c: from its signals `given` those that it acts on, into `state.signal[c]`.
 
-    `s`: its settings (latency_filter, down_delay, phasor_rate); `age`: s from measurement to arrival; `dt`: s since the
-    frame before, 0 at the first.
+    `s`: its settings (latency_filter, down_delay, phasor_rate); `newest_ns`: when they were measured; `age`: s from
+    measurement to arrival; `dt`: s since the frame before, 0 at the first. Where nothing is predicted, or long ago,
+    signals are as measured.
     """
     for i in range(given.size):
         state.signal[c, i] = given[i]
     if made.code[c] == NONE:
+        return
+    if made.code[c] == PREDICTION:
+        held = newest_ns - state.change_ns[c] <= HELD_NS
+        for i in range(given.size):
+            change = state.change[c, i]
+            if held and math.isfinite(change) and change != 0.0:
+                state.signal[c, i] += change
         return
     share = 1.0 if dt <= 0.0 or s.latency_filter <= 0.0 else 1.0 - math.exp(-dt / s.latency_filter)
     state.latency[c] += share * (age - state.latency[c])

@@ -3,8 +3,9 @@
     y_I(k) = f_I(y(k-h), mean u(k-h-d .. k-1-d)),  f_I += -eta_I (y_I - y) dy_I/df_I + momentum,  J = dy_I/du
 
 (5.1) and (6.7), which have h = 1 and pair y with u of the same frame, (5.12) and (5.6). d is the known delay from
-measurement to actuation: setpoints are paired by the measurement that they rest on. All is normalised by the
-controller's scales and the devices' limits.
+measurement to actuation: setpoints are paired by the measurement that they rest on. One with a span of b frames is
+given y(k-h-b), too, and so knows where a signal goes. All is normalised by the controller's scales and the devices'
+limits.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import numpy as np
 
 from facts_damping.compiling import compiled
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
+from facts_damping.control.pairing import fill, frame_before
+from facts_damping.control.prediction import look_ahead
 from facts_damping.control.table import SETTINGS
 from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn, learners, one
 from facts_damping.neurofuzzy.network import Network, by_inputs, network, shape_of
@@ -48,6 +51,7 @@ class Identified(NamedTuple):
     limits: Sequence[float]  # p.u.
     known: Known
     weights: NDArray[np.float64] | None  # parameters to start from; none: symmetric rules
+    predicts: bool = False  # the controller acts on signals ahead
 
 
 class Identifiers(NamedTuple):
@@ -61,6 +65,9 @@ class Identifiers(NamedTuple):
     limit: NDArray[np.float64]  # (identifiers, most devices), p.u.
     lag_ns: NDArray[np.int64]
     horizon: NDArray[np.int64]  # frames
+    order: NDArray[np.int64]  # how many past values of each signal it is given
+    span: NDArray[np.int64]  # frames from one of them to the next
+    ahead_ns: NDArray[np.int64]  # how far it predicts; UNSET: not at all
     period_ns: NDArray[np.int64]
 
 
@@ -80,17 +87,20 @@ class IdentifierState(NamedTuple):
     lyapunov: NDArray[np.float64]  # (identifiers, 2): half the squared error that taught last, and its fall by the step
     prediction: NDArray[np.float64]  # (identifiers, most signals), p.u.; NaN: none yet
     error: NDArray[np.float64]  # (identifiers, most signals), prediction less measurement, p.u.; NaN: none yet
+    peak: NDArray[np.float64]  # (identifiers, most signals), p.u., the largest that was measured
+    path: NDArray[np.float64]  # (identifiers, frames, most signals), p.u., past and predicted
+    change: NDArray[np.float64]  # (identifiers, most signals), p.u., predicted; NaN: none
     jacobian: NDArray[np.float64]  # (identifiers, most signals, most devices), p.u./p.u.
 
 
-def network_of(kind: str, signals: int, devices: int) -> Network:
-    """The network of an identifier: its inputs are signals and setpoints, its outputs the signals.
+def network_of(kind: str, signals: int, devices: int, order: int = 1) -> Network:
+    """The network of an identifier: its inputs are past values of the signals and setpoints, its outputs the signals.
 
     With several of them its consequents are affine (6.9).
     """
     antecedent, consequent = IDENTIFIERS[kind]
-    own = MIMO_FORM.get(consequent, consequent) if signals * devices > 1 else consequent
-    return network(antecedent, own, signals + devices, 2, signals)
+    own = MIMO_FORM.get(consequent, consequent) if signals * devices * order > 1 else consequent
+    return network(antecedent, own, signals * order + devices, 2, signals)
 
 
 def identifiers(
@@ -99,13 +109,17 @@ def identifiers(
     """The identifiers of a run as tables."""
     n, most = len(rows), max([len(row.devices) for row in rows], default=0)
     outputs = max([len(row.signals) for row in rows], default=0)
-    nets = [network_of(row.kind, len(row.signals), len(row.devices)) for row in rows]
+    span = np.array([int(row.settings["identifier_span"][0]) for row in rows], np.int64)
+    order = np.where(span > 0, 2, 1)
+    nets = [network_of(row.kind, len(row.signals), len(row.devices), o) for row, o in zip(rows, order, strict=True)]
     starts = [_start(net, row) if row.weights is None else row.weights for net, row in zip(nets, rows, strict=True)]
     given, held = inputs([row.signals for row in rows], signals, stations)
     lag_ns = np.array([to_ns(float(row.settings["lag"][0])) for row in rows], np.int64)
     horizon = np.array([int(row.settings["identifier_horizon"][0]) for row in rows], np.int64)
-    ahead = int(horizon.max(initial=1))
-    kept = int(lag_ns.max(initial=0)) * frame_rate // NANOSECONDS + ahead + SPARE
+    ahead_ns = np.where([row.predicts for row in rows], lag_ns, UNSET)
+    back = int((horizon + span).max(initial=1))
+    lag = int(lag_ns.max(initial=0)) * frame_rate // NANOSECONDS
+    kept = lag + back + SPARE
     made = Identifiers(
         controller=np.array([row.controller for row in rows], np.int64),
         settings=np.zeros((n, max(outputs, most)), SETTINGS),
@@ -115,13 +129,16 @@ def identifiers(
         limit=np.ones((n, most)),
         lag_ns=lag_ns,
         horizon=horizon,
+        order=order,
+        span=span,
+        ahead_ns=ahead_ns,
         period_ns=np.full(n, NANOSECONDS // frame_rate, np.int64),
     )
     state = IdentifierState(
         held=held,
         learner=learners(nets, starts),
-        past=np.zeros((n, ahead + 1, outputs)),
-        past_ns=np.full((n, ahead + 1), UNSET, np.int64),
+        past=np.zeros((n, back + 1, outputs)),
+        past_ns=np.full((n, back + 1), UNSET, np.int64),
         newest=np.zeros(n, np.int64),
         given_ns=np.full((n, most, kept), UNSET, np.int64),
         given=np.zeros((n, most, kept)),
@@ -131,6 +148,9 @@ def identifiers(
         lyapunov=np.zeros((n, 2)),
         prediction=np.full((n, outputs), np.nan),
         error=np.full((n, outputs), np.nan),
+        peak=np.zeros((n, outputs)),
+        path=np.zeros((n, back + lag + SPARE, outputs)),
+        change=np.full((n, outputs), np.nan),
         jacobian=np.full((n, outputs, most), np.nan),
     )
     for i, row in enumerate(rows):
@@ -145,15 +165,18 @@ def identifiers(
 def _start(net: Network, row: Identified) -> NDArray[np.float64]:
     """Parameters from which y_I is near y(k-h) + J u for small y and u, J the linear plant's.
 
-    Affine consequents hold J as it is, and in the place of y(k-h) what becomes of it in the least damped mode.
+    Affine consequents hold J as it is, and in the place of y(k-h) what past values become in the least damped mode.
     Gaussian rules at -h and h give weight tanh(2 sum_i h_i x_i / s^2); two mirrored wavelets give slopes of
     weight (cos 5q)' about q = 0.
     """
     scale = row.settings["scale"][: len(row.signals)]
     by_u = row.known.jacobian * np.array(row.limits) / scale[:, None]
-    if net.outputs * len(row.devices) > 1:
-        turn = row.known.turn ** int(row.settings["identifier_horizon"][0])
-        return _linear_start(net, np.hstack([_ahead(row.known.swing / scale, turn), by_u]))
+    order = (net.inputs - len(row.devices)) // net.outputs
+    if net.outputs * len(row.devices) * order > 1:
+        horizon, span = (int(row.settings[f"identifier_{name}"][0]) for name in ("horizon", "span"))
+        past = np.concatenate([row.known.swing / scale / row.known.turn ** (span * j) for j in range(order)])
+        later = row.known.swing / scale * row.known.turn**horizon
+        return _linear_start(net, np.hstack([_ahead(past, later), by_u]))
     weight, by_u = float(row.settings["identifier_weight"][0]), by_u[0]
     slopes = np.concatenate([np.ones(len(row.signals)), by_u])
     width, dilation = np.full(net.inputs, WIDTH), np.full(net.inputs, DILATION)
@@ -167,11 +190,10 @@ def _start(net: Network, row: Identified) -> NDArray[np.float64]:
     return initial(net, Start([weight], spread, width, shift, dilation))
 
 
-def _ahead(swing: NDArray[np.complex128], turn: complex) -> NDArray[np.float64]:
-    """The smallest real matrix M, (signals, signals), with M v = turn v nearest for the signals' swing v in a mode."""
-    parts = np.column_stack([swing.real, swing.imag])
-    later = np.column_stack([(turn * swing).real, (turn * swing).imag])
-    return np.asarray(np.linalg.lstsq(parts.T, later.T, rcond=1e-9)[0].T)
+def _ahead(past: NDArray[np.complex128], later: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """The smallest real matrix M, (signals, past values), with M `past` nearest `later`: phasors of a mode."""
+    by_past, by_later = (np.column_stack([swing.real, swing.imag]) for swing in (past, later))
+    return np.asarray(np.linalg.lstsq(by_past.T, by_later.T, rcond=1e-9)[0].T)
 
 
 def _linear_start(net: Network, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -187,11 +209,12 @@ def _linear_start(net: Network, slopes: NDArray[np.float64]) -> NDArray[np.float
 @compiled
 def _look(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
     """Prediction and Jacobian at `own.x`."""
+    first = ids.order[n] * net.outputs
     infer(net, own)
     by_inputs(net, own.theta, own.passed)
     for i in range(net.outputs):
-        for d in range(net.inputs - net.outputs):
-            by_u = own.passed.by_input[i, net.outputs + d]
+        for d in range(net.inputs - first):
+            by_u = own.passed.by_input[i, first + d]
             state.jacobian[n, i, d] = by_u * ids.settings[n, i].scale / ids.limit[n, d]
 
 
@@ -215,46 +238,22 @@ def remember(ids: Identifiers, state: IdentifierState, n: int, issued: NDArray[A
 
 
 @compiled
-def _given(state: IdentifierState, n: int, d: int, until_ns: int) -> float:
-    """The newest setpoint of device d that rests on a measurement not after `until_ns`; 0 before the first."""
-    size = state.given.shape[2]
-    for back in range(size):
-        at = (state.at[n, d] - back) % size
-        if state.given_ns[n, d, at] != UNSET and state.given_ns[n, d, at] <= until_ns:
-            return state.given[n, d, at]  # type: ignore[no-any-return]
-    return 0.0
+def _learn(ids: Identifiers, state: IdentifierState, n: int) -> None:
+    """Predict the newest frame from past ones and from the setpoints since, and learn from the error.
 
-
-@compiled
-def _before(ids: Identifiers, state: IdentifierState, n: int, now: int) -> int:
-    """Place of the frame that lies the horizon before `now`, to half a frame; UNSET where it is not kept."""
-    period = ids.period_ns[n]
-    for at in range(state.past_ns.shape[1]):
-        then = state.past_ns[n, at]
-        if then != UNSET and abs(now - then - ids.horizon[n] * period) < period // 2:
-            return at
-    return UNSET
-
-
-@compiled
-def _mean(ids: Identifiers, state: IdentifierState, n: int, d: int, now: int, elapsed: int) -> float:
-    """Mean of the setpoints of device d in force from `elapsed` before `now` on: those at the middle of each frame."""
-    frames, total = ids.horizon[n], 0.0
-    for j in range(frames):
-        total += _given(state, n, d, now - (2 * j + 1) * elapsed // (2 * frames) - ids.lag_ns[n])
-    return total / frames  # type: ignore[no-any-return]
-
-
-@compiled
-def _learn(ids: Identifiers, state: IdentifierState, n: int, before: int) -> None:
-    """Predict the newest frame from one before and from the setpoints since, and learn from the error."""
+    Not where one of them is not kept.
+    """
     net, s, now = shape_of(ids.shape[n]), ids.settings[n], state.held.newest_ns[n]
-    own = one(state.learner, n, net)
-    for j in range(net.outputs):
-        own.x[j] = state.past[n, before, j] / s[j].scale
-    for d in range(net.inputs - net.outputs):
-        u = _mean(ids, state, n, d, now, now - state.past_ns[n, before])
-        own.x[net.outputs + d] = u / ids.limit[n, d]
+    own, p = one(state.learner, n, net), shape_of(ids.shape[n]).outputs
+    elapsed = 0
+    for k in range(ids.order[n]):
+        before = frame_before(ids, state, n, now, ids.horizon[n] + k * ids.span[n])
+        if before == UNSET:
+            return
+        elapsed = elapsed if k else now - state.past_ns[n, before]
+        for j in range(p):
+            own.x[k * p + j] = state.past[n, before, j] / s[j].scale
+    fill(own.x[ids.order[n] * p : net.inputs], ids, state, n, now, elapsed)
     _look(net, own, ids, state, n)
     for j in range(net.outputs):
         state.prediction[n, j] = own.passed.output[j] * s[j].scale
@@ -281,13 +280,15 @@ def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: NDArra
         if form(ids.inputs, state.held, n) < 0:
             continue
         now = state.held.newest_ns[n]
-        before = _before(ids, state, n, now)
-        if before != UNSET and (s.stale <= 0.0 or (arrival - now) * 1e-9 <= s.stale):
-            _learn(ids, state, n, before)
+        if s.stale <= 0.0 or (arrival - now) * 1e-9 <= s.stale:
+            _learn(ids, state, n)
         at = (state.newest[n] + 1) % state.past_ns.shape[1]
         state.newest[n], state.past_ns[n, at] = at, now
         for j in range(state.past.shape[2]):
             state.past[n, at, j] = state.held.signal[n, j]
+            state.peak[n, j] = max(state.peak[n, j], abs(state.held.signal[n, j]))
+        if ids.ahead_ns[n] != UNSET:
+            look_ahead(ids, state, n, shape_of(ids.shape[n]), one(state.learner, n, shape_of(ids.shape[n])))
 
 
 @compiled
@@ -295,7 +296,7 @@ def tell(ids: Identifiers, state: IdentifierState, n: int, tick: int, out: NDArr
     """The estimates of identifier n after a tick (ESTIMATE) into `out` from `first` on; the index after the last."""
     net = shape_of(ids.shape[n])
     for i in range(net.outputs):
-        for d in range(net.inputs - net.outputs):
+        for d in range(net.inputs - ids.order[n] * net.outputs):
             row = out[first]
             row.tick = tick
             row.controller = ids.controller[n]
@@ -305,5 +306,7 @@ def tell(ids: Identifiers, state: IdentifierState, n: int, tick: int, out: NDArr
             row.jacobian = state.jacobian[n, i, d]
             row.prediction = state.prediction[n, i]
             row.error = state.error[n, i]
+            row.ahead = ids.ahead_ns[n] * 1e-9 if ids.ahead_ns[n] != UNSET else math.nan
+            row.change = state.change[n, i]
             first += 1
     return first

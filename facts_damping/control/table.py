@@ -113,6 +113,15 @@ NEURO_FUZZY_PARAMETERS = {
     "identifier_horizon": Parameter(
         1.0, "frames", 1.0, MOST_AHEAD, "how far the identifier looks ahead", live=False, whole=True
     ),
+    "identifier_span": Parameter(
+        0.0,
+        "frames",
+        0.0,
+        MOST_AHEAD,
+        "between two past values that the identifier is given; 0: one",
+        live=False,
+        whole=True,
+    ),
     "identifier_rate": _choice("lyapunov", RATES, "the identifier's learning rates"),
     "identifier_eta": Parameter(0.1, "-", 0.0, 100.0, "the identifier's learning rate, or share of the best one"),
     "identifier_momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the identifier's consequents"),

@@ -133,6 +133,11 @@ class Template:
         """Tick of a message that fits."""
         return int(_TICK.unpack_from(data, self._tick)[0])
 
+    def start_of(self, data: bytes) -> int:
+        """Stamp of the header of a message that fits, ns."""
+        sec, nanosec = _STAMP.unpack_from(data, HEADER)
+        return int(sec * NANOSECONDS + nanosec)
+
 
 def read(data: bytes, field: Field) -> NDArray[Any]:
     """Values of fields in a message that fits their template."""

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
 from facts_damping.adapted import adapted
-from facts_damping.control.bank import act
-from facts_damping.loop import issue_room, rehearse, serve, tick_ns
-from facts_damping.nodes.messages import Estimates, Inner
+from facts_damping.control.bank import act, serve
+from facts_damping.loop import issue_room, rehearse, tick_ns
+from facts_damping.nodes.messages import Estimate, Estimates, Inner
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
@@ -71,11 +71,11 @@ class ControllerNode:
         finally:
             save(self.save, adapted(self.controller, self.index, self.state, None))
 
-    def act(self, tick: int, delivered: NDArray[Any], estimates: list[NDArray[Any]]) -> None:
+    def act(self, tick: int, delivered: NDArray[Any], estimates: list[Estimate]) -> None:
         """One tick: act on what was delivered, answer also when nothing was."""
         c = self.index
-        for jacobian in estimates:
-            serve(self.state.jacobian[c], jacobian)
+        for estimate in estimates:
+            serve(self.state, c, *estimate)
         start = tick_ns(tick, self.case.run.frame_rate)
         issued = issue_room(len(self.controller.devices), len(delivered))
         count = act(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -23,6 +23,7 @@ from facts_damping.control.bank import network_of
 from facts_damping.errors import RunError
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.nodes.cdr import Template, read
+from facts_damping.nodes.tables import time_ns
 from facts_damping.parts import controller_names, identifier_names, identifier_network
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS
 
@@ -122,6 +123,14 @@ class Inner:
         return t.data()
 
 
+class Estimate(NamedTuple):
+    """What a controller is told by its identifier, as `bank.serve` takes it."""
+
+    jacobian: NDArray[np.float64]  # (signals, devices), p.u./p.u.
+    change: NDArray[np.float64]  # (signals,), p.u.
+    measured_ns: int  # the newest frame that it rests on
+
+
 class Estimates:
     """The estimates of one identifier of a case."""
 
@@ -139,6 +148,7 @@ class Estimates:
                 jacobian=[0.0] * (p * q),
                 prediction=[0.0] * p,
                 error=[0.0] * p,
+                change=[0.0] * p,
                 parameter_groups=names,
                 learning_rates=[0.0] * (p * len(names)),
             )
@@ -146,30 +156,35 @@ class Estimates:
         self._rates = t.index(f"learning_rates.{i}" for i in range(p * len(names)))
         self._lyapunov = t.index(["lyapunov", "lyapunov_fall"])
         self._jacobian = t.index(f"jacobian.{i}" for i in range(p * q))
-        self._prediction, self._error = (t.index(f"{name}.{i}" for i in range(p)) for name in ("prediction", "error"))
+        self._ahead = t.index(["ahead"])
+        self._by_signal = {name: t.index(f"{name}.{i}" for i in range(p)) for name in ("prediction", "error", "change")}
 
     def fill(self, tick: int, rows: NDArray[Any], state: IdentifierState, n: int) -> bytes:
         """Message of a tick's estimates (ESTIMATE), signal by signal, and of how identifier n learns."""
         t = self._template
         t.write_head(int(rows["measured_ns"][0]), tick)
         t.write(self._jacobian, rows["jacobian"])
-        t.write(self._prediction, rows["prediction"][:: self._shape[1]])
-        t.write(self._error, rows["error"][:: self._shape[1]])
+        for name, field in self._by_signal.items():
+            t.write(field, rows[name][:: self._shape[1]])
+        t.write(self._ahead, rows["ahead"][0])
         t.write(self._rates, state.learner.rate[n, : self._shape[0], : self._groups].ravel())
         t.write(self._lyapunov, state.lyapunov[n])
         return t.data()
 
-    def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
-        """Tick and Jacobian (signals, devices) of a message."""
-        if self._template.fits(data):
-            return self._template.tick_of(data), read(data, self._jacobian).reshape(self._shape)
+    def read(self, data: bytes) -> tuple[int, Estimate]:
+        """Tick and estimate of a message."""
+        t = self._template
+        if t.fits(data):
+            jacobian = read(data, self._jacobian).reshape(self._shape)
+            return t.tick_of(data), Estimate(jacobian, read(data, self._by_signal["change"]), t.start_of(data))
         message = deserialize_message(data, JacobianEstimate)
-        if len(message.jacobian) != self._shape[0] * self._shape[1]:
+        if (len(message.jacobian), len(message.change)) != (self._shape[0] * self._shape[1], self._shape[0]):
             raise RunError(
-                f"{message.identifier}: {len(message.jacobian)} derivatives given; "
+                f"{message.identifier}: {len(message.jacobian)} derivatives and {len(message.change)} changes given; "
                 f"allowed: {self._shape[0]} signals by {self._shape[1]} devices"
             )
-        return message.tick, np.array(message.jacobian).reshape(self._shape)
+        jacobian = np.array(message.jacobian).reshape(self._shape)
+        return message.tick, Estimate(jacobian, np.array(message.change), time_ns(message.header.stamp))
 
 
 def set_time(time: Time, nanoseconds: int) -> None:

@@ -54,6 +54,12 @@ def topics(case: Case) -> dict[str, Any]:
     return {**TOPICS, **own}
 
 
+def message_type(kind: Any) -> str:
+    """Name of a class of messages: `std_msgs/msg/Header`."""
+    package, _, module = kind.__module__.partition(".")
+    return f"{package}/{module.split('.')[0]}/{kind.__name__}"
+
+
 def versions() -> dict[str, str]:
     """What a recording was made with."""
     found = {"facts_damping": __version__, "python": platform.python_version()}
@@ -80,8 +86,7 @@ class Recorder:
         self.lost: dict[str, int] = {}
         for topic, kind in topics(self.case).items():
             name = node.resolve_topic_name(topic)
-            package, _, module = kind.__module__.partition(".")
-            self.writer.add_topic(name, f"{package}/{module.split('.')[0]}/{kind.__name__}")
+            self.writer.add_topic(name, message_type(kind))
             self.lost[name] = 0
             node.create_subscription(kind, topic, partial(self.on_message, name), RELIABLE, raw=True)
         self.node = node

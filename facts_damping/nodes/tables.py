@@ -179,8 +179,8 @@ class Frames(Table):
                 tick,
                 self._stations.index(entry.station),
                 0,
-                _time_ns(entry.header.stamp),
-                _time_ns(entry.arrival),
+                time_ns(entry.header.stamp),
+                time_ns(entry.arrival),
                 tuple(getattr(entry, name) for name in self.layout.values),
             )
             for entry in entries
@@ -241,12 +241,12 @@ class Setpoints(Table):
         self, tick: int, pairs: tuple[tuple[int, int], ...], entries: list[VoltageSetpoint]
     ) -> NDArray[Any]:
         rows = [
-            (tick, *pair, _time_ns(e.header.stamp), _time_ns(e.issued), _time_ns(e.effective), e.value_pu)
+            (tick, *pair, time_ns(e.header.stamp), time_ns(e.issued), time_ns(e.effective), e.value_pu)
             for pair, e in zip(pairs, entries, strict=True)
         ]
         return np.array(rows, SETPOINT)
 
 
-def _time_ns(time: Time) -> int:
+def time_ns(time: Time) -> int:
     """A time message as integer nanoseconds."""
     return int(time.sec * NANOSECONDS + time.nanosec)

@@ -124,8 +124,8 @@ class Controller(Model):
     parameters: dict[str, float | str | list[float]] = Field(
         {}, description="its parameters where they differ from the table's; a list has an entry a signal or device"
     )
-    compensation: Literal["none", "lead", "phasor", "smith"] = Field(
-        "none", description="what is done about delay; smith is refused, with the reason"
+    compensation: Literal["none", "lead", "phasor", "prediction", "smith"] = Field(
+        "none", description="what is done about delay; prediction: indirect only; smith is refused, with the reason"
     )
     weights: str | Weights | None = Field(None, description="file of adapted weights to start from, or these inline")
     link: str | dict[str, Any] | None = Field(

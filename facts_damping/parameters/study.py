@@ -109,6 +109,7 @@ class Axis(Target):
     values: list[Any] | None = Field(None, min_length=1)
     range: Range | None = None
     rows: list[dict[FieldPath, Any]] | None = Field(None, min_length=1, description="each sets several fields at once")
+    labels: list[str | Number] | None = Field(None, description="what the column `name` says of each row")
     draws: Draws | None = None
     zip: list[Axis] | None = Field(None, min_length=1, description="axes of the same length, stepped together")
 
@@ -123,7 +124,16 @@ class Axis(Target):
             _check_numbers(self.values or [], self.fields)
         elif self.field is not None or self.fields is not None:
             raise ValueError(f"`{given[0]}` have fields of their own; allowed: no `field`, no `fields`")
+        self._check_labels()
         return self
+
+    def _check_labels(self) -> None:
+        if self.labels is None:
+            return
+        if self.rows is None or self.name is None:
+            raise ValueError("labels: given; allowed: beside `rows` and a `name`, the column of the table")
+        if len(self.labels) != len(self.rows):
+            raise ValueError(f"labels: {len(self.labels)} given; allowed: {len(self.rows)}, one a row")
 
 
 def _check_numbers(values: list[Any], fields: dict[str, float] | None) -> None:
@@ -140,6 +150,7 @@ class Margin(Target):
     tolerance: float = quantity(..., "that of the field", "width of the last bracket", gt=0)
     coarse: int = quantity(21, "-", "values of the grid from low to high", ge=2, le=10_000)
     criteria: list[Criterion] = Field(["unstable"], min_length=1, description="what counts as failing, each by itself")
+    across: str = Field("scenario", description="column of the table whose values stand side by side")
 
     @model_validator(mode="after")
     def _ordered(self) -> Margin:

@@ -21,6 +21,7 @@ from facts_damping.signals import (
     MACHINE_TRUTH,
     NANOSECONDS,
     SETPOINT,
+    TRUTH_UNITS,
 )
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 # Fields of PmuFrame, MachineState and DeviceState in the order of the arrays' columns: a field of a
 # message is the column's name and its unit.
 _FRAME_FIELDS = [f"{name}_{unit}" for name, unit in CHANNELS.items()]
-_UNITS = {"rotor_angle": "_rad", "blocked": ""}
+_UNITS = {name: "" if unit == "-" else f"_{unit}" for name, unit in TRUTH_UNITS.items()}
 _MACHINE_FIELDS = [f"{name}{_UNITS.get(name, '_pu')}" for name in MACHINE_TRUTH.names or ()]
 _DEVICE_FIELDS = [f"{name}{_UNITS.get(name, '_pu')}" for name in DEVICE_TRUTH.names or ()]
 
@@ -216,11 +217,13 @@ def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]
             jacobian=message.jacobian[i * len(message.input_names) + j],
             prediction=message.prediction[i],
             error=message.error[i],
+            ahead=message.ahead,
+            change=message.change[i],
         )
         for source in sources
         for block in source.blocks
         for message in [block.message]
-        for i in range(_same_length(message.prediction, message.error))
+        for i in range(_same_length(message.prediction, message.error, message.change))
         for j, name in enumerate(message.input_names)
     ]
     table = _joined(parts, ESTIMATE)

@@ -69,6 +69,22 @@ def load(path: Path | str) -> Record:
     return record
 
 
+def origin(path: Path | str) -> tuple[dict[str, Any], str]:
+    """What a recording is of: the run's configuration, and the namespace of its graph (`/`: none).
+
+    Raises RecordingError as `load` does, and where the configuration is missing.
+    """
+    content = scan(path)
+    configuration, _ = _configuration(content)
+    if not configuration:
+        raise RecordingError(f"{path}: the run's configuration is missing")
+    try:
+        frames = _topics(content, controlled=False)["frames"][0]
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
+    return configuration, frames.removesuffix(KINDS["frames"][1]) or "/"
+
+
 def _assemble(content: Content, configuration: dict[str, Any], notes: list[str]) -> Record:
     """Record of what was read."""
     topics = _topics(content, bool(configuration.get("controllers")))
@@ -123,6 +139,7 @@ def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
         return {}, [*notes, "the run's configuration is missing"]
     try:
         run = check(Run, configuration, CONFIGURATION)
+        check(Run, run.asked or {}, CONFIGURATION, None, "asked")
         if isinstance(run.system, dict):
             check(System, run.system, CONFIGURATION, None, "system")
     except InputError as error:
@@ -219,9 +236,10 @@ def _lacking(ticks: NDArray[np.int64], last: int) -> Iterator[int]:
 
 
 def _unanswered(found: dict[str, list[Series]], ticks: NDArray[np.int64]) -> int | None:
-    """The first tick, from that of the first frames on, that lacks a message of what controllers hear and say."""
+    """The first tick, from that of the first frames on, that lacks one of these, or what controllers hear and say."""
     first, end = int(ticks[0]), int(ticks[-1]) + 1
     heard = [one.ticks[(one.ticks >= first) & (one.ticks < end)] for kind in HEARD for one in found[kind]]
+    heard.append(ticks)
     return min([first + tick for one in heard for tick in islice(_lacking(one - first, end - first), 1)], default=None)
 
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.recording.bagfile import TopicInfo
+    from facts_damping.recording.content import Content
 
 
 def recover(path: Path | str, out: Path | str) -> list[str]:
@@ -20,7 +21,11 @@ def recover(path: Path | str, out: Path | str) -> list[str]:
     `path`: a folder or an `.mcap` file, cut or damaged or sound, of any topics with CDR messages; `out`: a
     new folder. Returns notes on what was damaged. Raises RecordingError if nothing can be read, or written.
     """
-    content = scan(path)
+    return copy(scan(path), out)
+
+
+def copy(content: Content, out: Path | str) -> list[str]:
+    """Write all that was read into a new recording; returns the notes."""
     notes = list(content.notes)
     with RecordingWriter(out, content.configuration, content.versions) as writer:
         for topic in content.topics.values():

@@ -64,11 +64,7 @@ def expand(axis: Axis, random: np.random.Generator, where: str) -> list[Point]:
             raise InputError(f"{where}.zip: axes of {', '.join(map(str, lengths))} values given; allowed: as many each")
         return [joined(parts) for parts in zip(*beside, strict=True)]
     if axis.rows is not None:
-        paths = list(dict.fromkeys(path for row in axis.rows for path in row))
-        return [
-            Point({axis.name: _label(row)} if axis.name else {path: row.get(path) for path in paths}, row)
-            for row in axis.rows
-        ]
+        return [Point(columns, row) for columns, row in zip(_row_columns(axis, axis.rows), axis.rows, strict=True)]
     if axis.draws is not None:
         drawn = draw(axis.draws, random)
         made = [
@@ -78,6 +74,14 @@ def expand(axis: Axis, random: np.random.Generator, where: str) -> list[Point]:
         return [joined(parts) for parts in zip(*made, strict=True)]
     values = axis.values if axis.range is None else spaced(axis.range)
     return [placed(axis, value) for value in values or []]
+
+
+def _row_columns(axis: Axis, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The columns of rows: their fields; of an axis with a name its label of each, or the row's texts."""
+    if axis.name is None:
+        paths = list(dict.fromkeys(path for row in rows for path in row))
+        return [{path: row.get(path) for path in paths} for row in rows]
+    return [{axis.name: label} for label in axis.labels or map(_label, rows)]
 
 
 def _label(row: dict[str, Any]) -> str:

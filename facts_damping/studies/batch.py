@@ -72,7 +72,7 @@ def one_run(base: Base, task: Task) -> tuple[str, dict[str, Any]]:
     row: dict[str, Any] = {**dict.fromkeys(IDENTITY), **names(base, task.changes), **task.columns}
     try:
         case = make(base, task.changes)
-        row |= {**_identity(case), **task.columns, "horizon_s": case.duration}
+        row |= {**identity(case), **task.columns, "horizon_s": case.duration}
         row |= {**figures(closed_loop(case), modes=base.modes), "error": None}
     except FactsDampingError as error:
         row["error"] = _one_line(error)
@@ -92,7 +92,7 @@ def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value if isinstance(value, str) else "custom" for name, value in given.items()}
 
 
-def _identity(case: Case) -> dict[str, Any]:
+def identity(case: Case) -> dict[str, Any]:
     """What tells runs apart in every study, beside the names."""
     schemes = dict.fromkeys(c.scheme for c in case.controllers if c.scheme)
     return {

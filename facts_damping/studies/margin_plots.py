@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from facts_damping.analysis.plots import COLOURS
-from facts_damping.studies.results import by_scenario, label, margin_names, ranked, reach, spans, told_margin
+from facts_damping.studies.results import beneath, cell, label, margin_names, ranked, reach, spans, told_margin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,24 +21,29 @@ SCHEMES = {None: COLOURS[6], "direct": COLOURS[0], "indirect": COLOURS[1]}
 WORDS = {"unstable": "loses synchronism", "not_damped": "is not damped"}
 
 
-def draw_margins(margins: Rows) -> Figure:
-    """Bars of margins: a panel a scenario, who bears most on top; other criteria as diamonds."""
-    names, first = margin_names(margins), margins[0]["criterion"]
+def draw_margins(margins: Rows, across: str) -> Figure:
+    """Bars of margins, who bears most on top, other criteria as diamonds: a panel for each value of `across`.
+
+    Scenarios are one beneath the other where they are not across.
+    """
+    names, first = margin_names(margins, across), margins[0]["criterion"]
     labelled = [{**row, "label": label(row, names)} for row in margins]
-    panels = by_scenario(labelled)
-    labels = [label(dict(zip(names, one, strict=True)), names) for one in reversed(ranked(margins))]
-    figure = Figure(figsize=(4.6 + 3.4 * len(panels), 1.8 + 0.27 * len(labels)), layout="constrained")
-    drawn: Any = figure.subplots(1, len(panels), sharey=True, sharex=True, squeeze=False)
-    for axes, (scenario, rows) in zip(drawn[0], panels.items(), strict=True):
-        for row in rows:
-            _bar(axes, labels.index(row["label"]), row) if row["criterion"] == first else _diamond(axes, labels, row)
-        horizons = sorted({row["horizon_s"] for row in rows if row["horizon_s"]})
-        axes.set(title=f"{scenario}, horizon {' / '.join(f'{h:g}' for h in horizons)} s", xlabel=f"{rows[0]['field']}")
-        axes.grid(visible=True, axis="x", lw=0.3)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.margins(x=0.16, y=0.01)
+    lines, columns = beneath(labelled, across), list(dict.fromkeys(row[across] for row in margins))
+    labels = [label(dict(zip(names, one, strict=True)), names) for one in reversed(ranked(margins, names))]
+    size = (4.6 + 3.4 * len(columns), 1.1 + len(lines) * (0.7 + 0.27 * len(labels)))
+    figure = Figure(figsize=size, layout="constrained")
+    drawn: Any = figure.subplots(len(lines), len(columns), sharey=True, sharex=True, squeeze=False)
+    for (scenario, rows), panels in zip(lines.items(), drawn, strict=True):
+        for axes, column in zip(panels, columns, strict=True):
+            own = [row for row in rows if row[across] == column]
+            for row in own:
+                _bar(axes, labels.index(row["label"]), row) if row["criterion"] == first else _diamond(
+                    axes, labels, row
+                )
+            _dress(axes, ", ".join(part for part in (scenario, cell(column)) if part), own)
     drawn[0][0].set_yticks(range(len(labels)), labels)
+    for axes in drawn[-1]:
+        axes.set_xlabel(margins[0]["field"])
     title = f"Least {margins[0]['field']} at which a run {WORDS[first]}"
     title += (
         "" if all(row["monotonic"] for row in margins if row["criterion"] == first) else "; again: where it does not"
@@ -46,6 +51,15 @@ def draw_margins(margins: Rows) -> Figure:
     figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
     _margin_legend(figure, margins)
     return figure
+
+
+def _dress(axes: Axes, title: str, rows: Rows) -> None:
+    horizons = sorted({row["horizon_s"] for row in rows if row["horizon_s"]})
+    axes.set_title(f"{title}, horizon {' / '.join(f'{h:g}' for h in horizons)} s")
+    axes.grid(visible=True, axis="x", lw=0.3)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.margins(x=0.16, y=0.01)
 
 
 def _bar(axes: Axes, y: int, row: dict[str, Any]) -> None:
@@ -60,8 +74,9 @@ def _bar(axes: Axes, y: int, row: dict[str, Any]) -> None:
 
 
 def _diamond(axes: Axes, labels: Sequence[str], row: dict[str, Any]) -> None:
-    if row["margin_s"] is not None:
-        axes.plot(row["margin_s"], labels.index(row["label"]), "D", color="white", mec="0.1", ms=4.5)
+    at = row["high_s"] if row["beyond"] == "low" else row["margin_s"]
+    if at is not None:
+        axes.plot(at, labels.index(row["label"]), "D", color="white", mec="0.1", ms=4.5, clip_on=False, zorder=3)
 
 
 def _margin_legend(figure: Figure, margins: Rows) -> None:

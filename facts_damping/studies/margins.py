@@ -59,6 +59,12 @@ def wanted(margin: Margin, failed: Mapping[float, bool | None]) -> list[float]:
     return [] if middle in failed else [middle]
 
 
+def held(margin: Margin, searches: Sequence[Mapping[float, bool | None]]) -> float | None:
+    """Share of the coarse grid's values at which runs hold, over all searches; None where none could be run."""
+    known = [not failed[value] for failed in searches for value in grid(margin) if failed.get(value) is not None]
+    return float(np.mean(known)) if known else None
+
+
 def edge(
     met: Callable[[float], Mapping[Any, bool]], what: Any, grid: Sequence[float], tolerance: float
 ) -> tuple[float | None, float | None]:

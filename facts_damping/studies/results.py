@@ -74,8 +74,8 @@ def write(folder: Path, rows: Rows, margins: Rows, shares: Rows) -> list[Path]:
     return [*made, folder / "versions.json"]
 
 
-def text(rows: Rows, margins: Rows, shares: Rows) -> list[str]:
-    """What a terminal shows: counts, the margins, the shares of unstable runs."""
+def text(rows: Rows, margins: Rows, shares: Rows, across: str = "scenario") -> list[str]:
+    """What a terminal shows: counts, the margins, the shares of runs that fail."""
     failed = [row["error"] for row in rows if row["error"]]
     sound = [row for row in rows if not row["error"]]
     lines = [f"{len(rows)} runs"]
@@ -85,7 +85,7 @@ def text(rows: Rows, margins: Rows, shares: Rows) -> list[str]:
     if failed:
         lines.append(f"{len(failed)} could not be made, the first: {failed[0]}")
     if margins:
-        lines += ["", *margin_table(margins)]
+        lines += ["", *margin_table(margins, across)]
     if shares and len(shares) <= MOST_LINES:
         lines += ["", *share_table(shares)]
     return lines
@@ -101,7 +101,7 @@ def varying(rows: Rows, without: Sequence[str]) -> list[str]:
     return list(found.values())
 
 
-FOUND = ("margin_s", "low_s", "high_s", "seeds", "monotonic", "holds_again", "beyond", "per_seed", "field")
+FOUND = ("margin_s", "low_s", "high_s", "seeds", "monotonic", "holds_again", "holds", "beyond", "per_seed", "field")
 COUNTED = ("runs", "failed", "share", "low", "high")
 
 
@@ -116,14 +116,14 @@ def by_scenario(rows: Rows) -> dict[str, list[dict[str, Any]]]:
     return {name: [r for r in rows if r["scenario"] == name] for name in dict.fromkeys(r["scenario"] for r in rows)}
 
 
-def margin_names(margins: Rows) -> list[str]:
-    """Columns that tell margins apart, but for the scenario and the criterion."""
-    return varying(margins, (*FOUND, "horizon_s", "criterion", "scenario"))
+def margin_names(margins: Rows, across: str) -> list[str]:
+    """Columns that tell margins apart, but for criterion, scenario and the column whose values stand side by side."""
+    return varying(margins, (*FOUND, "horizon_s", "criterion", "scenario", across))
 
 
-def ranked(margins: Rows) -> list[tuple[Any, ...]]:
-    """What tells margins apart, who bears most first, by the median over the scenarios of the first criterion."""
-    names, reached = margin_names(margins), dict[tuple[Any, ...], list[float]]()
+def ranked(margins: Rows, names: Sequence[str]) -> list[tuple[Any, ...]]:
+    """What these columns say of margins, who bears most first, by the median of the first criterion."""
+    reached: dict[tuple[Any, ...], list[float]] = {}
     for row in margins:
         if row["criterion"] == margins[0]["criterion"]:
             reached.setdefault(tuple(row.get(name) for name in names), []).append(reach(row))
@@ -136,27 +136,36 @@ def reach(row: dict[str, Any]) -> float:
     return float(known or 0.0)
 
 
-def margin_table(margins: Rows) -> list[str]:
-    """Margins in Markdown: a table a criterion, a column a scenario; a star where it holds again at larger values."""
-    names, scenarios = margin_names(margins), list(dict.fromkeys(row["scenario"] for row in margins))
+def margin_table(margins: Rows, across: str) -> list[str]:
+    """Margins in Markdown, the values of `across` side by side: a table a criterion, and a scenario if that is not it.
+
+    A star, and the share of the coarse grid that holds, where it holds again at larger values.
+    """
+    names, columns = margin_names(margins, across), list(dict.fromkeys(row[across] for row in margins))
     lines: list[str] = []
     for criterion in dict.fromkeys(row["criterion"] for row in margins):
-        own = [row for row in margins if row["criterion"] == criterion]
-        place = {(row["scenario"], *(row.get(name) for name in names)): row for row in own}
-        horizons = "/".join(f"{h:g}" for h in dict.fromkeys(row["horizon_s"] for row in own) if h is not None)
-        titles = [f"{name} [low, high]" for name in scenarios]
-        lines += [f"{criterion}, {own[0]['field']}, horizon {horizons} s:", "", *heads(names, titles)]
-        for one in ranked(own):
-            rows = [place.get((name, *one)) for name in scenarios]
-            cells = ["" if row is None else told_margin(row) for row in rows]
-            lines.append(line([*map(cell, one), *cells]))
-        lines.append("")
+        for scenario, own in beneath([row for row in margins if row["criterion"] == criterion], across).items():
+            place = {(row[across], *(row.get(name) for name in names)): row for row in own}
+            horizons = "/".join(f"{h:g}" for h in dict.fromkeys(row["horizon_s"] for row in own) if h is not None)
+            told = ", ".join(part for part in (criterion, scenario, own[0]["field"]) if part)
+            lines += [f"{told}, horizon {horizons} s:", "", *heads(names, [f"{cell(c)} [low, high]" for c in columns])]
+            for one in ranked(own, names):
+                cells = [told_margin(place.get((column, *one))) for column in columns]
+                lines.append(line([*map(cell, one), *cells]))
+            lines.append("")
     return lines
 
 
-def told_margin(row: dict[str, Any]) -> str:
+def beneath(margins: Rows, across: str) -> dict[str, list[dict[str, Any]]]:
+    """Margins that stand one beneath the other: by scenario, or all where scenarios are side by side."""
+    return {"": list(margins)} if across == "scenario" else by_scenario(margins)
+
+
+def told_margin(row: dict[str, Any] | None) -> str:
     """A margin with its bracket or interval."""
-    star = "" if row["monotonic"] else " *"
+    if row is None:
+        return ""
+    star = "" if row["monotonic"] else f" * {100 * row['holds']:.0f} %"
     if row["margin_s"] is None:
         return {"high": f"> {cell(row['low_s'])}", "low": f"< {cell(row['high_s'])}", None: "-"}[row["beyond"]] + star
     return f"{row['margin_s']:.3f} [{cell(row['low_s'])}, {cell(row['high_s'])}]{star}"
@@ -170,9 +179,9 @@ def spans(values: Sequence[float]) -> str:
 
 
 def share_table(shares: Rows) -> list[str]:
-    """Shares of unstable runs in Markdown."""
+    """Shares of runs that fail in Markdown."""
     told = varying(shares, COUNTED)
-    lines = heads(told, ["runs", "unstable, %", "95 % interval"])
+    lines = heads(told, ["runs", "failed, %", "95 % interval"])
     for row in shares:
         interval = f"{100 * row['low']:.1f} to {100 * row['high']:.1f}"
         counted = [str(row["runs"]), f"{100 * row['share']:.1f}", interval]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping import __version__, files
 from facts_damping.checking import check
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value
 from facts_damping.parameters.study import Study
 from facts_damping.studies import axes, margins
@@ -29,6 +29,7 @@ JOURNAL = "rows.jsonl"
 COPY = "study.yaml"
 # Rows of a point by the value of the margin's field; None: there is no margin.
 Seen = dict[float | None, dict[str, Any]]
+Rows = list[dict[str, Any]]
 FAILED = {"unstable": lambda row: not row["stable"], "not_damped": lambda row: not row["damped"]}
 
 
@@ -53,6 +54,8 @@ def plan(name: str, sets: Sequence[str]) -> Plan:
     try:
         base = _base(study, sets, str(path))
         points = axes.points(study)
+        if study.margin is not None:
+            check_known("margin.across", study.margin.across, [*IDENTITY, *points[0].columns])
         first = make(base, points[0].changes | _margin_changes(study, study.margin.low if study.margin else None))
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
@@ -144,15 +147,21 @@ def found_margins(made: Plan, found: Sequence[Seen]) -> list[dict[str, Any]]:
     told = []
     for place, group in groups.items():
         for criterion in margin.criteria:
-            brackets = [margins.bracket(_failed(seen, criterion)) for seen in group]
-            over = margins.over_seeds(brackets, margin, made.study.seed)
-            told.append({**json.loads(place), "criterion": criterion, **over})
+            searches = [_failed(seen, criterion) for seen in group]
+            over = margins.over_seeds([margins.bracket(one) for one in searches], margin, made.study.seed)
+            held = margins.held(margin, searches)
+            told.append({**json.loads(place), "criterion": criterion, **over, "holds": held})
     return told
 
 
 def swept(made: Plan) -> list[str]:
     """Columns that were swept, the margin's among them."""
     return [*made.points[0].columns, *([made.study.margin.column] if made.study.margin else [])]
+
+
+def across(made: Plan) -> str:
+    """Column whose values stand side by side where margins are told."""
+    return made.study.margin.across if made.study.margin else "scenario"
 
 
 def _place(made: Plan) -> list[str]:
@@ -162,16 +171,19 @@ def _place(made: Plan) -> list[str]:
 
 
 def found_shares(made: Plan, found: Sequence[Seen]) -> list[dict[str, Any]]:
-    """The share of unstable runs among those that differ by their seed or what was drawn, with Wilson's interval.
+    """The share of runs that fail among those that differ by their seed or what was drawn, with Wilson's interval.
 
-    None where no two runs do.
+    A row for each place and criterion; none where no two runs share a place.
     """
     columns = _place(made) + ([made.study.margin.column] if made.study.margin else [])
-    groups: dict[str, list[bool]] = {}
+    groups: dict[str, Rows] = {}
     for row in rows(found):
         if not row["error"]:
-            place = {name: row.get(name) for name in columns}
-            groups.setdefault(json.dumps(place), []).append(not row["stable"])
+            groups.setdefault(json.dumps({name: row.get(name) for name in columns}), []).append(row)
     if all(len(one) == 1 for one in groups.values()):
         return []
-    return [{**json.loads(place), **margins.share(sum(one), len(one))} for place, one in groups.items()]
+    return [
+        {**json.loads(place), "criterion": criterion, **margins.share(sum(map(fails, own)), len(own))}
+        for criterion, fails in FAILED.items()
+        for place, own in groups.items()
+    ]

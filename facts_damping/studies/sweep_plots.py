@@ -13,12 +13,14 @@ from facts_damping.studies.margin_plots import draw_margins
 from facts_damping.studies.margins import share
 from facts_damping.studies.pages import save
 from facts_damping.studies.results import by_scenario, label, varying
+from facts_damping.studies.sweep import FAILED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from numpy.typing import NDArray
 
     Rows = Sequence[dict[str, Any]]
@@ -29,25 +31,31 @@ CURVES = {
     "interarea_damping_ratio": "interarea damping ratio",
     "smoothness": "smoothness [p.u./s²]",
 }
+SHARES = {"unstable": "share of unstable runs", "not_damped": "share of runs not damped"}
 BINS = 20  # of a drawn variable
 LEAST = 3  # values that make an axis
+MOST_ACROSS = 5  # panels of a map
+MOST_TICKS = 12  # of a map, a tick each
+MOST_GROUPS = 30  # curves that can be told apart
 MOST_TOGETHER = 8  # groups with all figures in one picture
 SPREAD_MS = 1e-3  # a latency that varies less is one number, not a distribution
 MOST_DISTINCT = 60  # values that a drawn variable has more of
 
 
-def draw(rows: Rows, swept: Sequence[str], margins: Rows, folder: Path) -> list[Path]:
+def draw(rows: Rows, swept: Sequence[str], margins: Rows, across: str, folder: Path) -> list[Path]:
     """All pictures that the table of a sweep has something for; `swept`: columns that were swept."""
     sound = [row for row in rows if not row["error"]]
     axes = sorted(numeric(sound, swept), key=lambda name: -len({row[name] for row in sound}))
-    made: dict[str, Figure | None] = {"margins": draw_margins(margins) if margins else None}
-    if axes and sound:
+    made: dict[str, Figure | None] = {"margins": draw_margins(margins, across) if margins else None}
+    few = len(groups(sound, swept, axes)) <= MOST_GROUPS
+    if axes and sound and few:
         x = next((m["field"] for m in margins), axes[0])
         made["curves"] = draw_curves(sound, x, swept, axes)
-        made["probability"] = draw_probability(sound, x, swept, axes)
         others = [name for name in axes if name != x]
-        made["map"] = draw_map(sound, x, others[0], swept) if others else None
-    made["latency"] = draw_latency(sound, swept)
+        for criterion, ending in zip(SHARES, ("", "_not_damped"), strict=True):
+            made[f"probability{ending}"] = draw_probability(sound, x, swept, axes, criterion)
+            made[f"map{ending}"] = draw_map(sound, x, others[0], swept, criterion) if others else None
+    made["latency"] = draw_latency(sound, swept) if few else None
     for stem, figure in made.items():
         if figure is not None:
             save(figure, folder / f"{stem}.png")
@@ -163,14 +171,14 @@ def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]
     return [float((edges[i] + edges[i + 1]) / 2) for i in kept], [at == i for i in kept]
 
 
-def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
-    """Share of unstable runs against a numeric axis with Wilson's interval; none where no two runs share a value."""
-    figure, panels = _panels(rows, ["share of unstable runs, 95 % interval"], x)
+def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str], criterion: str) -> Figure | None:
+    """Share of runs that fail against a numeric axis with Wilson's interval; none where no two runs share a value."""
+    figure, panels = _panels(rows, [f"{_share_label(rows, criterion)}, 95 % interval".replace(", ", ",\n", 1)], x)
     looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
     several = False
     for scenario, own in by_scenario(rows).items():
         for group, some in groups(own, swept, axes, rows).items():
-            failed = np.array([not row["stable"] for row in some])
+            failed = np.array([FAILED[criterion](row) for row in some])
             middles, parts = binned(np.array([row[x] for row in some], float))
             most = max(int(part.sum()) for part in parts)
             several |= most > 1
@@ -187,30 +195,44 @@ def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
     return figure if several else None
 
 
-def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str]) -> Figure:
-    """Share of unstable runs over two numeric axes: a panel for each scenario and group, at most twelve."""
+def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -> Figure:
+    """Share of runs that fail over two numeric axes: a panel for each scenario and group, at most twelve."""
     panels = {
         ", ".join(text for text in (scenario, name) if text): some
         for scenario, own in by_scenario(rows).items()
         for name, some in groups(own, swept, (x, y), rows).items()
     }
     kept = list(panels.items())[:12]
-    across = min(4, len(kept))
+    across = min(MOST_ACROSS, len(kept))
     down = -(-len(kept) // across)
     figure = Figure(figsize=(1.6 + 3.6 * across, 0.6 + 3.2 * down), layout="constrained")
-    drawn: Any = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True).ravel()
+    drawn: Any = figure.subplots(down, across, squeeze=False).ravel()
     for axes, (title, some) in zip(drawn, kept, strict=False):
         columns, wide = binned(np.array([row[x] for row in some], float))
         lines, high = binned(np.array([row[y] for row in some], float))
-        failed = np.array([not row["stable"] for row in some])
+        failed = np.array([FAILED[criterion](row) for row in some])
         shares = [[failed[a & b].mean() if np.any(a & b) else np.nan for a in wide] for b in high]
         looks: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1, "shading": "nearest"}
-        image = axes.pcolormesh(columns, lines, np.array(shares, float), **looks)
+        at, up = _ticked(axes.xaxis, columns), _ticked(axes.yaxis, lines)
+        image = axes.pcolormesh(at, up, np.array(shares, float), **looks)
         axes.set(title=title, xlabel=x, ylabel=y)
     for axes in drawn[len(kept) :]:
         axes.set_visible(False)
-    figure.colorbar(image, ax=list(drawn), label="share of unstable runs", shrink=0.8)
+    figure.colorbar(image, ax=list(drawn), label=_share_label(rows, criterion), shrink=0.8)
     return figure
+
+
+def _share_label(rows: Rows, criterion: str) -> str:
+    horizons = sorted({row["horizon_s"] for row in rows})
+    return f"{SHARES[criterion]}, horizon {' / '.join(f'{one:g}' for one in horizons)} s"
+
+
+def _ticked(axis: Axis, values: Sequence[float]) -> Sequence[float]:
+    """Where values stand on an axis: few at equal distances, each with its tick, many by their size."""
+    if len(values) > MOST_TICKS:
+        return values
+    axis.set_ticks(range(len(values)), [f"{value:g}" for value in values])
+    return range(len(values))
 
 
 def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:

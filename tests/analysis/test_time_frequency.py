@@ -290,6 +290,7 @@ Given = dict[str, object]
         ({"lag_window": np.array([1.0, 1.0, 2.0])}, "lag window: not even; allowed"),
         ({"time_window": np.zeros(3)}, "the sum of g is 0; allowed"),
         ({"lag_window": np.ones(5), "bins": 4}, "bins: 4 given; allowed: at least the 5"),
+        ({"time_window": np.ones(10**5 + 1)}, "windows of 41 lags and 100001 samples given; allowed: one of them"),
         ({"bins": 10**9}, "41 times and 1000000000 frequencies given; allowed"),
     ],
     ids=str,

@@ -99,7 +99,7 @@ def step(name: str, ages: list[float], **settings: float) -> tuple[list[float], 
     values = []
     for k, age in enumerate(ages):
         given = np.array([math.cos(OMEGA * k / FRAMES)])
-        compensate(made, state, 0, row[0], given, age, 1.0 / FRAMES if k else 0.0)
+        compensate(made, state, 0, row[0], given, k, age, 1.0 / FRAMES if k else 0.0)
         values.append(float(state.signal[0, 0]))
     return values, state
 

@@ -182,3 +182,18 @@ def test_an_unstable_run_with_identifier_ends_where_the_in_process_run_ends(doma
     recorded = load(tmp_path / "recording")
     assert not recorded.in_synchronism[-1]
     assert_same(recorded, loop.run(case))
+
+
+@pytest.mark.parametrize("loss", ["", ", {model: bernoulli, loss: 0.1}"])
+def test_a_graph_with_prediction_is_the_in_process_run_bit_for_bit(domain: int, tmp_path: Path, loss: str) -> None:
+    """With constant delays, and where frames are lost: what is predicted is recorded, too."""
+    link = f"link.up=[{{delay: 0.1}}{loss}]"
+    case = load_case(
+        None, [*HBSWC, "controllers.0.compensation=prediction", link, "link.down=[{delay: 0.1}]", "duration=3"]
+    )
+    graph.run(case, "lockstep", tmp_path, quiet)
+    recorded, computed = load(tmp_path / "recording"), loop.run(case)
+    assert_same(recorded, computed)
+    assert np.isfinite(recorded.estimates["change"]).mean() > 0.8
+    assert np.any(recorded.estimates["change"] != 0.0)
+    assert recorded.estimates["ahead"] == pytest.approx(0.2)

@@ -52,6 +52,13 @@ def test_rows_set_several_fields_and_leave_others_alone() -> None:
     assert [p.columns for p in points({"name": "who", "rows": rows})] == [{"who": "LLC"}, {"who": "HBsWC direct"}]
 
 
+def test_labels_stand_in_the_table_and_do_not_reach_the_run() -> None:
+    rows = [{"p": 0.5, "q": 0.25}, {"p": 0.1, "q": 0.05}]
+    found = points({"name": "burst", "labels": [2, 10], "rows": rows})
+    assert [p.columns for p in found] == [{"burst": 2}, {"burst": 10}]
+    assert [p.changes for p in found] == rows
+
+
 @pytest.mark.parametrize(
     ("spec", "expected"),
     [
@@ -155,6 +162,15 @@ def test_margins_beyond_what_was_run_are_none() -> None:
     assert (told["margin_s"], told["low_s"], told["high_s"], told["beyond"]) == (None, 1.0, None, "high")
     told = margins.over_seeds([always], margin(), 0)
     assert (told["margin_s"], told["low_s"], told["high_s"], told["beyond"]) == (None, None, 0.0, "low")
+
+
+def test_what_holds_is_the_share_of_the_coarse_grid_over_all_searches() -> None:
+    spec = margin(coarse=5)  # 0, 0.25, 0.5, 0.75, 1; values of the bisection do not count
+    one = {0.0: False, 0.25: False, 0.375: False, 0.5: True, 0.75: False, 1.0: True}
+    assert margins.held(spec, [one]) == pytest.approx(3 / 5)
+    other = {0.0: True, 0.25: True, 0.5: True, 0.75: None, 1.0: True}  # one could not be run
+    assert margins.held(spec, [one, other]) == pytest.approx(3 / 9)
+    assert margins.held(spec, [{0.0: None}]) is None
 
 
 def test_values_that_could_not_be_run_do_not_stop_the_search() -> None:

@@ -12,8 +12,9 @@ import subprocess
 import sys
 import time
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -23,11 +24,15 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.cli import main
 from facts_damping.configuration import load_case
 from facts_damping.files import shipped
-from facts_damping.studies import sweep
-from facts_damping.studies.batch import Task, one_run
+from facts_damping.studies import axes, batch, sweep
+from facts_damping.studies.batch import Task, make, names, one_run
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.pool import workers
+from facts_damping.studies.results import cell
 from facts_damping.terminal import Progress
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 ONE = """
 run: two_area_small
@@ -144,11 +149,19 @@ sweep:
 """
     found = swept(tmp_path, study(tmp_path, text))
     pictures = {path.stem for path in (tmp_path / "out").glob("*.png")}
-    assert pictures == {"curves", "probability", "map", "latency"}
+    assert pictures == {
+        "curves",
+        "latency",
+        *(f"{one}{of}" for one in ("probability", "map") for of in ("", "_not_damped")),
+    }
     (row,) = [r for r in found["rows"] if r["latency_max_ms"] == pytest.approx(70.0) and r["latency_p0_ms"] == 0.0][:1]
     assert (row["controller"], row["scheme"]) == ("ANFTSC+HBsWC", "indirect")
     assert (row["controllers.0.link.up.0.delay"], row["controllers.1.link.up.1.delay"]) == (0, 0.05)
-    assert [share["runs"] for share in found["shares"]] == [2] * 9
+    assert [share["runs"] for share in found["shares"]] == [2] * 18
+    for share in found["shares"]:
+        own = [row for row in found["rows"] if all(row[name] == share[name] for name in row if name in share)]
+        figure = {"unstable": "stable", "not_damped": "damped"}[share["criterion"]]
+        assert share["failed"] == sum(not row[figure] for row in own)
 
 
 def test_a_run_that_fails_is_a_row(tmp_path: Path) -> None:
@@ -222,7 +235,7 @@ def test_seeds_make_one_margin_and_shares(tmp_path: Path) -> None:
     assert one["per_seed"] == [one["margin_s"]] * 3
     assert 0 < one["high_s"] - one["low_s"] <= 0.02 * (1 + 1e-9)
     assert {row["seed"] for row in found["rows"]} == {1, 2, 3}
-    by_value = {share["link.up.1.delay"]: share for share in found["shares"]}
+    by_value = {share["link.up.1.delay"]: share for share in found["shares"] if share["criterion"] == "unstable"}
     assert by_value[0.0]["runs"] == by_value[0.4]["failed"] == 3
     assert by_value[0.4]["low"] == pytest.approx(0.4385, abs=1e-4)  # Wilson's, of 3 of 3: 3 / (3 + 1.96^2)
 
@@ -418,6 +431,15 @@ def test_no_scheduler_is_one_line(
             "sweep: [{zip: [{field: seed, values: [1, 2]}, {field: duration, values: [1]}]}]",
             "axes of 2, 1 values given",
         ),
+        (
+            "sweep: [{name: a, rows: [{duration: 1}], labels: [1, 2]}]",
+            "sweep.0: labels: 2 given; allowed: 1, one a row",
+        ),
+        ("sweep: [{rows: [{duration: 1}], labels: [1]}]", "labels: given; allowed: beside `rows` and a `name`"),
+        (
+            "margin: {field: link.up.0.delay, high: 1, tolerance: 0.1, across: who}",
+            "margin.across: 'who' given; allowed: system, scenario, controller, scheme, link, seed",
+        ),
         ("sweep: [{field: duratoin, values: [1]}]", "duratoin: unknown key; allowed: system, scenario"),
         ("sweep: [{field: 'link up', values: [1]}]", "sweep.0.field: 'link up' given; allowed: "),
         (
@@ -478,28 +500,81 @@ def test_the_example(tmp_path: Path) -> None:
     assert {row["scheme"] for row in found["rows"]} == {None, "direct"}
 
 
-def test_the_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_ones() -> None:
-    """All 144 of them, by single runs; they were found by `facts-damping sweep delay_margin`."""
-    plan = sweep.plan("delay_margin", [])
-    page = (Path(__file__).parents[2] / "docs" / "studies.md").read_text(encoding="utf-8")
+Place = tuple[tuple[str, str], ...]  # columns that tell a margin apart, with what they say
+TITLE = re.compile(r"(unstable|not_damped), (?:(\w+), )?\w+, horizon 20 s:")
+BRACKET = re.compile(r"[\d.]+ \[([\d.]+), ([\d.]+)\]|> ([\d.]+)|< ([\d.]+)")
+
+
+def told_margins(page: str, plan: sweep.Plan) -> Iterator[tuple[str, Place, str]]:
+    """Criterion, what tells a margin apart, and its cell, of all tables of a page that are a study's."""
+    lines = (Path(__file__).parents[2] / "docs" / page).read_text(encoding="utf-8").splitlines()
+    assert plan.study.margin is not None
+    across = plan.study.margin.across
+    columns = {cell(point.columns[across]): None for point in plan.points}
+    for i, title in enumerate(map(TITLE.fullmatch, lines)):
+        if title is None:
+            continue
+        heads = cells(lines[i + 2])
+        names = [name for name in heads if not name.endswith(" [low, high]")]
+        if [name.removesuffix(" [low, high]") for name in heads[len(names) :]] != list(columns):
+            continue
+        for row in takewhile(bool, lines[i + 4 :]):
+            own = dict(zip(heads, cells(row), strict=True))
+            for column in columns:
+                place = {**{name: own[name] for name in names}, across: column}
+                place["scenario"] = place.get("scenario") or title[2]
+                yield title[1], tuple(sorted(place.items())), own[f"{column} [low, high]"]
+
+
+def cells(line: str) -> list[str]:
+    return [one.strip() for one in line.strip("|").split("|")]
+
+
+@pytest.mark.parametrize(
+    ("name", "page", "every"),
+    [
+        ("delay_margin", "delay_studies.md", 1),
+        ("compensation", "compensation.md", 1),
+        ("asymmetric_signals", "delay_studies.md", 6),
+        ("asymmetric_devices", "delay_studies.md", 6),
+    ],
+)
+def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_ones(
+    name: str, page: str, every: int
+) -> None:
+    """By single runs; they were found by `facts-damping sweep`. All points of the study are there, twice."""
+    plan = sweep.plan(name, [])
+    margin = plan.study.margin
+    assert margin is not None
+    written = list(told_margins(page, plan))
+    assert len(written) == 2 * len(plan.points)
+    finest = (margin.high - margin.low) / (margin.coarse - 1)
+    while finest > margin.tolerance:
+        finest /= 2
+    points = {}
+    for point in plan.points:
+        identity = {
+            **names(plan.base, point.changes),
+            **batch.identity(make(plan.base, point.changes)),
+            **point.columns,
+        }
+        points[tuple(sorted((one, cell(identity[one])) for one, _ in written[0][1]))] = point
     tasks: dict[str, Task] = {}
     expected: list[tuple[str, str, bool]] = []
-    for criterion, text in zip(("unstable", "not_damped"), page.split(", horizon 20 s:")[1:], strict=True):
-        for line in text.split("\n\n")[1].splitlines()[2:]:
-            controller, scheme, *cells = [cell.strip() for cell in line.strip("|").split("|")]
-            own = {"controllers.0.name": controller} | ({} if scheme == "-" else {"controllers.0.scheme": scheme})
-            for scenario, cell in zip(("small", "large", "multiple"), cells, strict=True):
-                # The page is rounded; the values that were run are multiples of 25 ms / 8.
-                low, high = (round(float(one) * 320) / 320 for one in re.findall(r"[\d.]+", cell.split("[")[1]))
-                assert high - low == pytest.approx(1 / 320)
-                for delay, fails in ((low, False), (high, True)):
-                    half = {"link.up.0.delay": delay / 2, "link.down.0.delay": delay / 2}
-                    key = f"{controller} {scheme} {scenario} {delay}"
-                    tasks[key] = Task(key, {**own, "scenario": scenario, **half}, {})
-                    expected.append((key, criterion, fails))
-    assert len(expected) == 2 * 2 * 3 * 24
+    for criterion, place, text in written[::every]:
+        found = BRACKET.match(text)
+        assert found, text
+        low, high = found[1] or found[3], found[2] or found[4]
+        for end, fails in ((low, False), (high, True)):
+            if end is not None:  # the page is rounded; values that were run are multiples of the last step
+                value = round(round(float(end) / finest) * finest, 9)
+                both = axes.joined([points[place], axes.placed(margin, value)])
+                key = f"{place} {value}"
+                tasks[key] = Task(key, both.changes, {})
+                expected.append((key, criterion, fails))
     with workers(2) as each:
         rows = dict(each(partial(one_run, plan.base), list(tasks.values())))
+    assert len(expected) >= len(written) // every
     assert [one for one in expected if sweep.FAILED[one[1]](rows[one[0]]) is not one[2]] == []
 
 

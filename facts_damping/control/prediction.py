@@ -1,0 +1,70 @@
+"""Signals ahead: an identifier iterated from the newest frame over the known delay; compiled.
+
+    y_p(k+i) = f_I(y_p(k+i-h), y_p(k+i-h-b), mean u(k+i-h-d .. k+i-1-d)),  i = 1, 2 ..;  y_p(k+i) = y(k+i) for i <= 0
+    c(k) = y_p(k+1+d) - y_p(k+1)
+
+y(k-h-b) where the identifier has a span of b frames. c goes to the controller, which has it at the frame after, k + 1,
+and acts on y(k+1) + c(k): the signals as they will be when its setpoint is in force. So the measurement makes good the
+error of the first frame, and without delay nothing is added. Setpoints that were given and are not yet in force are
+known; the one of frame k is not, and the one before holds on in its place.
+
+Prediction over the delay of a network: G.-P. Liu, Y. Xia, J. Chen, D. Rees, W. Hu, Networked Predictive Control of
+Systems With Random Network Delays in Both Forward and Feedback Channels, IEEE Trans. Industrial Electronics 54(3),
+2007. By a model identified on line, for interarea oscillations: W. Yao, L. Jiang, J. Fang, J. Wen, S. Wang, Damping of
+Inter-Area Low Frequency Oscillation Using an Adaptive Wide-Area Damping Controller, J. Electrical Engineering and
+Technology 9(1), 2014.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from facts_damping.compiling import compiled
+from facts_damping.control.pairing import between, fill
+from facts_damping.neurofuzzy.network import FLOOR, Network, forward
+
+if TYPE_CHECKING:
+    from facts_damping.control.identifier import Identifiers, IdentifierState
+    from facts_damping.neurofuzzy.learning import Learner
+
+FARTHEST = 10.0  # times the largest that was measured: a prediction beyond is none
+
+
+@compiled
+def look_ahead(ids: Identifiers, state: IdentifierState, n: int, net: Network, own: Learner) -> None:
+    """The change of the signals over the delay from the frame after the newest on, p.u., into `state.change[n]`.
+
+    NaN where frames are missing, no rule fires, or a prediction leaves what is plausible. Between two frames the change
+    is on the line between theirs.
+    """
+    now, period, path = state.held.newest_ns[n], ids.period_ns[n], state.path[n]
+    back, frames = ids.horizon[n] + ids.span[n], ids.ahead_ns[n] // period
+    part = (ids.ahead_ns[n] - frames * period) / period
+    for j in range(net.outputs):
+        state.change[n, j] = math.nan
+    for i in range(back):
+        between(ids, state, n, now, back - 1 - i, path[i, : net.outputs])
+    last = back + frames + (1 if part > 0.0 else 0)
+    for i in range(back, last + 1):
+        if not _next(ids, state, n, net, own, i, now + (i - back + 1) * period):
+            return
+    for j in range(net.outputs):
+        step = path[last, j] - path[back + frames, j]
+        state.change[n, j] = path[back + frames, j] + part * step - path[back, j]
+
+
+@compiled
+def _next(ids: Identifiers, state: IdentifierState, n: int, net: Network, own: Learner, i: int, time_ns: int) -> bool:
+    """Row i of the path, of the frame at `time_ns`; false where there is none."""
+    s, order, path = ids.settings[n], ids.order[n], state.path[n]
+    for k in range(order):
+        for j in range(net.outputs):
+            own.x[k * net.outputs + j] = path[i - ids.horizon[n] - k * ids.span[n], j] / s[j].scale
+    fill(own.x[order * net.outputs : net.inputs], ids, state, n, time_ns, ids.horizon[n] * ids.period_ns[n])
+    forward(net, own.theta, own.x, own.passed)
+    for j in range(net.outputs):
+        path[i, j] = own.passed.output[j] * s[j].scale
+        if not (own.passed.total[j] > FLOOR and abs(path[i, j]) <= FARTHEST * state.peak[n, j]):
+            return False
+    return True

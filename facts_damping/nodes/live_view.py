@@ -1,0 +1,89 @@
+"""live_view: shows a running graph in Foxglove, by a WebSocket server of foxglove-sdk; it only listens."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
+
+from facts_damping.errors import InputError
+from facts_damping.nodes.node import run_node
+from facts_damping.nodes.parameters import descriptor, read_case
+from facts_damping.nodes.recorder import message_type, topics
+from facts_damping.nodes.spinning import Spinner
+from facts_damping.recording.schemas import schema_text
+from facts_damping.recording.simulated import stamp_ns
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+# Best effort: a publisher waits for no reader of this kind, so a slow view misses messages and holds nobody up.
+LISTENING = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.BEST_EFFORT, depth=1000)
+
+CLOCK = "plant/state"  # the topic whose stamps are the time that clients are told
+HOST, PORT = "127.0.0.1", 8765
+
+
+class LiveView:
+    """Subscribes to everything and hands it on as it is, at the time of its stamp."""
+
+    def __init__(self, node: Node) -> None:
+        """Read parameters, start the server, advertise the topics, subscribe."""
+        case = read_case(node)
+        host: Any = node.declare_parameter("host", HOST, descriptor("address that the server listens at")).value
+        port: Any = node.declare_parameter("port", PORT, descriptor("its port; 0: a free one", "", 0, 65535)).value
+        sdk = library()
+        schemas: dict[Any, Any] = {}
+        clock = node.resolve_topic_name(CLOCK)
+        for topic, kind in topics(case).items():
+            name, of = node.resolve_topic_name(topic), message_type(kind)
+            if of not in schemas:
+                schemas[of] = sdk.Schema(name=of, encoding="ros2msg", data=schema_text(of).encode())
+            channel = sdk.Channel(name, schema=schemas[of], message_encoding="cdr")
+            take = partial(self.on_message, channel, name == clock)
+            node.create_subscription(kind, topic, take, LISTENING, raw=True)
+        try:
+            self.server = sdk.start_server(
+                name="facts_damping", host=host, port=port, capabilities=[sdk.Capability.Time]
+            )
+        except (RuntimeError, ValueError, OSError) as error:
+            raise InputError(f"host, port: {host}, {port} given: {error}; allowed: ones that are free here") from error
+        self.address = f"ws://{host}:{self.server.port}"
+        self.spinner = Spinner(node)
+
+    def on_message(self, channel: Any, tells_time: bool, data: bytes) -> None:
+        """Hand on one message."""
+        stamp = stamp_ns(data)
+        if tells_time:
+            self.server.broadcast_time(stamp)
+        channel.log(data, log_time=stamp)
+
+    def run(self) -> None:
+        """Serve until stopped."""
+        sys.stdout.write(f"{self.address}\n")
+        sys.stdout.flush()
+        try:
+            while True:
+                self.spinner.turn(0.1)
+        finally:
+            self.server.stop()
+
+
+def library() -> Any:
+    """The library, which is an extra."""
+    try:
+        import foxglove  # noqa: PLC0415 (an extra)
+    except ImportError as error:
+        raise InputError("foxglove-sdk is missing; allowed: pip install 'facts_damping[foxglove]' first") from error
+    return foxglove
+
+
+def main() -> None:
+    """Entry point of `ros2 run facts_damping live_view`."""
+    run_node("live_view", LiveView)
+
+
+if __name__ == "__main__":
+    main()

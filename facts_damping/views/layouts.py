@@ -1,0 +1,17 @@
+"""The layout files of a case."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from facts_damping.views import foxglove, plotjuggler
+from facts_damping.views.panels import tabs
+
+if TYPE_CHECKING:
+    from facts_damping.configuration import Case
+
+
+def layouts(case: Case, namespace: str = "/") -> dict[str, str]:
+    """Text of each layout file by its name; `namespace`: that of the graph."""
+    found = tabs(case, namespace)
+    return {"foxglove.json": foxglove.text(found), "plotjuggler.xml": plotjuggler.text(found)}

@@ -1,0 +1,187 @@
+"""The panels of a case: which fields of which topics stand together. How a tool writes them is not known here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from facts_damping.control.bank import network_of
+from facts_damping.neurofuzzy.start import groups
+from facts_damping.parameters.devices import Series as SeriesDevice
+from facts_damping.parts import controller_addresses, identifier_addresses, identifier_network, link_addresses
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from facts_damping.configuration import Case
+
+PLOT, STATES, TABLE, MESSAGE, DIAGNOSTICS = "plot", "states", "table", "message", "diagnostics"
+
+DEADLINE_MISSES = 'status[:].values[:]{key=="deadline_misses"}.value'
+
+
+class Curve(NamedTuple):
+    """A value over time: topic, path of the field below it, label; `number`: not a text."""
+
+    topic: str
+    path: str
+    label: str
+    number: bool = True
+
+
+class Panel(NamedTuple):
+    """Curves that share an axis. The kinds after STATES show one topic, or a field of it, as it is."""
+
+    title: str
+    curves: list[Curve]
+    kind: str = PLOT
+
+
+class Tab(NamedTuple):
+    """Panels that are seen together."""
+
+    title: str
+    panels: list[Panel]
+
+
+def tabs(case: Case, namespace: str = "/") -> list[Tab]:
+    """All panels of a case whose graph is in the given namespace."""
+
+    def full(topic: str) -> str:
+        return f"{namespace.rstrip('/')}/{topic}"
+
+    controllers, identifiers = controller_addresses(case), identifier_addresses(case)
+    found = [_grid(case, full), _devices(case, full)]
+    found += [_controller(case, c, full(str(address))) for c, address in enumerate(controllers)]
+    found += [_identifier(case, c, full(str(address))) for c, address in identifiers.items()]
+    found += [_link(case, full(link.namespace).rstrip("/"), str(link)) for link in link_addresses(case)]
+    health = Panel("deadline misses", [Curve("/diagnostics", DEADLINE_MISSES, "plant_sim")])
+    found.append(Tab("health", [Panel("diagnostics", [Curve("/diagnostics", "", "")], DIAGNOSTICS), health]))
+    return [Tab(tab.title, [panel for panel in tab.panels if panel.curves]) for tab in found if tab.panels]
+
+
+def _each(topic: str, path: str, labels: Sequence[str]) -> list[Curve]:
+    """A curve an entry of an array; `path` has `#` for the index."""
+    return [Curve(topic, path.replace("#", str(i)), label) for i, label in enumerate(labels)]
+
+
+def _grid(case: Case, full: Callable[[str], str]) -> Tab:
+    """Machines, the stations at buses, events."""
+    state, frames, events = full("plant/state"), full("pmu/frames"), full("plant/events")
+    machines = [machine.name for machine in case.system.machines]
+    buses = {i: station.name for i, station in enumerate(case.system.stations) if station.machine is None}
+
+    def at_buses(field: str) -> list[Curve]:
+        return [Curve(frames, f"frames[{i}].{field}", name) for i, name in buses.items()]
+
+    changes = [Curve(events, name, name, number=False) for name in ("kind", "element")]
+    return Tab(
+        "grid",
+        [
+            Panel("speed deviation, p.u.", _each(state, "machines[#].speed_deviation_pu", machines)),
+            Panel("rotor angle, rad", _each(state, "machines[#].rotor_angle_rad", machines)),
+            Panel("active power at buses, p.u.", at_buses("active_power_pu")),
+            Panel("voltage at buses, p.u.", at_buses("voltage_magnitude_pu")),
+            Panel("events", [*changes, Curve(state, "in_synchronism", "in synchronism")], STATES),
+            Panel("newest event", [Curve(events, "", "")], MESSAGE),
+        ],
+    )
+
+
+def _devices(case: Case, full: Callable[[str], str]) -> Tab:
+    """Each device: its setpoint and what it makes of it."""
+    state, panels, names = full("plant/state"), [], case.run.devices
+    for i, name in enumerate(names):
+        series = isinstance(case.system.device(name), SeriesDevice)
+        voltages = ["setpoint", "reference", *(["injected_voltage"] if series else [])]
+        for what, fields in (
+            ("voltage", voltages),
+            ("current and power", ["current", "active_power", "reactive_power"]),
+        ):
+            curves = [Curve(state, f"devices[{i}].{field}_pu", field.replace("_", " ")) for field in fields]
+            panels.append(Panel(f"{name}: {what}, p.u.", curves))
+    panels.append(Panel("blocked", _each(state, "devices[#].blocked", names), STATES))
+    return Tab("devices", panels)
+
+
+def _controller(case: Case, c: int, here: str) -> Tab:
+    """One controller: what goes in and out, and how its network learns."""
+    controller, topic = case.controllers[c], f"{here}/state"
+    signals, devices, net = controller.signals, controller.devices, network_of(controller)
+    parts, adapts = groups(net), controller.scheme is not None
+    outputs = [
+        curve
+        for i, name in enumerate(devices)
+        for curve in (
+            Curve(topic, f"outputs[{i}]", name),
+            Curve(topic, f"unlimited_outputs[{i}]", f"{name}, without limit"),
+        )
+    ]
+    states = [Curve(topic, "fresh", "fresh"), *_each(topic, "saturated[#]", [f"{name} saturated" for name in devices])]
+    panels = [
+        Panel("inputs, p.u.", _each(topic, "inputs[#]", signals)),
+        Panel("outputs, p.u.", outputs),
+        Panel("states", [*states, *([Curve(topic, "learnt", "learnt")] if adapts else [])], STATES),
+    ]
+    if adapts:
+        rules = [f"rule {r}" for r in range(net.rules)]
+        panels += [
+            Panel("firing strengths", _each(topic, "firing_strengths[#]", rules)),
+            Panel("adaptation errors", _each(topic, "adaptation_errors[#]", devices)),
+            Panel("parameter norms", _each(topic, "parameter_norms[#]", parts)),
+            *_learning(topic, devices, parts),
+        ]
+    return Tab(here.rpartition("/")[2], panels)
+
+
+def _identifier(case: Case, c: int, here: str) -> Tab:
+    """One identifier: the estimated Jacobian, prediction, how it learns."""
+    controller, topic = case.controllers[c], f"{here}/estimate"
+    signals = controller.signals
+    derivatives = [f"{signal} by {device}" for signal in signals for device in controller.devices]
+    return Tab(
+        here.rpartition("/")[2],
+        [
+            Panel("Jacobian, p.u. per p.u.", _each(topic, "jacobian[#]", derivatives)),
+            Panel("prediction, p.u.", _each(topic, "prediction[#]", signals)),
+            Panel("prediction less measurement, p.u.", _each(topic, "error[#]", signals)),
+            *_learning(topic, signals, groups(identifier_network(controller))),
+        ],
+    )
+
+
+def _learning(topic: str, outputs: Sequence[str], parts: Sequence[str]) -> list[Panel]:
+    """Learning rates and Lyapunov function of a controller's or an identifier's network."""
+    rates = [f"{output}, {part}" for output in outputs for part in parts]
+    return [
+        Panel("learning rates", _each(topic, "learning_rates[#]", rates)),
+        Panel("Lyapunov function", [Curve(topic, "lyapunov", "V"), Curve(topic, "lyapunov_fall", "fall")]),
+    ]
+
+
+def _link(case: Case, here: str, name: str) -> Tab:
+    """One link: delays and losses of its channels, and the speeds as they come out of it."""
+    topic, stations = f"{here}/link/statistics", [station.name for station in case.system.stations]
+    machines = [station.name for station in case.system.stations if station.machine is not None]
+    channels = {"up": stations, "down": case.run.devices}
+
+    def of_all(field: str) -> list[Curve]:
+        return [
+            curve
+            for way, names in channels.items()
+            for curve in _each(topic, f"{way}[#].{field}", [f"{way} {one}" for one in names])
+        ]
+
+    speeds = [
+        Curve(f"{here}/pmu/delivered", f'frames[:]{{station=="{one}"}}.speed_deviation_pu', one) for one in machines
+    ]
+    return Tab(
+        name,
+        [
+            Panel("mean delay, s", of_all("delay_mean_s")),
+            Panel("largest delay, s", of_all("delay_max_s")),
+            Panel("lost", of_all("lost")),
+            Panel("in flight", of_all("in_flight")),
+            Panel("speed deviation as delivered, p.u.", speeds),
+            *(Panel(f"channels {way}", [Curve(topic, way, "")], TABLE) for way, names in channels.items() if names),
+        ],
+    )

@@ -1,0 +1,245 @@
+"""The live view: a WebSocket client gets what the graph publishes, and the graph does not notice it."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import socket
+import struct
+import sys
+import threading
+import time
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import rclpy
+from facts_damping_msgs.msg import GridEvent
+from mcap.reader import make_reader
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+from facts_damping import graph, loop
+from facts_damping.configuration import load_case
+from facts_damping.errors import InputError, RunError
+from facts_damping.nodes import live_view
+from facts_damping.nodes.live_view import LISTENING
+from facts_damping.nodes.node import RELIABLE, wait_for_peers
+from facts_damping.nodes.parameters import Options
+from facts_damping.recording.reader import load
+from tests.nodes.graphs import PATIENCE_S, assert_same, nodes_left, payloads, quiet
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from websockets.sync.client import ClientConnection
+
+PROTOCOL = Subprotocol("foxglove.sdk.v1")  # https://github.com/foxglove/ws-protocol, which it goes on from
+MESSAGE, TIME = 1, 2  # first byte of what the server sends as bytes
+
+
+@pytest.fixture
+def port() -> int:
+    """A port that is free."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+class Client:
+    """Subscribes to every channel that is advertised and keeps what comes."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+        self.connection: ClientConnection | None = None
+        self.channels: dict[int, dict[str, Any]] = {}
+        self.messages: dict[str, list[tuple[int, bytes]]] = {}
+        self.times: list[int] = []
+        self.info: dict[str, Any] = {}
+        self.thread = threading.Thread(target=self._listen, daemon=True)
+        self.thread.start()
+
+    def _connected(self) -> ClientConnection:
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                return connect(f"ws://127.0.0.1:{self.port}", subprotocols=[PROTOCOL], max_size=None)
+            except OSError:
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+
+    def _listen(self) -> None:
+        with self._connected() as connection:
+            self.connection = connection
+            try:
+                for data in connection:
+                    self._text(connection, json.loads(data)) if isinstance(data, str) else self._bytes(data)
+            except ConnectionClosed:
+                pass
+
+    def _text(self, connection: ClientConnection, said: dict[str, Any]) -> None:
+        if said["op"] == "serverInfo":
+            self.info = said
+        elif said["op"] == "advertise":
+            self.channels |= {channel["id"]: channel for channel in said["channels"]}
+            wanted = [{"id": channel["id"], "channelId": channel["id"]} for channel in said["channels"]]
+            connection.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+    def _bytes(self, data: bytes) -> None:
+        if data[0] == MESSAGE:
+            subscription, log_time = struct.unpack_from("<IQ", data, 1)
+            self.messages.setdefault(self.channels[subscription]["topic"], []).append((log_time, data[13:]))
+        elif data[0] == TIME:
+            self.times.append(struct.unpack_from("<Q", data, 1)[0])
+
+    def end(self) -> None:
+        """Wait until the server has closed the connection."""
+        self.thread.join(PATIENCE_S)
+        assert not self.thread.is_alive()
+
+
+@pytest.fixture
+def client(port: int) -> Iterator[Client]:
+    made = Client(port)
+    yield made
+    if made.connection is not None:
+        made.connection.close()
+    made.thread.join(PATIENCE_S)
+
+
+def recorded_channels(folder: Path) -> dict[str, tuple[str, str, str]]:
+    """Type, encoding of the schema and its text by topic."""
+    with next((folder / "recording").glob("*.mcap")).open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    schemas = summary.schemas
+    found = {one.topic: schemas[one.schema_id] for one in summary.channels.values()}
+    return {topic: (schema.name, schema.encoding, schema.data.decode()) for topic, schema in found.items()}
+
+
+SETS = ["duration=4", "link=delay_100ms", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
+
+
+def test_client_gets_what_is_recorded_and_the_recording_keeps_its_bits(
+    domain: int, tmp_path: Path, port: int, client: Client
+) -> None:
+    case = load_case(None, SETS)
+    graph.run(case, "realtime", tmp_path, quiet, view_port=port)
+    client.end()
+    told = {one["topic"]: (one["schemaName"], one["schemaEncoding"], one["schema"]) for one in client.channels.values()}
+    assert told == recorded_channels(tmp_path)
+    assert {one["encoding"] for one in client.channels.values()} == {"cdr"}
+    assert "time" in client.info["capabilities"]
+    recorded = payloads(tmp_path)
+    assert set(client.messages) == set(recorded)
+    for topic, messages in client.messages.items():
+        data = [one for _, one in messages]
+        # It may have missed the first ones, when it was not connected yet, and any later one: best effort.
+        assert len(data) > 0.5 * len(recorded[topic]), topic
+        left = iter(recorded[topic])
+        assert all(one in left for one in data), topic  # the same bytes, in the same order
+    stamps = [log_time for log_time, _ in client.messages["/plant/state"]]
+    assert stamps == sorted(stamps)
+    assert stamps[-1] == 239 * 10**9 // 60
+    assert set(stamps) <= set(client.times) | {stamps[0]}
+    assert nodes_left(tmp_path) == []
+
+
+def test_lockstep_recording_with_a_view_equals_the_in_process_run(
+    domain: int, tmp_path: Path, port: int, client: Client
+) -> None:
+    case = load_case(None, SETS)
+    outcome = graph.run(case, "lockstep", tmp_path, quiet, view_port=port)
+    client.end()
+    assert outcome.messages_lost == 0
+    assert client.messages
+    assert_same(load(outcome.recording), loop.run(case))
+    assert nodes_left(tmp_path) == []
+
+
+def test_client_that_does_not_read_holds_nobody_up(domain: int, tmp_path: Path, port: int) -> None:
+    """Its buffers and those of its socket are full long before the end."""
+    case = load_case(None, ["duration=20"])
+    stalled: list[ClientConnection] = []
+    with ExitStack() as opened:
+
+        def stall(_done: int, _of: int) -> None:
+            if not stalled:
+                address = f"ws://127.0.0.1:{port}"
+                wanted = [{"id": i, "channelId": i} for i in range(1, 20)]
+                one = connect(address, subprotocols=[PROTOCOL], max_queue=1, close_timeout=0.1)
+                stalled.append(opened.enter_context(one))
+                stalled[0].send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+        outcome = graph.run(case, "lockstep", tmp_path, stall, view_port=port)
+    assert stalled
+    assert outcome.messages_lost == 0
+    assert_same(load(outcome.recording), loop.run(case))
+
+
+def test_view_that_dies_does_not_end_the_run(domain: int, tmp_path: Path, port: int, started: dict[str, Any]) -> None:
+    def strike(_done: int, _of: int) -> None:
+        started["live_view"].popen.kill()
+
+    case = load_case(None, ["duration=10"])
+    outcome = graph.run(case, "lockstep", tmp_path, strike, view_port=port)
+    assert_same(load(outcome.recording), loop.run(case))
+    assert started["live_view"].popen.poll() is not None
+
+
+def test_port_that_is_taken_is_named(domain: int, tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        said = rf"live_view: host, port: 127.0.0.1, {port} given.*allowed: ones that are free"
+        with pytest.raises(RunError, match=said):
+            graph.run(load_case(None, ["duration=1"]), "lockstep", tmp_path, quiet, view_port=port)
+    assert nodes_left(tmp_path) == []
+
+
+def test_view_by_hand_serves_graph_after_graph_and_ends_quietly(
+    domain: int, tmp_path: Path, port: int, start: Callable[..., Any]
+) -> None:
+    view = start("live_view", port=port)
+    client = Client(port)
+    for name in ("first", "second"):
+        graph.run(load_case(None, ["duration=1"]), "lockstep", tmp_path / name, quiet)
+    deadline = time.monotonic() + PATIENCE_S
+    while len(client.messages.get("/plant/state", [])) < 100:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    view.terminate()
+    out, errors = view.communicate(timeout=PATIENCE_S)
+    assert (view.returncode, out, errors) == (0, f"ws://127.0.0.1:{port}\n", "")
+    client.end()
+    stamps = [log_time for log_time, _ in client.messages["/plant/state"]]
+    assert any(later < earlier for earlier, later in itertools.pairwise(stamps))
+
+
+def test_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    with pytest.raises(InputError, match=r"foxglove-sdk is missing; allowed: pip install 'facts_damping\[foxglove\]'"):
+        live_view.library()
+
+
+def test_nodes_do_not_take_a_view_for_a_peer(domain: int) -> None:
+    rclpy.init()
+    node, other = rclpy.create_node("node"), rclpy.create_node("other")
+    try:
+        publisher = node.create_publisher(GridEvent, "events", RELIABLE)
+        other.create_subscription(GridEvent, "events", lambda _: None, LISTENING)
+        deadline = time.monotonic() + PATIENCE_S
+        while publisher.get_subscription_count() < 1:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        with pytest.raises(RunError, match=r"missing after 0.5 s: a subscriber of /events"):
+            wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, 0.5, recorder=False))
+        other.create_subscription(GridEvent, "events", lambda _: None, RELIABLE)
+        wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, PATIENCE_S, recorder=False))
+    finally:
+        other.destroy_node()
+        node.destroy_node()
+        rclpy.shutdown()

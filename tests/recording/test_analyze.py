@@ -1,0 +1,71 @@
+"""`facts-damping analyze --spwvd` on a recording, as a user types it."""
+
+from __future__ import annotations
+
+import signal
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from facts_damping import cli
+from facts_damping.signals import CHANNELS, Record
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+
+@pytest.fixture
+def recording(
+    tmp_path: Path, random_record: Callable[..., Record], write_record: Callable[..., None]
+) -> Iterator[Path]:
+    """Five seconds in which the first two stations swing against each other, and nothing else is known."""
+    record = random_record(1, 300)
+    first, second, *_ = record.stations
+    swing = 1e-3 * np.cos(2 * np.pi * 0.6 * record.time_s)
+    frames = np.zeros((300, len(record.stations), len(CHANNELS)))
+    frames[:, 0, 2], frames[:, 1, 2] = swing, -swing
+    for table in (record.devices, record.machines):
+        for name in table.dtype.names or ():
+            table[name] = 0.0
+    weights = {first: 1.0, second: -1.0}
+    asked: dict[str, Any] = {"system": "pair", "scenario": "none", "controllers": [], "link": "ideal"}
+    system = {"signals": {"w12": {"channel": "speed_deviation", "weights": weights}}, "measures": {"local": ["w12"]}}
+    configuration = {**record.configuration, "asked": asked, "system": system}
+    write_record(replace(record, configuration=configuration, frames=frames), tmp_path / "recording")
+    handler = signal.getsignal(signal.SIGTERM)
+    yield tmp_path / "recording"
+    signal.signal(signal.SIGTERM, handler)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--spwvd", "w12,w99"], "signal: 'w99' given; allowed: w12, STATION.CHANNEL, DEVICE.FIELD, MACHINE.FIELD"),
+        (["--spwvd", "w12", "--windows", "fast"], "argument --windows: fast given; allowed: two numbers with a comma"),
+        (["--spwvd", "w12", "--windows", "0,1"], "signal w12: lag window: 0 s given; allowed: above 0 s, or inf"),
+        (["--spwvd", "w12", "--band", "0.1,70"], "signal w12: band: 0.1 to 70 Hz given; allowed: rising, within 0 to"),
+        (["--band", "0.1,2"], "--windows, --band: given without --spwvd; allowed: with --spwvd SIGNAL,..."),
+    ],
+    ids=str,
+)
+def test_bad_input_is_one_line_and_nothing_is_written(
+    recording: Path, tmp_path: Path, options: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["analyze", str(recording), "--out", str(tmp_path / "out"), *options]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert reason in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_pictures_beside_the_others(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--spwvd", "w12", "--windows", "3,1", "--band", "0.2,2"]
+    assert cli.main(["analyze", str(recording), "--out", str(tmp_path / "out"), *options]) == 0
+    out, _ = capsys.readouterr()
+    picture = tmp_path / "out" / "spwvd_w12.png"
+    assert f"plot: {picture}" in out.splitlines()
+    assert picture.stat().st_size > 10_000
+    assert (tmp_path / "out" / "speeds.png").exists()

@@ -1,0 +1,60 @@
+"""A copy by simulated time: the same record, each message logged at its stamp."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from facts_damping.errors import RecordingError
+from facts_damping.recording import RecordingWriter, in_simulated_time, load
+from facts_damping.recording.decode import decoder, time_ns
+from facts_damping.recording.scan import scan
+from tests.nodes.graphs import assert_same
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+def test_copy_has_the_same_record_by_the_stamps(
+    tmp_path: Path, random_record: Callable[..., Any], write_record: Callable[..., None]
+) -> None:
+    write_record(random_record(1), tmp_path / "a")
+    assert in_simulated_time(tmp_path / "a", tmp_path / "b") == []
+    assert_same(load(tmp_path / "b"), load(tmp_path / "a"))
+    copied, before = scan(tmp_path / "b"), scan(tmp_path / "a")
+    decoders = {name: decoder(topic) for name, topic in copied.topics.items()}
+    assert copied.versions == before.versions
+    assert sorted(one.data for one in copied.messages) == sorted(one.data for one in before.messages)
+    for message in copied.messages:
+        stamp = time_ns(decoders[message.topic](message.data).header.stamp)
+        assert message.log_ns == message.publish_ns == stamp
+    times = [message.log_ns for message in copied.messages]
+    assert times == sorted(times)
+    assert times[-1] > 0
+
+
+def test_stamp_before_the_start_counts_as_the_start(tmp_path: Path, messages: Any) -> None:
+    with RecordingWriter(tmp_path / "a") as writer:
+        writer.add_topic("/plant/events", "facts_damping_msgs/msg/GridEvent")
+        event = {"time_ns": -1, "kind": "fault", "element": "a", "value": 0.0, "location": 0.0}
+        writer.write("/plant/events", messages.cdr("/plant/events", messages.event(event)), 5, 5)
+    in_simulated_time(tmp_path / "a", tmp_path / "b")
+    assert [one.log_ns for one in scan(tmp_path / "b").messages] == [0]
+
+
+@pytest.mark.parametrize(
+    ("message_type", "data", "said"),
+    [
+        ("facts_damping_msgs/msg/MachineState", bytes(100), "/x: facts_damping_msgs/msg/MachineState has no header"),
+        ("facts_damping_msgs/msg/GridEvent", bytes(5), "/x: a message is cut"),
+    ],
+)
+def test_messages_without_a_stamp_are_refused(tmp_path: Path, message_type: str, data: bytes, said: str) -> None:
+    with RecordingWriter(tmp_path / "a") as writer:
+        writer.add_topic("/x", message_type)
+        writer.write("/x", data, 1, 1)
+    with pytest.raises(RecordingError, match=said):
+        in_simulated_time(tmp_path / "a", tmp_path / "b")
+    assert not (tmp_path / "b").exists()

@@ -1,0 +1,72 @@
+"""Tables of margins, from margins that are made up."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from facts_damping.studies.margin_plots import draw_margins
+from facts_damping.studies.results import margin_table
+
+
+def margin(criterion: str, scenario: str, link: str, controller: str, at: float, **more: Any) -> dict[str, Any]:
+    told = {"criterion": criterion, "scenario": scenario, "link": link, "controller": controller, "scheme": None}
+    found = {"margin_s": at, "low_s": at - 0.01, "high_s": at + 0.01, "beyond": None, "field": "delay_s"}
+    rest = {"horizon_s": 20.0, "monotonic": True, "holds_again": [], "holds": 0.5, "seeds": 1, "per_seed": None}
+    return {**told, **found, **rest, **more}
+
+
+MARGINS = [
+    margin(criterion, scenario, link, controller, base + own)
+    for scenario, base in (("small", 0.5), ("large", 0.3))
+    for link, own in (("fibre", 0.1), ("plc", 0.0))
+    for controller, criterion in (("A", "unstable"), ("A", "not_damped"), ("B", "unstable"), ("B", "not_damped"))
+]
+
+
+def blocks(lines: list[str]) -> list[list[str]]:
+    """Titles and rows of the tables, without the lines below their heads."""
+    text = "\n".join(lines).split(" s:\n\n")
+    titles = [part.splitlines()[-1] for part in text[:-1]]
+    tables = [[row for row in part.split("\n\n")[0].splitlines() if "---" not in row] for part in text[1:]]
+    return [[title, *table] for title, table in zip(titles, tables, strict=True)]
+
+
+def test_scenarios_stand_side_by_side_unless_another_column_does() -> None:
+    found = blocks(margin_table(MARGINS, "scenario"))
+    assert [title for title, *_ in found] == ["unstable, delay_s, horizon 20", "not_damped, delay_s, horizon 20"]
+    assert found[0][1] == "| link | controller | small [low, high] | large [low, high] |"
+    assert len(found[0]) == 2 + 4
+
+    found = blocks(margin_table(MARGINS, "link"))
+    assert [title for title, *_ in found] == [
+        f"{criterion}, {scenario}, delay_s, horizon 20"
+        for criterion in ("unstable", "not_damped")
+        for scenario in ("small", "large")
+    ]
+    assert found[1][1:] == [
+        "| controller | fibre [low, high] | plc [low, high] |",
+        "| A | 0.400 [0.39, 0.41] | 0.300 [0.29, 0.31] |",
+        "| B | 0.400 [0.39, 0.41] | 0.300 [0.29, 0.31] |",
+    ]
+
+
+def test_who_bears_most_is_first_and_what_is_missing_or_holds_again_is_seen() -> None:
+    rows = [
+        margin("unstable", "small", "fibre", "A", 0.2, monotonic=False, holds_again=[0.6, 0.7], holds=0.3),
+        margin("unstable", "small", "plc", "A", 0.1),
+        margin("unstable", "small", "fibre", "B", 0.9, margin_s=None, low_s=1.0, high_s=None, beyond="high"),
+    ]
+    ((_, _, first, second),) = blocks(margin_table(rows, "link"))
+    assert first == "| B | > 1 |  |"
+    assert second == "| A | 0.200 [0.19, 0.21] * 30 % | 0.100 [0.09, 0.11] |"
+
+
+def test_the_picture_has_a_panel_for_each_place_and_a_diamond_also_where_it_fails_at_once() -> None:
+    at_once = margin("not_damped", "large", "plc", "C", 0.0, margin_s=None, low_s=None, high_s=0.0, beyond="low")
+    figure = draw_margins([*MARGINS, margin("unstable", "large", "plc", "C", 0.2), at_once], "link")
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles == [f"{s}, {link}, horizon 20 s" for s in ("small", "large") for link in ("fibre", "plc")]
+    diamonds = [line for line in figure.axes[-1].lines if line.get_marker() == "D"]
+    assert sorted(np.concatenate([np.asarray(line.get_xdata(), float) for line in diamonds])) == [0.0, 0.3, 0.3]
