@@ -146,7 +146,7 @@ def test_signals_share_their_modes(method: str) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_roots_that_cancel_each_other_are_not_taken_for_modes(method: str) -> None:
-    """With this noise linear prediction has three useless roots side by side, each of more energy than the local mode."""
+    """With this noise linear prediction has three useless roots side by side, of more energy than the local mode."""
     t = T[:660]
     s = 2 * np.pi * np.array([0.6, 1.1]) * (1j - 0.06 / np.sqrt(1 - 0.06**2))
     x = (np.exp(np.outer(t, s)) @ [1e-3, 6e-4]).real
