@@ -80,8 +80,8 @@ def _alike(parts: Mapping[str, Mapping[str, float]]) -> Iterator[tuple[tuple[flo
     grouped: dict[tuple[float, ...], list[str]] = {}
     for who, told in parts.items():
         grouped.setdefault(tuple(told.values()), []).append(who)
-    for told, (first, *others) in grouped.items():
-        yield told, f"{first} and {len(others)} more" if others else first
+    for values, (first, *others) in grouped.items():
+        yield values, f"{first} and {len(others)} more" if others else first
 
 
 def _mode(mode: Mapping[str, Any]) -> str:

@@ -57,21 +57,23 @@ def pencil_poles(right: NDArray[np.float64], order: int) -> NDArray[np.complex12
 
 
 def prony_poles(signals: NDArray[np.float64], right: NDArray[np.float64], order: int) -> NDArray[np.complex128]:
-    """The `order` strongest roots of `sum_j c_j z^j`, j = 0..L, where `sum_j c_j x_(k+j) = 0` predicts the samples.
+    """The `order` roots most needed of `sum_j c_j z^j`, j = 0..L, where `sum_j c_j x_(k+j) = 0` predicts the samples.
 
     Linear prediction of order L, a third of the samples, by total least squares: of all c with c_L = 1 that are
     orthogonal to the signals' singular vectors, the shortest. The L - order roots that the signals do not need lie
-    inside the unit circle, apart from each other, and carry little energy. A Gauss-Newton step follows: noise
-    scatters the roots of linear prediction up to twice as much as the bound, after it no more than that.
+    inside the unit circle. A Gauss-Newton step follows: noise scatters the roots of linear prediction up to twice as
+    much as the Cramer-Rao bound, after it hardly more.
     """
     V = right[:order].T
     predictor = np.eye(len(V))[-1] - V @ V[-1]  # last unit vector, less what the signals contain of it
     roots = within(np.asarray(np.roots(predictor[::-1]), np.complex128), len(signals))
-    energies = np.sum(np.abs(amplitudes(roots, signals)[1]) ** 2, axis=1)
-    strongest = np.sort(energies)[::-1][: order + 1]
-    # A pair has one energy but for rounding: where the limit would part it, both stay.
-    kept = roots[energies >= 0.99 * strongest[min(order, len(strongest)) - 1]]
-    return improved(np.asarray(kept, np.complex128), signals)
+    inverse = np.linalg.pinv(amplitudes(roots, signals)[0])
+    # By how much the residual rises without each root, not its energy: useless ones that lie close cancel each other.
+    needed = np.sum(np.abs(inverse @ signals) ** 2, axis=1) / np.sum(np.abs(inverse) ** 2, axis=1)
+    floor = np.sort(needed)[::-1][min(order, len(needed)) - 1]
+    # A pair is needed alike but for rounding: where the limit would part it, both stay.
+    kept = np.asarray(roots[needed >= 0.99 * floor], np.complex128)
+    return improved(kept, signals)
 
 
 def era_poles(signals: NDArray[np.float64], order: int) -> NDArray[np.complex128]:

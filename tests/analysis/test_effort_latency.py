@@ -129,7 +129,7 @@ def test_hops_of_constant_delays(swing_record: Callable[..., Record]) -> None:
 
 def test_each_controller_waits_on_its_own_link() -> None:
     """Of two controllers the second has a link of its own, with 60 ms up; neither waits, for a link delivers whole."""
-    slow = {"up": [{"stage": "delay", "delay": 0.06}], "down": []}
+    slow = {"up": [{"stage": "network", "model": "constant", "delay": 0.06}], "down": []}
     controllers = [
         {"name": "LLC", "devices": ["sssc"], "signals": ["speed"]},
         {"name": "LLC", "devices": ["statcom"], "signals": ["power"], "link": slow},

@@ -144,6 +144,18 @@ def test_signals_share_their_modes(method: str) -> None:
     assert sorted(mode.frequency_hz for mode in found) == pytest.approx([0.6, 1.05, 1.2], rel=1e-6)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_roots_that_cancel_each_other_are_not_taken_for_modes(method: str) -> None:
+    """With this noise linear prediction has three useless roots side by side, of more energy than the local mode."""
+    t = T[:660]
+    s = 2 * np.pi * np.array([0.6, 1.1]) * (1j - 0.06 / np.sqrt(1 - 0.06**2))
+    x = (np.exp(np.outer(t, s)) @ [1e-3, 6e-4]).real
+    noise = 0.01 * np.sqrt(np.mean(x[60:] ** 2)) * np.random.default_rng(101).standard_normal(660)
+    slow, fast = sorted(fit(t, x + noise, method).modes)
+    assert slow.frequency_hz == pytest.approx(0.6, rel=0.005)
+    assert fast.frequency_hz == pytest.approx(1.1, rel=0.005)
+
+
 def test_an_unknown_method_is_refused() -> None:
     with pytest.raises(InputError, match=r"method: 'music' given; allowed: matrix_pencil, prony, era"):
         fit_ringdown(T, wave(0.6, 0.05), method="music")
