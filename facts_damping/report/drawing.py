@@ -26,7 +26,7 @@ from facts_damping.report.contents import Chart, Maps
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bokeh.models.renderers import GlyphRenderer
+    from bokeh.models.renderers import DataRenderer
 
     from facts_damping.report.contents import Curve, Map, Panel, Report
 
@@ -116,7 +116,7 @@ def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
     return made
 
 
-def _curve(made: Figure, curve: Curve, shared: _Shared) -> GlyphRenderer:
+def _curve(made: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
     """One curve; those of a run over the same x have a source together."""
     key = curve.run, curve.x.tobytes()
     source = shared.sources.setdefault(key, ColumnDataSource({"x": curve.x}))
@@ -124,6 +124,7 @@ def _curve(made: Figure, curve: Curve, shared: _Shared) -> GlyphRenderer:
     source.data[column] = curve.y.astype(np.float32)
     name = shared.names[curve.run] + (f": {curve.name}" if curve.name else "")
     look: dict[str, Any] = {"name": name, "color": COLOURS[curve.run % len(COLOURS)], "source": source}
+    drawn: DataRenderer
     if curve.style == "points":
         drawn = made.scatter("x", column, size=8, line_width=2, fill_color=None, **look)
     else:

@@ -56,6 +56,17 @@ def written(folder: Path, *named: tuple[str, Record]) -> Path:
     return folder / "report.html"
 
 
+class Tags(HTMLParser):
+    """Names of all tags of a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:  # noqa: ARG002 (inherited)
+        self.found.append(tag)
+
+
 def items(found: Report) -> dict[str, Any]:
     return {item.key: item for section in found.sections for item in section.items}
 
@@ -210,10 +221,9 @@ def test_names_are_text_not_markup(tmp_path: Path, swing_record: Callable[..., R
     tags: list[list[str]] = []
     for one in ("plain", name):
         page = written(tmp_path, (one, swing_record(notes=[one]))).read_text()
-        parser = HTMLParser()
-        tags.append([])
-        parser.handle_starttag = lambda tag, _, found=tags[-1]: found.append(tag)  # type: ignore[method-assign]
+        parser = Tags()
         parser.feed(page)
+        tags.append(parser.found)
     assert tags[0] == tags[1]
     assert tags[0].count("script") > 2
 
