@@ -15,8 +15,7 @@ from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.table import Parameter, Value, defaults, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
-from facts_damping.link.draws import mean_delay
-from facts_damping.linking import open_own, read_links, with_own
+from facts_damping.linking import mean_delays, open_own, read_links, with_own
 from facts_damping.parameters.placement import place
 from facts_damping.parameters.run import Controller, Run, Scenario, Tuned, Weights
 from facts_damping.parameters.system import System
@@ -161,7 +160,7 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
     scenario_file = str(path) if isinstance(run.scenario, str) else ""
     placed = place(_dispatched(system, scenario, scenario_file))
     rows = [
-        _filled(with_own(c, links[used[i]]), f"controllers.{i}", system.name, links[used[i]], source, sets)
+        _filled(with_own(c, links[used[i]]), f"controllers.{i}", system, links[used[i]], source, sets)
         for i, c in enumerate(run.controllers)
     ]
     case = Case(run, rows, placed, scenario, link, links, used)
@@ -249,7 +248,7 @@ def _check_channels(case: Case, source: str, sets: dict[str, str] | None) -> Non
 
 
 def _filled(
-    controller: Controller, here: str, system: str, link: Link, source: str, sets: dict[str, str] | None
+    controller: Controller, here: str, system: System, link: Link, source: str, sets: dict[str, str] | None
 ) -> Controller:
     """A controller with scheme, all parameters and its weights: the table's, then the system's tuned, then its own."""
 
@@ -268,11 +267,11 @@ def _filled(
     counts = {"signal": len(controller.signals), "device": len(controller.devices)}
     for name, value in controller.parameters.items():
         check_parameter(where(f"parameters.{name}"), name, value, row.parameters, counts)
-    known = tuned(system, controller.signals, controller.devices)
+    known = tuned(system.name, controller.signals, controller.devices)
     if controller.name == "LLC-tuned" and (controller.name, None) not in known and not controller.parameters:
         raise InputError(
-            f"{where('name')}: 'LLC-tuned' given, which is not tuned for {system} with these signals and devices; "
-            f"allowed: LLC, or `facts-damping tune {system}` first"
+            f"{where('name')}: 'LLC-tuned' given, which is not tuned for {system.name} with these signals and devices; "
+            f"allowed: LLC, or `facts-damping tune {system.name}` first"
         )
     own = defaults(row, controller.profile, *counts.values())
     values = {**own, **known.get((controller.name, scheme), {}), **controller.parameters}
@@ -286,10 +285,11 @@ def _filled(
             f"{where('parameters.identifier')}: 'ANFGuMoI' given; "
             "allowed: ANFTSI with several signals or devices, or an identifier_span"
         )
+    whole, down = mean_delays(controller, system, link)
     if values.get("lag") == -1.0:
-        values["lag"] = mean_delay([*link.up, *link.down])
+        values["lag"] = whole
     if values["down_delay"] == -1.0:
-        values["down_delay"] = mean_delay(link.down)
+        values["down_delay"] = down
     weights = _weights(controller, scheme, values, where)
     return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})
 

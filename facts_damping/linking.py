@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.checking import check, origin
 from facts_damping.files import find, read_table
+from facts_damping.link.draws import mean_delay
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.run import Run
 from facts_damping.traces import with_traces
 
 if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
+    from facts_damping.parameters.system import System
 
 
 def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link, list[Link], list[int]]:
@@ -31,6 +33,16 @@ def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link
             used.append(len(links))
             links.append(_read(controller.link, f"controllers.{i}.link", source, sets))
     return link, links, used
+
+
+def mean_delays(controller: Controller, system: System, link: Link) -> tuple[float, float]:
+    """Mean delay, s, of what a controller waits for longest: from station to device, and of that the way down."""
+    signals = [name for name in controller.signals if name in system.signals]
+    stations = {station for name in signals for station in system.signals[name].weights}
+    groups = {s: {s, *(n for n, signal in system.signals.items() if s in signal.weights)} for s in stations}
+    ways = [[*groups[s], device] for s in sorted(stations) for device in controller.devices]
+    whole = [mean_delay([*link.up, *link.down], names) for names in ways]
+    return max(whole, default=0.0), max((mean_delay(link.down, [device]) for device in controller.devices), default=0.0)
 
 
 def with_own(controller: Controller, link: Link) -> Controller:

@@ -129,9 +129,7 @@ NEURO_FUZZY_PARAMETERS = {
     "identifier_leakage": Parameter(
         0.0, "1/frame", 0.0, 1.0, "share of the identifier's way back to its start each frame", deployed=1e-3
     ),
-    "lag": Parameter(
-        -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's constant ones", live=False
-    ),
+    "lag": Parameter(-1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's mean", live=False),
     **COMPENSATION_PARAMETERS,
 }
 

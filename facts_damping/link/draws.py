@@ -16,7 +16,7 @@ from facts_damping.parameters.link import LONGEST_S
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Collection, Sequence
 
     from numpy.typing import NDArray
 
@@ -103,8 +103,11 @@ def _replayed(stage: Any, size: Shape, channels: Sequence[str]) -> NDArray[np.fl
     return found
 
 
-def mean_delay(stages: Sequence[Any]) -> float:
-    """Mean delay of a chain, s, where nothing is lost or waits for others; stages that start later add none."""
+def mean_delay(stages: Sequence[Any], names: Collection[str] | None = None) -> float:
+    """Mean delay of a chain, s, where nothing is lost or waits for others; stages that start later add none.
+
+    `names`: what the channel goes by, as stages name it in `channels`; None: one that all stages concern.
+    """
     means: dict[str, Callable[[Any], float]] = {
         "constant": lambda s: s.delay,
         "uniform": lambda s: (s.low + s.high) / 2.0,
@@ -115,9 +118,11 @@ def mean_delay(stages: Sequence[Any]) -> float:
     }
     total = 0.0
     for stage in stages:
-        if stage.start == 0.0 and stage.model in means:
+        if stage.start > 0.0 or not (names is None or stage.channels is None or set(stage.channels) & set(names)):
+            continue
+        if stage.model in means:
             total += means[stage.model](stage)
-        elif stage.start == 0.0 and stage.model == "playout":
+        elif stage.model == "playout":
             total = max(total, stage.delay)
     return total
 

@@ -129,6 +129,31 @@ def test_a_table_of_delays_is_replayed(tmp_path: Path) -> None:
     assert loop.run(again).delivered.tobytes() == record.delivered.tobytes()
 
 
+def test_a_controller_knows_the_mean_delay_of_what_it_waits_for() -> None:
+    """Of the slowest of its stations and devices, in all and of the way down; what others wait for does not count."""
+    up = [
+        {"delay": 0.1, "channels": ["w13"]},  # G1, G3
+        {"model": "uniform", "low": 0.0, "high": 0.2, "channels": ["TIE"]},
+        {"model": "gamma", "delay": 0.01, "shape": 2.0, "scale": 0.01},
+        {"delay": 9.0, "start": 1.0},
+    ]
+    link = {"up": up, "down": [{"delay": 0.2, "channels": ["sssc"]}, {"delay": 0.02, "channels": ["statcom"]}]}
+
+    def known(signals: list[str], devices: list[str], link: dict[str, Any] = link) -> tuple[float, float]:
+        row = {"name": "ANFTSC", "signals": signals, "devices": devices, "link": link}
+        case = load_case(None, ["devices=[sssc, statcom]", f"controllers={json.dumps([row])}"])
+        return case.controllers[0].number("lag"), case.controllers[0].number("down_delay")
+
+    assert known(["speed"], ["sssc"]) == pytest.approx((0.1 + 0.03 + 0.2, 0.2))
+    assert known(["w12"], ["statcom"]) == pytest.approx((0.1 + 0.03 + 0.02, 0.02))
+    assert known(["w34"], ["statcom"]) == pytest.approx((0.1 + 0.03 + 0.02, 0.02))
+    assert known(["power"], ["statcom"]) == pytest.approx((0.1 + 0.03 + 0.02, 0.02))
+    assert known(["speed", "power"], ["statcom", "sssc"]) == pytest.approx((0.33, 0.2))
+    up.append({"delay": 0.3, "channels": ["G4"]})
+    assert known(["w12"], ["sssc"]) == pytest.approx((0.33, 0.2))
+    assert known(["w34"], ["sssc"]) == pytest.approx((0.63 - 0.1, 0.2))
+
+
 def test_a_table_may_have_a_column_a_station(tmp_path: Path) -> None:
     path = tmp_path / "delays.csv"
     name = load_case(None).system.stations[1].name

@@ -162,6 +162,8 @@ class Messages:
             jacobian=rows["jacobian"].copy(),
             prediction=row["prediction"].copy(),
             error=row["error"].copy(),
+            ahead=float(row["ahead"][0]),
+            change=row["change"].copy(),
             lyapunov=0.0,
             lyapunov_fall=0.0,
             parameter_groups=[],

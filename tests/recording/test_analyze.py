@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import signal
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
 
-from facts_damping import cli
-from facts_damping.signals import CHANNELS, Record
+from facts_damping import cli, loop
+from facts_damping.configuration import load_case
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -18,23 +16,9 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture
-def recording(
-    tmp_path: Path, random_record: Callable[..., Record], write_record: Callable[..., None]
-) -> Iterator[Path]:
-    """Five seconds in which the first two stations swing against each other, and nothing else is known."""
-    record = random_record(1, 300)
-    first, second, *_ = record.stations
-    swing = 1e-3 * np.cos(2 * np.pi * 0.6 * record.time_s)
-    frames = np.zeros((300, len(record.stations), len(CHANNELS)))
-    frames[:, 0, 2], frames[:, 1, 2] = swing, -swing
-    for table in (record.devices, record.machines):
-        for name in table.dtype.names or ():
-            table[name] = 0.0
-    weights = {first: 1.0, second: -1.0}
-    asked: dict[str, Any] = {"system": "pair", "scenario": "none", "controllers": [], "link": "ideal"}
-    system = {"signals": {"w12": {"channel": "speed_deviation", "weights": weights}}, "measures": {"local": ["w12"]}}
-    configuration = {**record.configuration, "asked": asked, "system": system}
-    write_record(replace(record, configuration=configuration, frames=frames), tmp_path / "recording")
+def recording(tmp_path: Path, write_record: Callable[..., None]) -> Iterator[Path]:
+    """Five seconds of the default run."""
+    write_record(loop.run(load_case(None, ["duration=5"])), tmp_path / "recording")
     handler = signal.getsignal(signal.SIGTERM)
     yield tmp_path / "recording"
     signal.signal(signal.SIGTERM, handler)
@@ -43,7 +27,7 @@ def recording(
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (["--spwvd", "w12,w99"], "signal: 'w99' given; allowed: w12, STATION.CHANNEL, DEVICE.FIELD, MACHINE.FIELD"),
+        (["--spwvd", "w12,w99"], "signal: 'w99' given; allowed: angle, angle_rate, power, "),
         (["--spwvd", "w12", "--windows", "fast"], "argument --windows: fast given; allowed: two numbers with a comma"),
         (["--spwvd", "w12", "--windows", "0,1"], "signal w12: lag window: 0 s given; allowed: above 0 s, or inf"),
         (["--spwvd", "w12", "--band", "0.1,70"], "signal w12: band: 0.1 to 70 Hz given; allowed: rising, within 0 to"),

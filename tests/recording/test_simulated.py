@@ -38,7 +38,7 @@ def test_stamp_before_the_start_counts_as_the_start(tmp_path: Path, messages: An
     with RecordingWriter(tmp_path / "a") as writer:
         writer.add_topic("/plant/events", "facts_damping_msgs/msg/GridEvent")
         event = {"time_ns": -1, "kind": "fault", "element": "a", "value": 0.0, "location": 0.0}
-        writer.write("/plant/events", messages.cdr("/plant/events", messages.event(event)), 5, 5)
+        writer.write("/plant/events", messages.cdr(messages.event(event)), 5, 5)
     in_simulated_time(tmp_path / "a", tmp_path / "b")
     assert [one.log_ns for one in scan(tmp_path / "b").messages] == [0]
 
