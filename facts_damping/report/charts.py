@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.analysis.measures import event_times
 from facts_damping.analysis.pictures import PICTURES, Picture
 from facts_damping.analysis.ringdown import interval
 from facts_damping.report.contents import Chart, Curve, Panel
-from facts_damping.report.traces import envelope, steps
+from facts_damping.report.traces import detailed, steps
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -64,13 +65,13 @@ def _panel(name: str, parts: Sequence[tuple[int, analysed.Panel]], runs: Sequenc
     curves: list[Curve] = []
     levels: dict[float, None] = {}
     for index, panel in parts:
-        time_s = runs[index].record.time_s
+        time_s, since = runs[index].record.time_s, min(event_times(runs[index].record), default=0.0)
         for label, one in panel.curves.items():
             x = time_s if one.x is None else one.x
-            x, y = envelope(x, one.values) if over_time else steps(x, one.values)
+            x, y = detailed(x, one.values, since) if over_time else steps(x, one.values)
             curves.append(Curve(index, x, y, name=label))
         if panel.dashed is not None:
-            curves.append(Curve(index, *envelope(time_s, panel.dashed), "dashed", "setpoint"))
+            curves.append(Curve(index, *detailed(time_s, panel.dashed, since), "dashed", "setpoint"))
         if panel.regions is not None:
             at, whole = np.array(panel.regions[:2]), panel.curves[""]
             height = np.interp(at, time_s if whole.x is None else whole.x, whole.values)

@@ -9,6 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+BEFORE, AFTER = 2.0, 58.0  # s about the first event that are shown in detail
 POINTS = 6000  # of a trace at most: three for each pixel of a wide screen
 
 
@@ -31,6 +32,22 @@ def envelope(
     values = np.column_stack([np.where(falls, high, low), np.where(falls, low, high)])
     ends = np.minimum(starts + size, len(x)) - 1
     return x[np.column_stack([starts, (starts + ends + 1) // 2]).ravel()], values.ravel()
+
+
+def detailed(
+    time_s: NDArray[np.float64], y: NDArray[np.float64], since: float, most: int = POINTS
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A long trace as its envelope, but the minute after `since` (s; the first event) as an envelope of its own.
+
+    So that who zooms into an hour sees the oscillation. At most `3 most` points.
+    """
+    if len(time_s) <= most:
+        return time_s, y
+    edges = np.searchsorted(time_s, [since - BEFORE, since + AFTER])
+    parts = [
+        envelope(x, part, most) for x, part in zip(np.split(time_s, edges), np.split(y, edges), strict=True) if len(x)
+    ]
+    return np.concatenate([x for x, _ in parts]), np.concatenate([part for _, part in parts])
 
 
 def steps(

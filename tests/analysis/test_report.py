@@ -21,7 +21,7 @@ from facts_damping.errors import InputError
 from facts_damping.report.build import build
 from facts_damping.report.contents import Chart, Maps, Run, Table
 from facts_damping.report.tables import ranked
-from facts_damping.report.traces import envelope, steps
+from facts_damping.report.traces import detailed, envelope, steps
 from facts_damping.signals import DEVICE_TRUTH
 
 if TYPE_CHECKING:
@@ -107,6 +107,18 @@ def test_an_envelope_keeps_gaps_and_ignores_single_missing_values() -> None:
     missing = at[np.isnan(shown)]
     assert 3000 <= missing.min() <= 3080
     assert 4920 <= missing.max() <= 5000
+
+
+def test_a_long_trace_has_the_first_minute_after_the_event_in_full() -> None:
+    t = np.arange(216_000) / 60
+    y = np.sin(2 * np.pi * 0.65 * t)
+    at, shown = detailed(t, y, 1800.0)
+    assert len(at) < 18_000
+    assert np.all(np.diff(at) >= 0)
+    fine = (t >= 1798.5) & (t < 1857.5)
+    assert np.isin(t[fine], at).all()
+    np.testing.assert_array_equal(shown[np.searchsorted(at, t[fine])], y[fine])
+    assert (at[0], at[-1] > t[-1] - 1) == (0.0, True)
 
 
 def test_steps_are_the_distribution_and_few() -> None:
