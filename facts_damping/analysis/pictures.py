@@ -144,7 +144,7 @@ PICTURES = (
     Picture("injected_voltage", "Injected voltage", "v [p.u.]", _voltages, together=False),
     Picture("centre_of_angle", "Centre of angle", "δ [°]", _angles, together=True),
     Picture("indices", "Performance indices", "", _indices, together=False),
-    Picture("jacobian", "Identified Jacobian", "∂y/∂u", _jacobians, together=False),
+    Picture("jacobian", "Identified Jacobian", "∂y/∂u [p.u./p.u.]", _jacobians, together=False),
     Picture("learning_rate", "Learning rate", "η", _learning_rates, together=False, logarithmic=True),
     Picture("latency", "Latency by hop", "CDF", _latencies, together=False, over="latency [ms]"),
 )
