@@ -39,7 +39,7 @@ test: test-setup
 
 setup: prerequisites $(VENV)/.warm
 
-test-setup: setup $(VENV)/.tools
+test-setup: setup $(VENV)/.tools $(VENV)/.browser
 
 # One line for the first prerequisite that is missing: what it is and how to get it.
 prerequisites:
@@ -85,6 +85,15 @@ $(VENV)/.warm: $(SOURCES) $(VENV)/.messages
 $(VENV)/.tools: $(METADATA) $(VENV)/.messages
 	$(SAY) "set-up: test tools"
 	@$(INSTALL) -e '.[ros,test]'
+	@touch $@
+
+# The browser of tests/analysis/test_report.py: Debian's, where that may be installed. Elsewhere the tests are skipped.
+$(VENV)/.browser: | $(VENV)/.python
+	@if ! command -v chromium >/dev/null && [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	    echo "set-up: Chromium, in which reports are looked at"; \
+	    { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends chromium; } \
+	        >/dev/null 2>&1 || echo "set-up: no Chromium to be had; its tests are skipped"; \
+	fi
 	@touch $@
 
 clean:

@@ -41,7 +41,7 @@ setup(
     maintainer_email="maintainers@example.org",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={"": ["py.typed"], f"{NAME}.nodes": ["fastdds.xml"]},
+    package_data={"": ["py.typed"], f"{NAME}.nodes": ["fastdds.xml"], f"{NAME}.report": ["page.*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -50,6 +50,9 @@ setup(
     zip_safe=False,
     # Lower bounds: what runs on Python 3.10. Upper bounds: the next release that may break.
     install_requires=[
+        "control>=0.10.1,<0.11",  # before, its ERA was not there
+        "bokeh>=3.6,<4",  # analyze --report
+        "jinja2>=3.1,<4",
         "joblib>=1.5,<2",  # which hands an initializer to its processes
         "matplotlib>=3.8,<4",
         "mcap>=1.5,<2",
@@ -93,6 +96,7 @@ setup(
             "import-linter>=2,<3",
             "matpowercaseframes==2.1.1",
             "pandas<4",
+            "playwright>=1.50,<2",  # drives Debian's Chromium, brings no browser of its own
             "mypy==2.4.1",  # exact, as ruff: a new release finds new faults
             "pytest>=8,<10",
             "pytest-timeout>=2.3,<3",

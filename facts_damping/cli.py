@@ -61,10 +61,13 @@ def parser() -> argparse.ArgumentParser:
     _common(command)
     command = add("analyze", commands.analyze)
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder or .mcap file")
+    command.add_argument("--modes-method", choices=MODES, default=MODES[0], help="finds modes; default: matrix_pencil")
+    command.add_argument("--baseline", metavar="RECORDING", help="what improvement counts from; default: the first")
     command.add_argument("--run", metavar="RUN", help="the run that they are of, where they hold none")
     command.add_argument("--spwvd", metavar="SIGNAL,...", help="also time-frequency distributions of these signals")
     command.add_argument("--windows", type=_pair, metavar="LAG,TIME", help="of --spwvd, s; default: 10,4")
     command.add_argument("--band", type=_pair, metavar="LOW,HIGH", help="of --spwvd, Hz; default: 0.1,2.5")
+    command.add_argument("--report", metavar="FILE.html", help="also one page with everything, for a browser")
     _common(command, sets=False)
     command = add("views", commands.views)
     command.add_argument(
@@ -186,6 +189,7 @@ def _seconds(low: float, high: float) -> Callable[[str], float]:
     return take
 
 
+MODES = ("matrix_pencil", "prony", "era")  # facts_damping.analysis.poles.METHODS, which takes long to load
 COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _seconds(0.05, 3600.0)
 
 

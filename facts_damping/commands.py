@@ -33,11 +33,13 @@ def say(arguments: argparse.Namespace, text: str) -> None:
         sys.stdout.write(text + "\n")
 
 
-def summarise(record: Record, wall_s: float | None, recording: str | None) -> dict[str, Any]:
+def summarise(
+    record: Record, wall_s: float | None, recording: str | None, method: str = "matrix_pencil"
+) -> dict[str, Any]:
     """The JSON of a run (docs/commands.md)."""
     from facts_damping.analysis import summary
 
-    return {**summary.summarise(record), "wall_s": wall_s, "recording": recording}
+    return {**summary.summarise(record, method=method), "wall_s": wall_s, "recording": recording}
 
 
 def plot(records: Sequence[tuple[str, Record]], folder: Path) -> list[Path]:
@@ -124,22 +126,37 @@ def run(arguments: argparse.Namespace) -> None:
 
 def analyze(arguments: argparse.Namespace) -> None:
     """Figures and plots of recordings."""
+    from facts_damping.analysis import details
     from facts_damping.recording.reader import load
 
+    files.check_writable(arguments.report, "--report", standard=False)
     if arguments.spwvd is None and (arguments.windows or arguments.band):
         raise InputError("--windows, --band: given without --spwvd; allowed: with --spwvd SIGNAL,...")
-    named = []
-    for path in arguments.recordings:
+    given = arguments.recordings
+    first = given[0] if arguments.baseline is None else arguments.baseline
+    check_known("--baseline", first, given)
+    named, progress = [], Progress("read", "recordings")
+    for i, path in enumerate(given):
+        progress(i, len(given))
         record = _explained(load(path), path, arguments.run)
         run = record.configuration.get("asked") or record.configuration
         named.append((label(Run.model_validate(run).model_dump()), record))
+    progress.close()
     if len({name for name, _ in named}) < len(named):
         named = [(f"{i + 1} {name}", record) for i, (name, record) in enumerate(named)]
-    results = [
-        summarise(record, None, str(path)) for (_, record), path in zip(named, arguments.recordings, strict=True)
+    results = []
+    for (_, record), path in zip(named, given, strict=True):
+        result = summarise(record, None, str(path), arguments.modes_method)
+        results.append(result | details.details(record))
+    details.compare(results, given.index(first))
+    folder = Path(arguments.out) if arguments.out is not None else Path(given[0]).parent / "analysis"
+    names = [name for name, _ in named]
+    more = [
+        *details.lines(names, results, given.index(first)),
+        *_distributions(arguments, named, results, folder),
+        *_page(arguments, named, results, given.index(first)),
     ]
-    folder = Path(arguments.out) if arguments.out is not None else Path(arguments.recordings[0]).parent / "analysis"
-    _report(arguments, named, results, folder, *_distributions(arguments, named, results, folder))
+    _report(arguments, named, results, folder, *more)
 
 
 def _distributions(
@@ -162,6 +179,18 @@ def _distributions(
     for note in notes:
         sys.stderr.write(f"{note}\n")
     return [f"plot: {path}" for path in paths]
+
+
+def _page(
+    arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]], baseline: int
+) -> list[str]:
+    """The report, where it is asked for: a line that says where it is."""
+    if arguments.report is None:
+        return []
+    from facts_damping import report
+
+    report.write(Path(arguments.report), named, results, baseline)
+    return [f"report: {arguments.report}"]
 
 
 def views(arguments: argparse.Namespace) -> None:

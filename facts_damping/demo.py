@@ -6,7 +6,8 @@ import sys
 import time
 from pathlib import Path
 
-from facts_damping import commands, configuration, graph
+from facts_damping import commands, configuration, graph, report
+from facts_damping.analysis import details
 from facts_damping.analysis.summary import table
 from facts_damping.errors import FactsDampingError
 from facts_damping.recording.reader import load
@@ -20,11 +21,11 @@ CASES = {
 
 
 def run_all(folder: Path) -> None:
-    """Run the three graphs in lockstep, put their figures side by side, plot them together."""
+    """Run the three graphs in lockstep, put their figures side by side, plot them together, write their report."""
     named = []
     for name, sets in CASES.items():
         case = configuration.load_case("two_area_small", sets)
-        place = folder / name.replace(",", "").replace(" ", "_")
+        place = folder / _place(name)
         progress = Progress(name)
         try:
             outcome = graph.run(case, "lockstep", place, progress)
@@ -34,11 +35,31 @@ def run_all(folder: Path) -> None:
         named.append((name, record))
         print(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
     print("\nscenario small of two_area: load of area 2 decreased by 10 % at t = 1 s\n")
-    print(table([(name, commands.summarise(record, None, None)) for name, record in named]))
+    results = [commands.summarise(record, None, str(folder / _place(name) / "recording")) for name, record in named]
+    details.compare(results, 0)
+    print(table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
     print()
     for path in commands.plot(named, folder):
         print(f"plot: {path}")
     print(f"recordings: {folder}/*/recording")
+    report.write(folder / "report.html", named, results)
+    print(f"report, for a browser: {_newest(folder)}/report.html")
+
+
+def _newest(folder: Path) -> Path:
+    """A link to the newest folder, `results/demo`, or the folder itself where something else has that name."""
+    link = folder.parent / "demo"
+    if link.is_symlink():
+        link.unlink()
+    if link.exists():
+        return folder
+    link.symlink_to(folder.name)
+    return link
+
+
+def _place(name: str) -> str:
+    """Name of the folder of a run."""
+    return name.replace(",", "").replace(" ", "_")
 
 
 def main() -> int:

@@ -99,13 +99,14 @@ def new_folder(path: Path) -> Path:
     return path
 
 
-def check_writable(target: str | None, option: str = "--json") -> None:
-    """Refuse a file for results (`-`: standard output) that cannot be written, before any work is done."""
-    if target in (None, "-"):
+def check_writable(target: str | None, option: str = "--json", *, standard: bool = True) -> None:
+    """Refuse a file for results that cannot be written, before any work is done; `standard`: `-` is standard output."""
+    if target is None or (standard and target == "-"):
         return
     path = Path(str(target))
-    if path.is_dir() or not os.access(path.parent, os.W_OK):
-        raise InputError(f"{option} {path}: cannot be written; allowed: a file in an existing folder, or -")
+    if target == "-" or path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+        also = ", or -" if standard else ""
+        raise InputError(f"{option} {path}: cannot be written; allowed: a file in an existing folder{also}")
 
 
 def dump(content: Any) -> str:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.analysis.measures import setpoint_limits
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -34,15 +36,17 @@ def record_smoothness(record: Record) -> dict[str, float]:
     return {"per_second": smoothness(setpoints, dt), "per_frame": smoothness(setpoints)}
 
 
-def saturation_duty(record: Record, limits: NDArray[np.float64]) -> float | None:
-    """Share of the frames at which a device's setpoint is at its limit, the largest of all devices; none without any.
+def saturation_duty(record: Record) -> dict[str, float]:
+    """Share of the frames at which a device's setpoint is at its limit, 0 to 1, by device.
 
-    `limits`: (devices,), p.u., the largest setpoint of each.
+    Of the devices whose limit the configuration tells (`setpoint_limits`).
     """
-    if not len(limits):
-        return None
-    at_limit = np.abs(record.devices["setpoint"]) >= limits * (1 - 1e-9)
-    return float(at_limit.mean(axis=0).max())
+    limits = setpoint_limits(record.configuration)
+    return {
+        name: float(np.mean(np.abs(record.devices["setpoint"][:, i]) >= limits[name] * (1 - 1e-9)))
+        for i, name in enumerate(record.device_names)
+        if name in limits
+    }
 
 
 def max_injected_voltage(record: Record) -> float | None:

@@ -1,16 +1,27 @@
-"""Performance indices (4.108)."""
+"""Performance indices (4.108): totals, their growth over time (figure 4.4), and how much better one run is (4.109)."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
 # Exponents (r, s) of time and deviation.
 INDICES = {"ITAE": (1, 1), "IAE": (0, 1), "ITSE": (1, 2), "ISE": (0, 2)}
+EDGE = 0.05  # of an index's final value: so much lies before its cliff, and so much after it
+
+
+class Regions(NamedTuple):
+    """Where a curve of an index over time bends, and how steep it is between (figure 4.4)."""
+
+    cliff_from_s: float  # s, end of the error floor
+    cliff_to_s: float  # s, start of the small error
+    slope: float  # of the cliff, the index's unit per s
 
 
 def performance_indices(
@@ -23,12 +34,59 @@ def performance_indices(
     the integral begins with the first frame not before it). Returns ITAE (p.u. s^2), IAE (p.u. s),
     ITSE (p.u.^2 s^2), ISE (p.u.^2 s). Source: (4.108), with r and s as there.
     """
+    t, integrands = _integrands(time_s, deviations, since)
+    return {name: float(np.sum(_steps(t, f))) / 2 for name, f in integrands.items()}
+
+
+def index_curves(
+    time_s: NDArray[np.float64], deviations: NDArray[np.float64], since: float = 0.0
+) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    """Times (s), and what each index has grown to by then: the totals of `performance_indices` at the end.
+
+    Arguments and units as there. Source: figure 4.4, the integral of (4.108) to t instead of to the end.
+    """
+    t, integrands = _integrands(time_s, deviations, since)
+    begin = np.zeros(min(1, len(t)))
+    return t + since, {name: np.append(begin, np.cumsum(_steps(t, f)) / 2) for name, f in integrands.items()}
+
+
+def regions(time_s: NDArray[np.float64], curve: NDArray[np.float64]) -> Regions | None:
+    """Divide a curve of an index into error floor, cliff and small error.
+
+    `time_s`, `curve`: (ticks,), as from `index_curves`. The error floor lasts until the curve has 5 % of its final
+    value, the cliff from there to 95 %, the small error to the end; between frames the curve is a line. The thesis
+    draws the three regions and gives no figures for their borders. None if the index stays 0. Source: figure 4.4.
+    """
+    if not len(curve) or curve[-1] <= 0:
+        return None
+    first, last = (_crossing(time_s, curve, share * float(curve[-1])) for share in (EDGE, 1 - EDGE))
+    return Regions(first, last, float((1 - 2 * EDGE) * curve[-1] / (last - first)))
+
+
+def improvement(reference: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float | None]:
+    """By how much each figure of `other` is below that of `reference`, %: `100 (A - B) / A`; none where A is 0.
+
+    Negative: `other` is worse. Source: (4.109), with A the conventional control and B the one that is judged.
+    """
+    return {name: 100 * (A - other[name]) / A if A else None for name, A in reference.items()}
+
+
+def _integrands(
+    time_s: NDArray[np.float64], deviations: NDArray[np.float64], since: float
+) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    """Times from `since` on, and what the indices integrate."""
     kept = time_s >= since
     t = time_s[kept] - since
     magnitude = np.abs(np.reshape(deviations, (len(time_s), -1))[kept])
-    return {name: _trapezoid(t, t**r * np.sum(magnitude**s, axis=1)) for name, (r, s) in INDICES.items()}
+    return t, {name: t**r * np.sum(magnitude**s, axis=1) for name, (r, s) in INDICES.items()}
 
 
-def _trapezoid(t: NDArray[np.float64], f: NDArray[np.float64]) -> float:
-    """Integral of f(t); np.trapezoid is missing in NumPy 1, np.trapz in later ones."""
-    return float(np.sum(np.diff(t) * (f[1:] + f[:-1])) / 2)
+def _steps(t: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Twice the integral of f from frame to frame by the trapezoidal rule."""
+    return np.asarray(np.diff(t) * (f[1:] + f[:-1]))
+
+
+def _crossing(t: NDArray[np.float64], curve: NDArray[np.float64], level: float) -> float:
+    """Time at which a curve that never falls, and starts below the level, reaches it."""
+    i = int(np.searchsorted(curve, level))
+    return float(t[i - 1] + (level - curve[i - 1]) / (curve[i] - curve[i - 1]) * (t[i] - t[i - 1]))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from facts_damping.signals import Record
@@ -25,11 +27,88 @@ def latency(record: Record) -> dict[str, float | None]:
     Latency = time at which the setpoint reaches the device - time of measurement of the newest frame it
     rests on: the whole way, both links and the wait for alignment. None where nothing was applied.
     """
-    ages = ages_ms(record)
-    if not len(ages):
+    return statistics(ages_ms(record))
+
+
+def statistics(values: NDArray[np.float64]) -> dict[str, float | None]:
+    """Mean, median, 99 % quantile and maximum of values (n,); None where there is none."""
+    if not len(values):
         return dict.fromkeys(("mean", "p50", "p99", "max"))
-    p50, p99 = np.percentile(ages, [50, 99])
-    return {"mean": float(ages.mean()), "p50": float(p50), "p99": float(p99), "max": float(ages.max())}
+    p50, p99 = np.percentile(values, [50, 99])
+    return {"mean": float(values.mean()), "p50": float(p50), "p99": float(p99), "max": float(values.max())}
+
+
+def cdf(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Empirical distribution: values (n,) ascending, and the share of all that is not above each, 1/n to 1."""
+    return np.sort(values), np.arange(1, len(values) + 1) / max(len(values), 1)
+
+
+def hops_ms(record: Record) -> dict[str, dict[str, NDArray[np.float64]]]:
+    """Latency of each hop by time stamps, ms of simulated time: {hop: {who: (n,)}}.
+
+    - `up`: from measurement to arrival at the controllers, an entry a value, by station (`station/link` with several);
+    - `wait`: from the first arrival of the newest frame that a setpoint rests on to its issue, by controller: it waits
+      for its other signals;
+    - `down`: from issue to the device, by device;
+    - `whole`: from measurement to the device, by device: `latency` of each.
+
+    Where frames overtake each other or are copied the hops of one setpoint need not add up to the whole. What was never
+    delivered has no latency: see `frames_lost`.
+    """
+    up = (record.delivered["arrival_ns"] - record.delivered["measured_ns"]) / MILLISECOND
+    down = (record.applied["effective_ns"] - record.applied["issued_ns"]) / MILLISECOND
+    devices = dict(enumerate(record.device_names))
+    return {
+        "up": _by(up, _ways(record), record.delivered[["station", "link"]]),
+        "wait": _by(_waits(record), dict(enumerate(record.controller_names)), record.issued["controller"]),
+        "down": _by(down, devices, record.applied["device"]),
+        "whole": _by(ages_ms(record), devices, record.applied["device"]),
+    }
+
+
+def _by(values: NDArray[np.float64], names: Mapping[Any, str], keys: NDArray[Any]) -> dict[str, NDArray[np.float64]]:
+    """Finite values by the name of their key; names without any are left out."""
+    parts = {name: values[(keys == np.array(key, keys.dtype)) & np.isfinite(values)] for key, name in names.items()}
+    return {name: part for name, part in parts.items() if len(part)}
+
+
+def _ways(record: Record) -> dict[tuple[int, int], str]:
+    """Names of the ways up, by station and link."""
+    links = np.unique(record.delivered["link"]).tolist()
+    several = len(links) > 1
+    return {
+        (station, link): f"{name}/{link}" if several else name
+        for station, name in enumerate(record.stations)
+        for link in links
+    }
+
+
+def _waits(record: Record) -> NDArray[np.float64]:
+    """From the first arrival of a setpoint's newest frame, by its controller's link, to its issue, ms, (setpoints,)."""
+    waits = np.full(len(record.issued), np.nan)
+    for controller, link in enumerate(_links(record)):
+        entries = record.delivered[record.delivered["link"] == link]
+        entries = entries[np.lexsort((entries["arrival_ns"], entries["measured_ns"]))]
+        measured, first = np.unique(entries["measured_ns"], return_index=True)
+        own = np.flatnonzero(record.issued["controller"] == controller)
+        if not len(measured):
+            continue
+        place = np.minimum(np.searchsorted(measured, record.issued["measured_ns"][own]), len(measured) - 1)
+        known = measured[place] == record.issued["measured_ns"][own]
+        arrived = entries["arrival_ns"][first[place]]
+        waits[own] = np.where(known, (record.issued["issued_ns"][own] - arrived) / MILLISECOND, np.nan)
+    return waits
+
+
+def _links(record: Record) -> list[int]:
+    """Index of the link that each controller uses: the run's comes first where one has none of its own."""
+    own = [bool(one.get("link")) for one in record.configuration.get("controllers") or ()]
+    own += [False] * (len(record.controller_names) - len(own))
+    places, following = [], 0 if all(own) else 1
+    for has in own:
+        places.append(following if has else 0)
+        following += has
+    return places
 
 
 def frames_lost(record: Record) -> int:

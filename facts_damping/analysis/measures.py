@@ -56,6 +56,13 @@ def _against_the_first(system: Mapping[str, Any]) -> dict[str, Mapping[str, floa
     return {f"{stations[0]}-{name}": {stations[0]: 1.0, name: -1.0} for name in stations[1:]}
 
 
+def setpoint_limits(configuration: Mapping[str, Any]) -> dict[str, float]:
+    """Largest setpoint of each device, p.u., from a system inline: {device: `v_max`}."""
+    system = configuration.get("system")
+    devices = system.get("devices") or [] if isinstance(system, dict) else []
+    return {one["name"]: float(one["v_max"]) for one in devices if "v_max" in one}
+
+
 def event_times(record: Record) -> list[float]:
     """Times of the events up to the record's end, s, ascending.
 

@@ -2,53 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.measures import SPEED, measure_weights, speed_differences
+from facts_damping.analysis.pictures import PICTURES
 from facts_damping.errors import InputError
-from facts_damping.signals import CHANNELS, NANOSECONDS
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
+    from facts_damping.analysis.indices import Regions
+    from facts_damping.analysis.pictures import Panel, Picture
     from facts_damping.signals import Record
 
-POWER, VOLTAGE = (list(CHANNELS).index(name) for name in ("active_power", "voltage_magnitude"))
 WIDTH, PANEL_HEIGHT, MARGIN = 9.0, 2.3, 1.3  # inch
 DPI = 150
 # Okabe and Ito's palette without its yellow: distinct also for the colour-blind.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
-SETPOINT, LIMIT = "setpoint in force", "limit of the setpoint"
+SETPOINT, LIMIT, CLIFF = "setpoint in force", "limit of the setpoint", "ends of the cliff region"
+REGIONS = {"error floor": 0.9, "cliff": 0.06, "small error": 0.06}  # where their names stand, of the height
 NEARBY = 0.03  # of the time axis: events so close share a label
-
-
-@dataclass(frozen=True)
-class Panel:
-    """A signal of a record: name, values (ticks,), perhaps a second, dashed curve, and horizontal limits."""
-
-    name: str
-    values: NDArray[np.float64]
-    dashed: NDArray[np.float64] | None = None
-    limits: tuple[float, ...] = field(default=())
-
-
-class Picture(NamedTuple):
-    """A file: its stem, title, label of the ordinate, panels of a record, all of one in one axes?."""
-
-    stem: str
-    title: str
-    label: str
-    panels: Callable[[Record], list[Panel]]
-    together: bool
+NARROW = 0.05  # of the time axis: a region so narrow bears no name
 
 
 def plot_record(record: Record, folder: Path | str) -> list[Path]:
@@ -59,8 +40,8 @@ def plot_record(record: Record, folder: Path | str) -> list[Path]:
 def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -> list[Path]:
     """Plot several records (name, record) over each other: paths of the PNG files in `folder`.
 
-    speeds.png, differences.png, tie_power.png, voltage.png, injected_voltage.png. Vertical lines mark the events of the
-    first record. Raises InputError without records.
+    Those of `facts_damping.analysis.pictures.PICTURES` that are not empty. Vertical lines mark the events of the first
+    record. Raises InputError without records.
     """
     if not records:
         raise InputError("plots: no record given; allowed: at least one")
@@ -76,59 +57,6 @@ def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -
     return paths
 
 
-def _speeds(record: Record) -> list[Panel]:
-    return [Panel(record.stations[i], 1e3 * record.frames[:, i, SPEED]) for i in _stations(record, machines=True)]
-
-
-def _differences(record: Record) -> list[Panel]:
-    if not measure_weights(record.configuration):
-        return []
-    return [Panel(name, 1e3 * values) for name, values in speed_differences(record).items()]
-
-
-def _tie_power(record: Record) -> list[Panel]:
-    return [Panel(f"{record.stations[i]}", record.frames[:, i, POWER]) for i in _stations(record, machines=False)]
-
-
-def _voltages(record: Record) -> list[Panel]:
-    limits = _limits(record.configuration)
-    injected, reference = record.devices["injected_voltage"], record.devices["reference"]
-    values = np.where(np.isfinite(injected), injected, reference)  # in parallel: the offset of the voltage reference
-    return [
-        Panel(name, values[:, i], record.devices["setpoint"][:, i], limits.get(name, ()))
-        for i, name in enumerate(record.device_names)
-    ]
-
-
-def _bus_voltages(record: Record) -> list[Panel]:
-    return [Panel(record.stations[i], record.frames[:, i, VOLTAGE]) for i in _stations(record, machines=False)]
-
-
-PICTURES = (
-    Picture("speeds", "Speed deviation", "Δω [10⁻³ p.u.]", _speeds, together=True),
-    Picture("differences", "Speed difference", "Δω [10⁻³ p.u.]", _differences, together=True),
-    Picture("tie_power", "Active power", "P [p.u.]", _tie_power, together=True),
-    Picture("voltage", "Bus voltage", "V [p.u.]", _bus_voltages, together=True),
-    Picture("injected_voltage", "Injected voltage", "v [p.u.]", _voltages, together=False),
-)
-
-
-def _stations(record: Record, *, machines: bool) -> Iterator[int]:
-    """Indices of the stations at machines, or of the others that measure a power: those without a speed."""
-    for index in range(len(record.stations)):
-        has_speed = bool(np.isfinite(record.frames[:, index, SPEED]).any())
-        has_power = bool(np.isfinite(record.frames[:, index, POWER]).any())
-        if has_speed if machines else has_power and not has_speed:
-            yield index
-
-
-def _limits(configuration: dict[str, Any]) -> dict[str, tuple[float, ...]]:
-    """Limits of the devices' setpoints, p.u., from a system inline."""
-    system = configuration.get("system")
-    devices = system.get("devices", []) if isinstance(system, dict) else []
-    return {one["name"]: (-one["v_max"], one["v_max"]) for one in devices if "v_max" in one}
-
-
 def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure | None:
     """One picture; none if no record has anything to show in it."""
     shown = [(name, record, {panel.name: panel for panel in picture.panels(record)}) for name, record in records]
@@ -140,27 +68,65 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure |
     figure = Figure(figsize=(WIDTH, MARGIN + PANEL_HEIGHT * max(len(rows), 1.5)), layout="constrained")
     grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
     for axes, row in zip(grid, rows, strict=True):
-        for position, (name, record, panels) in enumerate(shown):
-            for offset, panel in enumerate(row):
-                if panel in panels:
-                    label = panel if single and picture.together else name or "injected"
-                    _draw(axes, record, panels[panel], label, COLOURS[(position + offset) % len(COLOURS)])
-        _dress(axes, picture.label if len(row) > 1 else f"{row[0]}\n{picture.label}")
-    mark_events(list(grid), records[0][1])
-    grid[-1].set_xlabel("t [s]")
-    grid[-1].set_xlim(*_span([record for _, record in records]))
+        for name, record, panel, label, place in _entries(shown, row, single=single, together=picture.together):
+            _draw(axes, record, panel, label, place, named=bool(name))
+        _dress(axes, picture.label if len(row) > 1 else "\n".join(filter(None, (row[0], picture.label))))
+        axes.set_yscale("log" if picture.logarithmic else "linear")
+    if picture.over == "t [s]":
+        grid[-1].set_xlim(*_span([record for _, record in records]))
+        mark_events(list(grid), records[0][1])
+        for axes, row in zip(grid, rows, strict=True):
+            for found in (shown[0][2][name].regions for name in row if single):
+                _name_regions(axes, found)
+    grid[-1].set_xlabel(picture.over)
     figure.suptitle(picture.title, fontsize="medium", fontweight="bold", x=0.01, ha="left")
     _add_legend(figure, list(grid))
     return figure
 
 
-def _draw(axes: Axes, record: Record, panel: Panel, label: str, colour: str) -> None:
-    """One signal of one record."""
-    axes.plot(record.time_s, panel.values, color=colour, linewidth=1.2, label=label)
+def _entries(
+    shown: Sequence[tuple[str, Record, dict[str, Panel]]], row: Sequence[str], *, single: bool, together: bool
+) -> Iterator[tuple[str, Record, Panel, str, int]]:
+    """What an axes shows: record's name, record, panel, label and place of its colour."""
+    for position, (name, record, panels) in enumerate(shown):
+        for offset, panel in enumerate(row):
+            if panel in panels:
+                label = panel if single and together else name
+                yield name, record, panels[panel], label, position + offset
+
+
+def _draw(axes: Axes, record: Record, panel: Panel, label: str, place: int, *, named: bool) -> None:
+    """The curves of one panel of one record: of a named record, beside others, all in one colour."""
+    for i, (name, curve) in enumerate(panel.curves.items()):
+        axes.plot(
+            record.time_s if curve.x is None else curve.x,
+            curve.values,
+            color=COLOURS[(place if named else place + i) % len(COLOURS)],
+            linewidth=1.2,
+            drawstyle="steps-post" if curve.steps else "default",
+            label=label or name or None,
+        )
     if panel.dashed is not None:
         axes.plot(record.time_s, panel.dashed, color="0.1", linewidth=0.6, linestyle="--", label=SETPOINT)
     for limit in panel.limits:
         axes.axhline(limit, color="#B00020", linewidth=0.8, linestyle=":", label=LIMIT)
+    if panel.regions is not None:
+        (curve,) = panel.curves.values()
+        ends = np.array(panel.regions[:2])
+        heights = np.interp(ends, curve.x, curve.values) if curve.x is not None else ends
+        axes.plot(ends, heights, "o", color="0.1", markersize=3, label=CLIFF)
+
+
+def _name_regions(axes: Axes, found: Regions | None) -> None:
+    """Names of the three regions of figure 4.4 in an axes, beside the curve, where there is room."""
+    if found is None:
+        return
+    low, high = axes.get_xlim()
+    ends = (low, found.cliff_from_s, found.cliff_to_s, high)
+    for (name, height), left, right in zip(REGIONS.items(), ends, ends[1:], strict=False):
+        if right - left > NARROW * (high - low):
+            middle, where = (left + right) / 2, axes.get_xaxis_transform()
+            axes.text(middle, height, name, transform=where, fontsize="x-small", color="0.35", ha="center")
 
 
 def _dress(axes: Axes, label: str) -> None:
@@ -177,8 +143,8 @@ def _add_legend(figure: Figure, grid: Sequence[Axes]) -> None:
     for axes in grid:
         handles, labels = axes.get_legend_handles_labels()
         entries = dict(zip(labels, handles, strict=True)) | entries
-    ordered = sorted(entries, key=(SETPOINT, LIMIT).__contains__)
-    columns = min(len(entries), 5)
+    ordered = sorted(entries, key=(SETPOINT, LIMIT, CLIFF).__contains__)
+    columns = max(1, min(len(entries), 5))
     figure.legend(
         [entries[label] for label in ordered], ordered, loc="outside upper right", ncols=columns, fontsize="small",
         frameon=False,

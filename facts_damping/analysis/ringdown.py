@@ -1,139 +1,167 @@
-"""Modes of an oscillation that rings down, by the matrix pencil.
-
-Source: Y. Hua, T. K. Sarkar, Matrix pencil method for estimating parameters of exponentially
-damped/undamped sinusoids in noise, IEEE Trans. ASSP 38 (1990) 814-824; several signals at once share
-their poles, as in Crow and Singh, IEEE Trans. Power Systems 20 (2005) 501-502.
-"""
+"""Modes of an oscillation that rings down, how well they describe it, and how sure they are."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
+
+from facts_damping.analysis.confidence import errors, fit_waves
+from facts_damping.analysis.poles import METHODS, amplitudes, pencil, within
+from facts_damping.errors import check_known
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
 RATE = 10.0  # samples/s that the signals are brought to: four a period of the fastest mode in sight
 BAND = (0.1, 2.5)  # Hz, electromechanical modes
 ENERGY = 0.01  # of the energy of all modes in the band: a weaker mode does not matter
+LONGEST = 120.0  # s of ringdown: what is there later is no answer to the event, and costs the square of its length
 SKIP = 1.0  # s after the last event: a disturbance's first second is no ringdown
 RESOLUTION = 1e-9  # p.u.: smaller oscillations are rounding
-CLEAN = 1e-11  # of the largest singular value: below it there is rounding only
-NOISE = 4.0  # times the median singular value: below it there is noise only
-OVERFLOW = 1e100  # a pole that grows or shrinks so much over the samples is no mode
 RAYLEIGH = 0.4  # of the resolution in frequency: two modes closer than that are one
 MISFIT = 0.01  # of the energy: with fewer poles than leave so much unexplained there are two modes, however close
-MAX_ORDER = 24  # poles, also the useless ones
+METHOD = "matrix_pencil"  # unless another is asked for
+COVERED = 1.96  # standard errors to each side of an estimate: 95 % of a normal distribution
 
 
 class Mode(NamedTuple):
-    """An oscillation `a exp(sigma t) cos(omega t)`: frequency omega/(2 pi), damping ratio, energy (p.u.^2).
+    """An oscillation `a exp(sigma t) cos(omega t + phase)`, with sigma and omega common to all signals.
 
-    damping ratio = -sigma / sqrt(sigma^2 + omega^2); the energy is the sum of squares over all samples.
+    Frequency omega/(2 pi), damping ratio -sigma / sqrt(sigma^2 + omega^2), energy: the sum of squares over all samples
+    of all signals. The errors are standard errors (NaN: too few samples to know); amplitude and phase are those at
+    `Fit.start_s`.
     """
 
     frequency_hz: float
     damping_ratio: float
-    energy: float
+    energy: float  # p.u.^2
+    frequency_error_hz: float
+    damping_ratio_error: float
+    amplitude: tuple[float, ...]  # p.u., of each signal
+    phase_rad: tuple[float, ...]  # of each signal
+
+
+class Fit(NamedTuple):
+    """What a method found in a ringdown."""
+
+    modes: list[Mode]  # in the band, the strongest first
+    order: int  # poles in all, conjugates and what is outside of the band included
+    start_s: float  # s, first instant of the ringdown: of amplitudes and phases
+    snr_db: float  # dB, signals less their straight lines against the residual of all poles
+
+
+def fit_ringdown(
+    time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0, method: str = METHOD
+) -> Fit | None:
+    """Fit damped waves to the last part of a record, its modes of 0.1 to 2.5 Hz, the strongest first.
+
+    `time_s`: (ticks,), s, evenly spaced; `signals`: (ticks, n), p.u.; `since`: s, the last event, whose first second
+    does not count, nor what is later than two minutes after that; `method`: of `facts_damping.analysis.poles.METHODS`.
+    None if less than 3 s are left, a value is not finite, or nothing swings. Raises InputError for an unknown method.
+    """
+    check_known("method", method, METHODS)
+    kept = (time_s >= since + SKIP) & (time_s < since + SKIP + LONGEST)
+    x = np.reshape(signals, (len(time_s), -1))[kept]
+    if len(x) < 2 or time_s[kept][-1] - time_s[kept][0] < 3.0 or not np.isfinite(x).all():
+        return None
+    t, step = time_s[kept], float(np.median(np.diff(time_s)))
+    x, block = _decimate(x, step)
+    dt = block * step
+    x = _without_line(x)
+    if np.ptp(x, axis=0).max() < RESOLUTION:
+        return None
+    # BLAS would split small matrices between threads, which on a busy machine wait for each other far longer than they
+    # work.
+    with threadpool_limits(1):
+        z, strong = _choose(x, dt, method)
+        return _describe(x, dt, block, z, strong, float(t[0]))
 
 
 def ringdown_modes(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0) -> list[Mode]:
-    """Modes of 0.1 to 2.5 Hz in the last part of a record, the strongest first.
+    """Modes by the matrix pencil, as in `fit_ringdown`; empty where there is no fit."""
+    fit = fit_ringdown(time_s, signals, since)
+    return [] if fit is None else fit.modes
 
-    `time_s`: (ticks,), s, evenly spaced; `signals`: (ticks, n), p.u.; `since`: s, the last event. Empty if
-    less than 3 s are left, or nothing swings.
-    """
-    kept = time_s >= since + SKIP
-    x = np.reshape(signals, (len(time_s), -1))[kept]
-    if len(x) < 2 or time_s[kept][-1] - time_s[kept][0] < 3.0 or not np.isfinite(x).all():
-        return []
-    x, dt = _decimate(x, float(np.median(np.diff(time_s))))
-    x = _without_line(x)
-    if np.ptp(x, axis=0).max() < RESOLUTION:
-        return []
+
+def interval(value: float, error: float) -> tuple[float, float]:
+    """Interval of 95 % about an estimate with the given standard error."""
+    return value - COVERED * error, value + COVERED * error
+
+
+def _choose(x: NDArray[np.float64], dt: float, method: str) -> tuple[NDArray[np.complex128], dict[complex, float]]:
+    """Poles of the method, as many as it takes, and those that are modes that matter: pole, energy."""
     right, order = pencil(x)
-    found, _ = _modes(x, dt, pencil_poles(right, order))
-    while order > 2 and _crowded(found, len(x) * dt):
+    z = METHODS[method](x, right, order)
+    found, _ = _strong(x, dt, z)
+    while order > 2 and _crowded(found, dt, len(x) * dt):
         order -= 2
-        fewer, rest = _modes(x, dt, pencil_poles(right, order))
+        fewer_z = METHODS[method](x, right, order)
+        fewer, rest = _strong(x, dt, fewer_z)
         if rest > MISFIT:
             break  # there are two so close
-        found = fewer
-    return found
+        z, found = fewer_z, fewer
+    return within(z, len(x)), found
 
 
-def pencil(signals: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
-    """Right singular vectors (rows) of the signals' Hankel matrices, and how many stand out of the noise.
+def _strong(x: NDArray[np.float64], dt: float, z: NDArray[np.complex128]) -> tuple[dict[complex, float], float]:
+    """Poles in the band that matter, the strongest first, with energies; the share of energy that no pole explains.
 
-    `signals`: (samples, n). The Hankel matrices of the signals stand below each other, for they share
-    their poles.
+    Energies are from a fit of all poles to the signals (samples, n).
     """
-    length = len(signals) // 3
-    hankel = np.concatenate([np.lib.stride_tricks.sliding_window_view(x, length + 1) for x in signals.T])
-    # By way of the triangular factor, which has the same values and vectors: BLAS splits the large matrix
-    # between threads, and on a busy machine they wait for each other a hundred times longer than they work.
-    _, singular, right = np.linalg.svd(np.linalg.qr(hankel, mode="r"), full_matrices=False)
-    floor = max(CLEAN * singular[0], NOISE * float(np.median(singular)))
-    return right, min(int(np.sum(singular > floor)), MAX_ORDER, length - 1)
+    z = within(z, len(x))
+    powers, a = amplitudes(z, x)
+    # A pole and its conjugate make a wave of twice the amplitude, whose square is half that on the average.
+    energies = 2 * np.sum(np.abs(a) ** 2, axis=1)
+    rest = float(np.sum(np.abs(x - powers @ a) ** 2) / np.sum(x**2))
+    omega = np.log(z).imag / dt
+    inside = (2 * np.pi * BAND[0] <= omega) & (omega <= 2 * np.pi * BAND[1])
+    floor = ENERGY * energies[inside].sum()
+    found = {complex(z[i]): float(energies[i]) for i in np.flatnonzero(inside) if energies[i] >= floor}
+    return dict(sorted(found.items(), key=lambda item: item[1], reverse=True)), rest
 
 
-def pencil_poles(right: NDArray[np.float64], order: int) -> NDArray[np.complex128]:
-    """Poles z of `x_k = sum_i a_i z_i^k`, i = 1..order: eigenvalues of `pinv(V[:-1]) V[1:]`.
-
-    `right`: right singular vectors (rows) as from `pencil`; V holds the first `order` of them as columns.
-    """
-    V = right[:order].T
-    return np.asarray(np.linalg.eigvals(np.linalg.lstsq(V[:-1], V[1:], rcond=None)[0]), np.complex128)
-
-
-def _strong(modes: list[Mode]) -> list[Mode]:
-    """Modes that matter, the strongest first."""
-    total = sum(mode.energy for mode in modes)
-    strong = [mode for mode in modes if mode.energy >= ENERGY * total]
-    return sorted(strong, key=lambda mode: mode.energy, reverse=True)
-
-
-def _crowded(modes: list[Mode], duration: float) -> bool:
+def _crowded(poles: Iterable[complex], dt: float, duration: float) -> bool:
     """Whether two modes are closer than a fraction of the resolution 1/T: one of nature's, split in two.
 
     An oscillation whose frequency or damping changes with its amplitude is no exponential: a high order
     describes it by two that nearly cancel.
     """
-    frequencies = sorted(mode.frequency_hz for mode in modes)
+    frequencies = sorted(float(np.log(z).imag / dt / (2 * np.pi)) for z in poles)
     return bool(np.any(np.diff(frequencies) < RAYLEIGH / duration))
 
 
-def _modes(x: NDArray[np.float64], dt: float, z: NDArray[np.complex128]) -> tuple[list[Mode], float]:
-    """Modes that matter within the band, the strongest first, and the share of the energy that no pole explains.
-
-    Energies are from a fit of all poles to the signals (samples, n).
-    """
-    growth = np.abs(z) ** len(x)
-    z = z[(growth < OVERFLOW) & (growth > 1 / OVERFLOW)]
-    powers = z[np.newaxis, :] ** np.arange(len(x))[:, np.newaxis]
-    powers /= np.linalg.norm(powers, axis=0)  # a pole that grows fast would hide the others from the fit
-    amplitudes = np.linalg.lstsq(powers, x, rcond=None)[0]
-    # A pole and its conjugate make a wave of twice the amplitude, whose square is half that on the average.
-    energies = 2 * np.sum(np.abs(amplitudes) ** 2, axis=1)
-    rest = float(np.sum(np.abs(x - powers @ amplitudes) ** 2) / np.sum(x**2))
-    s = np.log(z) / dt
-    found = [
-        Mode(float(one.imag / (2 * np.pi)), float(-one.real / abs(one)), float(energy))
-        for one, energy in zip(s, energies, strict=True)
-        if 2 * np.pi * BAND[0] <= one.imag <= 2 * np.pi * BAND[1]
-    ]
-    return _strong(found), rest
+def _describe(
+    x: NDArray[np.float64], dt: float, block: int, z: NDArray[np.complex128], strong: dict[complex, float], start: float
+) -> Fit:
+    """The fit of all poles; its modes are the strong ones."""
+    waves = fit_waves(z, x, dt)
+    frequency_errors, ratio_errors = errors(waves)
+    upper = z[z.imag >= 0].tolist()
+    modes = []
+    for pole, energy in strong.items():
+        i = upper.index(pole)
+        s = np.log(pole) / dt
+        # A sample is the mean of a block: of exp(s t) over the block, the first instant's share is taken out.
+        a = waves.amplitude[i] / np.mean(np.exp(s * dt / block * np.arange(block)))
+        sure = float(frequency_errors[i]), float(ratio_errors[i])
+        frequency, ratio = float(s.imag / (2 * np.pi)), float(-s.real / abs(s))
+        modes.append(Mode(frequency, ratio, energy, *sure, tuple(np.abs(a).tolist()), tuple(np.angle(a).tolist())))
+    noise = max(float(np.sum(waves.residual**2)), np.finfo(float).tiny)
+    return Fit(modes, len(z), start, float(10 * np.log10(np.sum(x**2) / noise)))
 
 
-def _decimate(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], float]:
-    """Means of blocks of samples, at about 10 samples/s, and their spacing.
+def _decimate(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], int]:
+    """Means of blocks of samples, at about 10 samples/s, and how many samples a block has.
 
     Any exponential stays an exact one, with pole z^q for blocks of q, and what lies above the band fades.
     """
     q = max(1, int(1 / (RATE * dt) + 1e-6))
     blocks = len(x) // q
-    return x[: blocks * q].reshape(blocks, q, -1).mean(axis=1), q * dt
+    return x[: blocks * q].reshape(blocks, q, -1).mean(axis=1), q
 
 
 def _without_line(x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,18 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.analysis.effort import max_injected_voltage, record_smoothness
+from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency
 from facts_damping.analysis.measures import columns, event_times, speed_differences
 from facts_damping.analysis.oscillation import instability, is_damped, is_stable, settling_time
-from facts_damping.analysis.ringdown import ringdown_modes
+from facts_damping.analysis.ringdown import METHOD, fit_ringdown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.analysis.ringdown import Fit
     from facts_damping.signals import Record
 
 # Rows of the table: label, path into a summary, format.
@@ -39,14 +40,20 @@ ROWS = (
 WORDS = {True: "yes", False: "no", None: "-"}
 
 
-def summarise(record: Record, differences: Mapping[str, NDArray[np.float64]] | None = None) -> dict[str, Any]:
+def summarise(
+    record: Record,
+    differences: Mapping[str, NDArray[np.float64]] | None = None,
+    *,
+    method: str | None = METHOD,
+) -> dict[str, Any]:
     """Figures of a run, ready for JSON: numbers, None and lists of them.
 
     `differences`: name -> (ticks,), p.u., the speed differences to judge; by default those that the
-    configuration names. Of a run that is not stable (or whose recording ends too early to know: `stable`
-    None) indices and settling time are None, and there are no modes. `indices` count from t = 0,
-    `indices_since_event` from the first event; `smoothness` is (5.34) over dt^2, `smoothness_per_frame`
-    without. Raises InputError if the speed differences do not fit the record.
+    configuration names. `method`: how their modes are found (`analysis.poles.METHODS`); None: not at all.
+    Of a run that is not stable (or whose recording ends too early to know: `stable` None) indices and
+    settling time are None, and there are no modes. `indices` count from t = 0, `indices_since_event` from the
+    first event; `smoothness` is (5.34) over dt^2, `smoothness_per_frame` without. Raises InputError if the speed
+    differences do not fit the record, or for an unknown method.
     """
     signals = columns(speed_differences(record) if differences is None else differences)
     stable = is_stable(record)
@@ -55,11 +62,12 @@ def summarise(record: Record, differences: Mapping[str, NDArray[np.float64]] | N
         "run": _run(record.configuration),
         "stable": stable,
         "instability": instability(record),
-        **_oscillation(record, signals, stable is True),
+        **_oscillation(record, signals, method, stable is True),
         "duration_s": _duration(record),
         "smoothness": smooth["per_second"],
         "smoothness_per_frame": smooth["per_frame"],
         "max_injected_voltage_pu": max_injected_voltage(record),
+        "saturation_duty": saturation_duty(record),
         "latency_ms": latency(record),
         "frames_lost": frames_lost(record),
     }
@@ -67,14 +75,18 @@ def summarise(record: Record, differences: Mapping[str, NDArray[np.float64]] | N
 
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
     """Text table for a terminal: a column a run (its name, its summary), a row a figure."""
-    header = ["", *(name for name, _ in summaries)]
-    rows = [[label, *(_text(_find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
+    rows = [[label, *(text(find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
+    return aligned(["", *(name for name, _ in summaries)], rows)
+
+
+def aligned(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Text table: the first column to the left, the others to the right."""
     widths = [max(len(row[column]) for row in [header, *rows]) for column in range(len(header))]
     lines = [_line(header, widths), "  ".join("-" * width for width in widths)]
     return "\n".join([*lines, *(_line(row, widths) for row in rows)])
 
 
-def _oscillation(record: Record, signals: NDArray[np.float64], stable: bool) -> dict[str, Any]:
+def _oscillation(record: Record, signals: NDArray[np.float64], method: str | None, stable: bool) -> dict[str, Any]:
     """Figures that only a run in synchronism to its end has."""
     if not stable:
         return {
@@ -82,7 +94,7 @@ def _oscillation(record: Record, signals: NDArray[np.float64], stable: bool) -> 
             "indices": None,
             "indices_since_event": None,
             "settling_time_s": None,
-            "modes": [],
+            **_modes(None),
         }
     times = event_times(record) or [0.0]
     t, last = record.time_s, times[-1]
@@ -91,11 +103,23 @@ def _oscillation(record: Record, signals: NDArray[np.float64], stable: bool) -> 
         "indices": performance_indices(t, signals),
         "indices_since_event": performance_indices(t, signals, times[0]),
         "settling_time_s": settling_time(t, signals, last),
-        "modes": [
-            {"frequency_hz": mode.frequency_hz, "damping_ratio": mode.damping_ratio}
-            for mode in ringdown_modes(t, signals, last)
-        ],
+        **_modes(fit_ringdown(t, signals, last, method) if method else None),
     }
+
+
+def _modes(fit: Fit | None) -> dict[str, Any]:
+    """Modes and what is known of their fit."""
+    if fit is None:
+        return {"modes": [], "ringdown": None}
+    modes = [{key: _known(value) for key, value in mode._asdict().items() if key != "energy"} for mode in fit.modes]
+    return {"modes": modes, "ringdown": {"start_s": fit.start_s, "order": fit.order, "snr_db": fit.snr_db}}
+
+
+def _known(value: float | tuple[float, ...]) -> float | list[float] | None:
+    """A number or several for JSON; none for NaN."""
+    if isinstance(value, tuple):
+        return list(value)
+    return None if np.isnan(value) else value
 
 
 def _duration(record: Record) -> float:
@@ -109,7 +133,7 @@ def _run(configuration: Mapping[str, Any]) -> dict[str, Any]:
     return dict(configuration.get("asked") or configuration)
 
 
-def _find(summary: Any, path: Sequence[str | int]) -> Any:
+def find(summary: Any, path: Sequence[str | int]) -> Any:
     """Value at a path; None where it ends early."""
     for key in path:
         if not summary or (isinstance(key, str) and key not in summary):
@@ -118,7 +142,8 @@ def _find(summary: Any, path: Sequence[str | int]) -> Any:
     return summary
 
 
-def _text(value: Any, form: str) -> str:
+def text(value: Any, form: str) -> str:
+    """A figure of the table."""
     return WORDS[value] if value is None or isinstance(value, bool) else format(value, form)
 
 

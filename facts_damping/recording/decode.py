@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from facts_damping.errors import RecordingError
+from facts_damping.recording.columns import Block, blocks, kept
 from facts_damping.recording.schemas import parse_schema
 from facts_damping.signals import (
     CHANNELS,
@@ -41,29 +41,26 @@ _DEVICE_FIELDS = [f"{name}{_UNITS.get(name, '_pu')}" for name in DEVICE_TRUTH.na
 
 
 class Series(NamedTuple):
-    """Messages of one topic in order of ticks: the topic's name, its ticks, the decoded messages."""
+    """Messages of one topic in order of ticks: the topic's name, its ticks, the messages by the column.
+
+    The rows of the blocks are places among the ticks.
+    """
 
     topic: str
     ticks: NDArray[np.int64]
-    messages: list[Any]
+    blocks: list[Block]
 
 
-def decoder(topic: TopicInfo) -> Callable[[bytes], Any]:
-    """Function that decodes a topic's messages by the schema stored with it.
+def decode(topic: TopicInfo, data: Sequence[bytes]) -> list[Block]:
+    """Messages of a topic by the schema stored with it.
 
-    Raises RecordingError: here if the schema cannot be read, in the function if a message does not fit it.
+    Raises RecordingError if the schema cannot be read, or a message does not fit it.
     """
     store = _store(topic.message_type, topic.schema)
-
-    def decode(data: bytes) -> Any:
-        try:
-            return store.deserialize_cdr(data, topic.message_type)
-        except Exception as error:
-            raise RecordingError(
-                f"{topic.name}: a message is not a {topic.message_type} ({type(error).__name__})"
-            ) from error
-
-    return decode
+    try:
+        return blocks(data, store.fielddefs, topic.message_type)
+    except (KeyError, ValueError) as error:
+        raise RecordingError(f"{topic.name}: a message is not a {topic.message_type} ({error})") from error
 
 
 @lru_cache(maxsize=64)
@@ -77,61 +74,75 @@ def _store(message_type: str, schema: str) -> Typestore:
     return store
 
 
-def series(topic: str, messages: Iterable[Any]) -> tuple[Series, int]:
+def series(topic: str, found: Sequence[Block]) -> tuple[Series, int]:
     """Messages sorted by their tick, the first of each; and how many were there twice."""
-    by_tick: dict[int, Any] = {}
-    count = 0
-    for message in messages:
-        by_tick.setdefault(int(message.tick), message)
-        count += 1
-    ticks = sorted(by_tick)
-    ordered = Series(topic, np.array(ticks, np.int64), [by_tick[tick] for tick in ticks])
-    return ordered, count - len(ticks)
+    count = sum(len(block.rows) for block in found)
+    ticks = np.zeros(count, np.int64)
+    for block in found:
+        ticks[block.rows] = block.message.tick
+    sorted_ticks, first = np.unique(ticks, return_index=True)
+    place = np.full(count, -1)
+    place[first] = np.arange(len(first))
+    return Series(topic, sorted_ticks, _placed(found, place)), count - len(sorted_ticks)
 
 
 def select(source: Series, ticks: NDArray[np.int64]) -> Series:
     """Part of a series that belongs to the given ticks."""
-    return _kept(source, np.isin(source.ticks, ticks))
+    return _part(source, np.isin(source.ticks, ticks))
 
 
 def until(source: Series, last: int) -> Series:
     """Part of a series up to a tick."""
-    return _kept(source, source.ticks <= last)
+    return _part(source, source.ticks <= last)
 
 
-def _kept(source: Series, keep: NDArray[np.bool_]) -> Series:
-    messages = [message for message, kept in zip(source.messages, keep, strict=True) if kept]
-    return Series(source.topic, source.ticks[keep], messages)
+def _part(source: Series, keep: NDArray[np.bool_]) -> Series:
+    place = np.where(keep, np.cumsum(keep) - 1, -1)
+    return Series(source.topic, source.ticks[keep], _placed(source.blocks, place))
 
 
-def names_of(messages: Iterable[Any], entries: str, name: str) -> list[str]:
+def _placed(found: Sequence[Block], place: NDArray[np.int64]) -> list[Block]:
+    """Blocks at other places, in the order in which each first appears; without messages whose place is negative."""
+    moved = [kept(block, place[block.rows]) for block in found]
+    return sorted((block for block in moved if len(block.rows)), key=lambda block: int(block.rows.min()))
+
+
+def column(source: Series, take: Callable[[Any], NDArray[Any]], kind: type) -> NDArray[Any]:
+    """What `take` gives of a message, for each tick: (ticks,)."""
+    values: NDArray[Any] = np.zeros(len(source.ticks), kind)
+    for block in source.blocks:
+        values[block.rows] = take(block.message)
+    return values
+
+
+def names_of(found: Iterable[Block], entries: str, name: str) -> list[str]:
     """Names in the field `name` of the entries of messages, in order of appearance."""
-    return list(dict.fromkeys(getattr(entry, name) for message in messages for entry in getattr(message, entries)))
+    return list(dict.fromkeys(getattr(entry, name) for block in found for entry in getattr(block.message, entries)))
 
 
-def time_ns(time: Any) -> int:
+def time_ns(time: Any) -> NDArray[np.int64]:
     """A builtin_interfaces/Time in ns."""
-    return int(time.sec) * NANOSECONDS + int(time.nanosec)
+    return np.asarray(np.asarray(time.sec, np.int64) * NANOSECONDS + time.nanosec, np.int64)
 
 
 def frames(source: Series, stations: Sequence[str]) -> NDArray[np.float64]:
     """Measured frames, (ticks, stations, channels); NaN where a station did not report."""
-    values = np.full((len(source.messages), len(stations), len(CHANNELS)), np.nan)
+    values = np.full((len(source.ticks), len(stations), len(CHANNELS)), np.nan)
     index = _index(stations)
-    for row, message in enumerate(source.messages):
-        for entry in message.frames:
-            values[row, index[entry.station]] = _values(entry, _FRAME_FIELDS)
+    for block in source.blocks:
+        for entry in block.message.frames:
+            values[block.rows, index[entry.station]] = _values(entry, _FRAME_FIELDS)
     return values
 
 
 def truth(source: Series, entries: str, name: str, names: Sequence[str]) -> NDArray[Any]:
     """Truth about machines or devices (`entries` of PlantState), (ticks, names); NaN where it is missing."""
     fields, layout = (_MACHINE_FIELDS, MACHINE_TRUTH) if entries == "machines" else (_DEVICE_FIELDS, DEVICE_TRUTH)
-    values = np.full((len(source.messages), len(names), len(fields)), np.nan)
+    values = np.full((len(source.ticks), len(names), len(fields)), np.nan)
     index = _index(names)
-    for row, message in enumerate(source.messages):
-        for entry in getattr(message, entries):
-            values[row, index[getattr(entry, name)]] = _values(entry, fields)
+    for block in source.blocks:
+        for entry in getattr(block.message, entries):
+            values[block.rows, index[getattr(entry, name)]] = _values(entry, fields)
     return values.view(layout)[..., 0] if values.size else np.empty(values.shape[:2], layout)
 
 
@@ -141,21 +152,23 @@ def deliveries(sources: Sequence[Series], stations: Sequence[str]) -> NDArray[An
     Raises RecordingError: unknown station.
     """
     index = _index(stations)
-    rows = [
-        (
-            tick,
-            _lookup(index, entry.station, source.topic),
-            link,
-            time_ns(entry.header.stamp),
-            time_ns(entry.arrival),
-            _values(entry, _FRAME_FIELDS),
+    parts = [
+        _rows(
+            DELIVERY,
+            block,
+            source,
+            station=_lookup(index, entry.station, source.topic),
+            link=link,
+            measured_ns=time_ns(entry.header.stamp),
+            arrival_ns=time_ns(entry.arrival),
+            values=_values(entry, _FRAME_FIELDS),
         )
         for link, source in enumerate(sources)
-        for tick, message in zip(source.ticks.tolist(), source.messages, strict=True)
-        for entry in message.frames
+        for block in source.blocks
+        for entry in block.message.frames
     ]
-    table = np.array(rows, DELIVERY)
-    return table[np.argsort(table["tick"], kind="stable")]
+    table = _joined(parts, DELIVERY)
+    return table[np.lexsort((_order(parts), table["link"], table["tick"]))]
 
 
 def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Sequence[str]) -> NDArray[Any]:
@@ -164,22 +177,24 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
     Raises RecordingError: unknown controller or device.
     """
     controller, device = _index(controllers), _index(devices)
-    rows = [
-        (
-            tick,
-            _lookup(controller, entry.controller, source.topic),
-            _lookup(device, entry.device, source.topic),
-            time_ns(entry.header.stamp),
-            time_ns(entry.issued),
-            time_ns(entry.effective),
-            entry.value_pu,
+    parts = [
+        _rows(
+            SETPOINT,
+            block,
+            source,
+            controller=_lookup(controller, entry.controller, source.topic),
+            device=_lookup(device, entry.device, source.topic),
+            measured_ns=time_ns(entry.header.stamp),
+            issued_ns=time_ns(entry.issued),
+            effective_ns=time_ns(entry.effective),
+            value=entry.value_pu,
         )
         for source in sources
-        for tick, message in zip(source.ticks.tolist(), source.messages, strict=True)
-        for entry in message.setpoints
+        for block in source.blocks
+        for entry in block.message.setpoints
     ]
-    table = np.array(rows, SETPOINT)
-    return table[np.argsort(table["tick"], kind="stable")]
+    table = _joined(parts, SETPOINT)
+    return table[np.lexsort((_order(parts), table["tick"]))]
 
 
 def merged(applied: NDArray[Any]) -> NDArray[Any]:
@@ -189,33 +204,79 @@ def merged(applied: NDArray[Any]) -> NDArray[Any]:
 
 def estimates(sources: Sequence[Series], devices: Sequence[str]) -> NDArray[Any]:
     """What identifiers estimated, a row (ESTIMATE) a derivative, tick by tick in the order of the controllers."""
-    index, rows = _index(devices), []
-    for source in sources:
-        for tick, message in zip(source.ticks, source.messages, strict=True):
-            here = place(message.identifier)
-            measured = time_ns(message.header.stamp)
-            known = [_lookup(index, name, source.topic) for name in message.input_names]
-            of_signals = zip(message.prediction, message.error, message.change, strict=True)
-            for i, (prediction, error, change) in enumerate(of_signals):
-                for j, device in enumerate(known):
-                    jacobian = message.jacobian[i * len(known) + j]
-                    rows.append((tick, here, i, device, measured, jacobian, prediction, error, message.ahead, change))
-    return np.array(sorted(rows, key=itemgetter(0, 1)), ESTIMATE)
+    index = _index(devices)
+    parts = [
+        _rows(
+            ESTIMATE,
+            block,
+            source,
+            controller=place(message.identifier),
+            signal=i,
+            device=_lookup(index, name, source.topic),
+            measured_ns=time_ns(message.header.stamp),
+            jacobian=message.jacobian[i * len(message.input_names) + j],
+            prediction=message.prediction[i],
+            error=message.error[i],
+            ahead=message.ahead,
+            change=message.change[i],
+        )
+        for source in sources
+        for block in source.blocks
+        for message in [block.message]
+        for i in range(_same_length(message.prediction, message.error, message.change))
+        for j, name in enumerate(message.input_names)
+    ]
+    table = _joined(parts, ESTIMATE)
+    return table[np.lexsort((_order(parts), table["controller"], table["tick"]))]
 
 
 def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> NDArray[Any]:
     """How networks learn, a row (LEARNING) a learning rate, tick by tick: controllers, then identifiers, in order."""
-    rows = []
-    for identifier, sources in enumerate((controllers, identifiers)):
-        for source in sources:
-            for tick, message in zip(source.ticks, source.messages, strict=True):
-                here = place(message.identifier if identifier else message.controller)
-                groups = len(message.parameter_groups)
-                for k, rate in enumerate(message.learning_rates):
-                    output, group = divmod(k, groups)
-                    head = (tick, here, identifier, output, group)
-                    rows.append((*head, rate, message.lyapunov, message.lyapunov_fall))
-    return np.array(sorted(rows, key=itemgetter(0, 2, 1)), LEARNING)
+    parts = [
+        _rows(
+            LEARNING,
+            block,
+            source,
+            controller=place(message.identifier if identifier else message.controller),
+            identifier=identifier,
+            output=k // len(message.parameter_groups),
+            group=k % len(message.parameter_groups),
+            rate=rate,
+            lyapunov=message.lyapunov,
+            fall=message.lyapunov_fall,
+        )
+        for identifier, sources in enumerate((controllers, identifiers))
+        for source in sources
+        for block in source.blocks
+        for message in [block.message]
+        for k, rate in enumerate(message.learning_rates)
+    ]
+    table = _joined(parts, LEARNING)
+    return table[np.lexsort((_order(parts), table["controller"], table["identifier"], table["tick"]))]
+
+
+def _rows(layout: Any, block: Block, source: Series, **fields: Any) -> NDArray[Any]:
+    """Rows of a table, one for each message of a block."""
+    table = np.zeros(len(block.rows), layout)
+    table["tick"] = source.ticks[block.rows]
+    for name, values in fields.items():
+        table[name] = values
+    return table
+
+
+def _joined(parts: Sequence[NDArray[Any]], layout: Any) -> NDArray[Any]:
+    return np.concatenate(parts) if parts else np.zeros(0, layout)
+
+
+def _order(parts: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
+    """Number of the part that each row of the joined table is of."""
+    return np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+
+
+def _same_length(*lists: Sequence[Any]) -> int:
+    """Length of lists, which has to be one. Raises ValueError."""
+    (length,) = {len(one) for one in lists}
+    return length
 
 
 def place(name: str) -> int:
@@ -224,23 +285,34 @@ def place(name: str) -> int:
     return int(number[1]) if number else 0
 
 
-def events(messages: Iterable[Any]) -> list[dict[str, Any]]:
+def events(found: Iterable[Block]) -> list[dict[str, Any]]:
     """Changes of the grid by time: `time_ns`, `kind`, `element`, `value`, `location` (NaN: not given)."""
-    found = [
-        {
-            "time_ns": time_ns(message.header.stamp),
-            "kind": message.kind,
-            "element": message.element,
-            "value": message.value,
-            "location": message.location,
-        }
-        for message in messages
+    told = [
+        (
+            int(row),
+            {
+                "time_ns": int(at),
+                "kind": block.message.kind,
+                "element": block.message.element,
+                "value": float(value),
+                "location": float(location),
+            },
+        )
+        for block in found
+        for row, at, value, location in zip(
+            block.rows,
+            time_ns(block.message.header.stamp),
+            block.message.value,
+            block.message.location,
+            strict=True,
+        )
     ]
-    return sorted(found, key=itemgetter("time_ns"))
+    return [event for _, event in sorted(told, key=lambda one: (one[1]["time_ns"], one[0]))]
 
 
-def _values(entry: Any, fields: Sequence[str]) -> tuple[float, ...]:
-    return tuple(getattr(entry, name) for name in fields)
+def _values(entry: Any, fields: Sequence[str]) -> NDArray[np.float64]:
+    """Numbers of an entry side by side, (messages, fields)."""
+    return np.column_stack([getattr(entry, name) for name in fields]).astype(np.float64)
 
 
 def _index(names: Sequence[str]) -> dict[str, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import reduce
 from itertools import islice
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.recording.columns import Block
     from facts_damping.recording.content import Content
     from facts_damping.recording.decode import Series
 
@@ -97,9 +99,9 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     _check_end(ticks, configuration, found["state"][0], content.complete, notes)
     cut = {kind: [decode.until(one, int(ticks[-1])) for one in parts] for kind, parts in found.items()}
     plant = {kind: decode.select(cut[kind][0], ticks) for kind in REQUIRED}
-    stations = decode.names_of(plant["frames"].messages, "frames", "station")
-    devices = decode.names_of(plant["state"].messages, "devices", "device")
-    machines = decode.names_of(plant["state"].messages, "machines", "machine")
+    stations = decode.names_of(plant["frames"].blocks, "frames", "station")
+    devices = decode.names_of(plant["state"].blocks, "devices", "device")
+    machines = decode.names_of(plant["state"].blocks, "machines", "machine")
     controllers, issued = _controllers(cut["issued"], cut["applied"])
     applied = decode.setpoints(cut["applied"], controllers, devices)
     state = plant["state"]
@@ -109,7 +111,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         machine_names=machines,
         device_names=devices,
         controller_names=controllers,
-        time_ns=np.array([decode.time_ns(message.header.stamp) for message in state.messages], np.int64),
+        time_ns=decode.column(state, lambda message: decode.time_ns(message.header.stamp), np.int64),
         frames=decode.frames(plant["frames"], stations),
         delivered=decode.deliveries(cut["delivered"], stations),
         issued=decode.setpoints(issued, controllers, devices),
@@ -118,8 +120,8 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         devices=decode.truth(state, "devices", "device", devices),
         estimates=decode.estimates(cut["estimates"], devices),
         learning=decode.learning(cut["learning"], cut["estimates"]),
-        in_synchronism=np.array([message.in_synchronism for message in state.messages], np.bool_),
-        events=decode.events(message for topic in topics["events"] for message in messages[topic]),
+        in_synchronism=decode.column(state, attrgetter("in_synchronism"), np.bool_),
+        events=decode.events(block for topic in topics["events"] for block in messages[topic]),
         notes=notes,
         gap_tick=_unanswered(found, ticks),
     )
@@ -179,17 +181,17 @@ def _link_place(namespace: str, graph: str, issued: Sequence[str]) -> int:
     return max(decode.place(name) for name in [*beside, namespace.rpartition("/")[2]])
 
 
-def _messages(content: Content, topics: Sequence[str]) -> dict[str, list[Any]]:
-    """Decoded messages of the given topics, in the order of the file."""
-    decoders = {topic: decode.decoder(content.topics[topic]) for topic in topics}
-    messages: dict[str, list[Any]] = {topic: [] for topic in topics}
+def _messages(content: Content, topics: Sequence[str]) -> dict[str, list[Block]]:
+    """Decoded messages of the given topics, whose places are those in the file. The content gives its messages away."""
+    data: dict[str, list[bytes]] = {topic: [] for topic in topics}
     for message in content.messages:
-        if message.topic in decoders:
-            messages[message.topic].append(decoders[message.topic](message.data))
-    return messages
+        if message.topic in data:
+            data[message.topic].append(message.data)
+    content.messages.clear()  # an hour of them is a gigabyte
+    return {topic: decode.decode(content.topics[topic], data.pop(topic)) for topic in topics}
 
 
-def _series(topic: str, messages: list[Any], notes: list[str]) -> Series:
+def _series(topic: str, messages: list[Block], notes: list[str]) -> Series:
     ordered, twice = decode.series(topic, messages)
     if twice:
         notes.append(f"{topic}: {twice} messages are there twice")
@@ -203,7 +205,8 @@ def _ticks(found: dict[str, list[Series]], complete: bool) -> NDArray[np.int64]:
     """
     plant = [found[kind][0] for kind in REQUIRED]
     ticks: NDArray[np.int64] = reduce(np.intersect1d, [one.ticks for one in plant])
-    ended = bool(plant[1].messages) and not plant[1].messages[-1].in_synchronism
+    synchronous = decode.column(plant[1], attrgetter("in_synchronism"), np.bool_)
+    ended = len(synchronous) > 0 and not synchronous[-1]
     if not complete and not ended:
         last = min(one.ticks[-1] if len(one.ticks) else -1 for parts in found.values() for one in parts)
         ticks = ticks[ticks <= last]
@@ -246,8 +249,8 @@ def _check_end(
     """Note where a recording ends that was cut."""
     if complete:
         return
-    last = state.messages[int(np.searchsorted(state.ticks, ticks[-1]))]
-    end = decode.time_ns(last.header.stamp) / NANOSECONDS
+    times = decode.column(state, lambda message: decode.time_ns(message.header.stamp), np.int64)
+    end = times[int(np.searchsorted(state.ticks, ticks[-1]))] / NANOSECONDS
     duration = configuration.get("duration")
     of = f" of {duration:g} s" if isinstance(duration, int | float) else ""
     notes.append(f"the end is missing: the record ends with tick {ticks[-1]} at {end:.3f} s{of}")
@@ -255,7 +258,7 @@ def _check_end(
 
 def _controllers(issued: Sequence[Series], applied: Sequence[Series]) -> tuple[list[str], list[Series]]:
     """Names of the controllers and their series, in the order of the run, else of the recording."""
-    named = [(one.messages[0].controller if one.messages else one.topic.split("/")[-2], one) for one in issued]
+    named = [(one.blocks[0].message.controller if one.blocks else one.topic.split("/")[-2], one) for one in issued]
     named.sort(key=lambda pair: decode.place(pair[0]))
-    seen = decode.names_of([message for one in applied for message in one.messages], "setpoints", "controller")
+    seen = decode.names_of([block for one in applied for block in one.blocks], "setpoints", "controller")
     return list(dict.fromkeys([name for name, _ in named] + seen)), [one for _, one in named]

@@ -13,12 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from facts_damping import configuration, loop
-from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
-from facts_damping.analysis.indices import INDICES, performance_indices
-from facts_damping.analysis.latency import ages_ms, frames_lost
-from facts_damping.analysis.measures import columns, event_times, speed_differences
-from facts_damping.analysis.oscillation import instability, is_damped, is_stable, settling_time
-from facts_damping.analysis.ringdown import ringdown_modes
+from facts_damping.analysis.indices import INDICES
+from facts_damping.analysis.latency import ages_ms
+from facts_damping.analysis.ringdown import METHOD
+from facts_damping.analysis.summary import summarise
 from facts_damping.errors import FactsDampingError
 from facts_damping.parameters.run import Run
 from facts_damping.parts import asks_sensitivity, build_plant, build_sensitivity
@@ -75,7 +73,7 @@ def one_run(base: Base, task: Task) -> tuple[str, dict[str, Any]]:
     try:
         case = make(base, task.changes)
         row |= {**identity(case), **task.columns, "horizon_s": case.duration}
-        row |= {**figures(case, closed_loop(case), modes=base.modes), "error": None}
+        row |= {**figures(closed_loop(case), modes=base.modes), "error": None}
     except FactsDampingError as error:
         row["error"] = _one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a run dies of, the others go on)
@@ -126,30 +124,22 @@ def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
     return kept[key]
 
 
-def figures(case: Case, record: Record, *, modes: bool) -> dict[str, Any]:
+def figures(record: Record, *, modes: bool) -> dict[str, Any]:
     """The figures of a run, flat; None where a run has none."""
-    signals, t = columns(speed_differences(record)), record.time_s
-    stable = is_stable(record) is True
-    times = event_times(record) or [0.0]
-    limits = [case.system.device(name).v_max for name in record.device_names]
+    told = summarise(record, method=METHOD if modes else None)
     found: dict[str, Any] = {
-        "stable": stable,
-        "damped": stable and is_damped(t, signals, times[-1]),
-        "instability": instability(record),
-        "duration_s": round(float(t[-1]) + 1.0 / case.run.frame_rate, 6),
-        **(performance_indices(t, signals) if stable else dict.fromkeys(INDICES)),
-        "settling_time_s": settling_time(t, signals, times[-1]) if stable else None,
-        "smoothness": record_smoothness(record)["per_second"],
-        "max_injected_voltage_pu": max_injected_voltage(record),
-        "saturation_duty": saturation_duty(record, np.array(limits)),
+        "stable": told["stable"] is True,
+        **{name: told[name] for name in ("damped", "instability", "duration_s")},
+        **(told["indices"] or dict.fromkeys(INDICES)),
+        **{name: told[name] for name in ("settling_time_s", "smoothness", "max_injected_voltage_pu")},
+        "saturation_duty": max(told["saturation_duty"].values(), default=None),
         **_latency(record),
-        "frames_lost": frames_lost(record),
+        "frames_lost": told["frames_lost"],
     }
     if modes:
-        swings = ringdown_modes(t, signals, times[-1]) if stable else []
-        slow = next((mode for mode in swings if mode.frequency_hz < INTERAREA_HZ), None)
-        found["interarea_hz"] = slow and slow.frequency_hz
-        found["interarea_damping_ratio"] = slow and slow.damping_ratio
+        slow = next((mode for mode in told["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)
+        found["interarea_hz"] = slow and slow["frequency_hz"]
+        found["interarea_damping_ratio"] = slow and slow["damping_ratio"]
     return found
 
 

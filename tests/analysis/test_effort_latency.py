@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, smoothness
-from facts_damping.analysis.latency import frames_lost, latency
+from facts_damping import loop
+from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty, smoothness
+from facts_damping.analysis.latency import ages_ms, cdf, frames_lost, hops_ms, latency
+from facts_damping.configuration import load_case
 from facts_damping.signals import DEVICE_TRUTH, SETPOINT
 
 if TYPE_CHECKING:
@@ -93,3 +96,50 @@ def test_frames_lost_count_for_each_link_by_itself(swing_record: Callable[..., R
     holes = np.concatenate([first, np.delete(second, [0, 50, 51])])
     assert frames_lost(swing_record(200, delivered=holes)) == 3
     assert frames_lost(swing_record(200, delivered=np.concatenate([np.delete(first, 7), second]))) == 1
+
+
+def test_saturation_duty_of_each_device(swing_record: Callable[..., Record]) -> None:
+    record = swing_record()
+    record.devices["setpoint"][:, 0] = np.where(np.arange(1200) % 4 == 0, -0.1, 0.0999)
+    assert saturation_duty(record) == {"sssc": 0.25}
+    assert saturation_duty(swing_record(configuration={})) == {}
+
+
+@given(values=st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=50))
+def test_cdf_is_the_share_that_is_not_above(values: list[float]) -> None:
+    x, share = cdf(np.array(values))
+    for one, part in zip(x, share, strict=True):
+        assert part <= np.mean(np.array(values) <= one) + 1e-12
+    assert share[-1] == 1.0
+    assert x.tolist() == sorted(values)
+
+
+def test_hops_of_constant_delays(swing_record: Callable[..., Record]) -> None:
+    record = swing_record(100)
+    record.delivered["arrival_ns"] = record.delivered["measured_ns"] + 80_000_000
+    record.delivered["arrival_ns"][record.delivered["station"] == 1] += 5_000_000  # for it the controller waits
+    record.applied["issued_ns"] = record.applied["measured_ns"] + 85_000_000
+    record.issued["issued_ns"] = record.applied["issued_ns"]
+    found = hops_ms(record)
+    assert {who: set(values.tolist()) for who, values in found["up"].items()} == {"G1": {80}, "G2": {85}, "TIE": {80}}
+    assert set(found["wait"]["controller_0_LLC"].tolist()) == {5}
+    assert set(found["down"]["sssc"].tolist()) == {35}
+    assert np.array_equal(found["whole"]["sssc"], ages_ms(record))
+
+
+def test_each_controller_waits_on_its_own_link() -> None:
+    """Of two controllers the second has a link of its own, with 60 ms up; neither waits, for a link delivers whole."""
+    slow = {"up": [{"stage": "network", "model": "constant", "delay": 0.06}], "down": []}
+    controllers = [
+        {"name": "LLC", "devices": ["sssc"], "signals": ["speed"]},
+        {"name": "LLC", "devices": ["statcom"], "signals": ["power"], "link": slow},
+    ]
+    sets = ["devices=[sssc, statcom]", f"controllers={json.dumps(controllers)}", "link=delay_100ms", "duration=3"]
+    record = loop.run(load_case("two_area_small", sets))
+    found = hops_ms(record)
+    assert {name for name in found["up"] if name.startswith("G1")} == {"G1/0", "G1/1"}
+    assert set(found["up"]["G1/0"].tolist()) == {70}
+    assert set(found["up"]["G1/1"].tolist()) == {60}
+    assert [set(found["wait"][name].tolist()) for name in record.controller_names] == [{0.0}, {0.0}]
+    assert set(found["down"]["sssc"].tolist()) == {30}
+    assert set(found["whole"]["statcom"].tolist()) == {60}

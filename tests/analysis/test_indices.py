@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
-from facts_damping.analysis.indices import INDICES, performance_indices
+from facts_damping.analysis.indices import INDICES, improvement, index_curves, performance_indices, regions
 
 
 @pytest.mark.parametrize(("name", "exponents"), INDICES.items())
@@ -47,3 +47,61 @@ def test_scaling_addition_and_shift(amplitude: float, shift: int, seed: int, n: 
         assert sum(columns) == pytest.approx(whole[name])
     late = performance_indices(t, x, since=float(t[shift]))
     assert late == pytest.approx(performance_indices(t[: 600 - shift], x[shift:]))
+
+
+@given(amplitude=st.floats(1e-6, 1e3), since=st.floats(0, 5), seed=st.integers(0, 2**32 - 1))
+def test_curves_grow_to_the_totals(amplitude: float, since: float, seed: int) -> None:
+    t = np.arange(600) / 60
+    x = amplitude * np.random.default_rng(seed).standard_normal((600, 2))
+    times, curves = index_curves(t, x, since)
+    assert times == pytest.approx(t[t >= since])
+    totals = performance_indices(t, x, since)
+    for name, curve in curves.items():
+        assert curve[0] == 0.0
+        assert (np.diff(curve) >= 0).all()
+        assert curve[-1] == pytest.approx(totals[name])
+
+
+def test_a_curve_at_any_instant_is_the_index_up_to_it() -> None:
+    t = np.linspace(0, 20, 20_001)
+    _, curves = index_curves(t, np.exp(-0.3 * t))
+    for name, (r, s) in INDICES.items():
+        exact, _ = integrate.quad(lambda t, r=r, s=s: t**r * np.exp(-0.3 * s * t), 0, 7)
+        assert curves[name][7000] == pytest.approx(exact, rel=1e-6)
+
+
+def test_regions_of_an_error_that_comes_at_one_instant_and_decays() -> None:
+    """|dw| = exp(-(t - 2)) from 2 s on: IAE grows as 1 - exp(-(t - 2)), ISE as (1 - exp(-2 (t - 2)))/2."""
+    t = np.linspace(0, 60, 60_001)
+    times, curves = index_curves(t, np.where(t < 2, 0.0, np.exp(-(t - 2))))
+    for name, rate in (("IAE", 1.0), ("ISE", 2.0)):
+        found = regions(times, curves[name])
+        assert found is not None
+        assert found.cliff_from_s == pytest.approx(2 - np.log(0.95) / rate, abs=1e-3)
+        assert found.cliff_to_s == pytest.approx(2 - np.log(0.05) / rate, abs=1e-3)
+        assert found.slope == pytest.approx(0.9 / rate / (found.cliff_to_s - found.cliff_from_s), rel=2e-3)
+    # As the thesis observes below figure 4.4: the squares' cliff is the shorter.
+    lengths = {name: one.cliff_to_s - one.cliff_from_s for name, c in curves.items() if (one := regions(times, c))}
+    assert lengths["ITSE"] < lengths["ITAE"]
+    assert lengths["ISE"] < lengths["IAE"]
+
+
+def test_no_error_has_no_regions() -> None:
+    assert regions(np.arange(5.0), np.zeros(5)) is None
+    assert regions(np.zeros(0), np.zeros(0)) is None
+
+
+def test_improvement() -> None:
+    """(4.109): a quarter of the reference is 75 % better; half as much again is worse, so negative."""
+    assert improvement({"ITAE": 4.0, "ISE": 2.0}, {"ITAE": 1.0, "ISE": 3.0}) == {"ITAE": 75.0, "ISE": -50.0}
+    assert improvement({"ITAE": 0.0}, {"ITAE": 1.0}) == {"ITAE": None}
+
+
+@given(a=st.floats(0.1, 10), b=st.floats(0, 10), c=st.floats(0.1, 10))
+def test_improvements_chain(a: float, b: float, c: float) -> None:
+    """What is left over is the product: 1 - p_ab = (1 - p_ac)(1 - p_cb), by which errata of the tables are found."""
+    whole, first, second = (improvement({"": x}, {"": y})[""] for x, y in ((a, b), (a, c), (c, b)))
+    assert whole is not None
+    assert first is not None
+    assert second is not None
+    assert 1 - whole / 100 == pytest.approx((1 - first / 100) * (1 - second / 100), rel=1e-6, abs=1e-9)

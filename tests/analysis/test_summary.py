@@ -114,7 +114,8 @@ def test_table(swing_record: Callable[..., Record]) -> None:
 
 
 def test_pictures(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
-    names = ["speeds.png", "differences.png", "tie_power.png", "voltage.png", "injected_voltage.png"]
+    stems = ("speeds", "differences", "tie_power", "voltage", "injected_voltage", "indices", "latency")
+    names = [f"{stem}.png" for stem in stems]
     paths = plot_record(swing_record(), tmp_path / "one")
     assert [path.name for path in paths] == names
     several = [("a", swing_record()), ("b", swing_record(600, damping=-0.1))]
@@ -127,7 +128,8 @@ def test_pictures(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
 
 def test_empty_pictures_are_left_out(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
     record = swing_record(configuration={}, device_names=[], devices=np.zeros((1200, 0), DEVICE_TRUTH))
-    assert [path.name for path in plot_record(record, tmp_path)] == ["speeds.png", "tie_power.png", "voltage.png"]
+    stems = ["speeds", "tie_power", "voltage", "latency"]
+    assert [path.stem for path in plot_record(record, tmp_path)] == stems
     with pytest.raises(InputError, match="no record given"):
         plot_comparison([], tmp_path)
 

@@ -1,0 +1,106 @@
+"""Damped waves of given poles: their amplitudes, how sure the poles are, and a step to better ones."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+RANK = 1e-12  # of the largest: eigenvalues of the scaled normal equations below it are rounding
+
+
+class Waves(NamedTuple):
+    """A fit of `x_j(t) = sum_i Re(a_ij exp(s_i t)) + line_j` to signals x_j, with the poles s given."""
+
+    s: NDArray[np.complex128]  # (waves,), 1/s: sigma + j omega, omega >= 0
+    swings: NDArray[np.bool_]  # (waves,): those with omega > 0
+    amplitude: NDArray[np.complex128]  # (waves, n), p.u., t from the first sample
+    residual: NDArray[np.float64]  # (samples, n), p.u.
+    slopes: NDArray[np.float64]  # (n, samples, parameters): derivatives by sigma, then omega of those that swing
+    parameters: int  # fitted for each signal: amplitudes and line
+
+
+def fit_waves(z: NDArray[np.complex128], signals: NDArray[np.float64], dt: float) -> Waves:
+    """Waves of the poles z (conjugates included) in signals (samples, n) `dt` s apart, by linear least squares.
+
+    From the derivatives is taken what amplitudes and line can make up for (variable projection).
+    """
+    s = np.asarray(np.log(z[z.imag >= 0]) / dt, np.complex128)
+    time = np.arange(len(signals)) * dt
+    waves = np.exp(np.outer(time, s))
+    norms = np.linalg.norm(waves, axis=0)
+    waves /= norms
+    swings = np.asarray(z[z.imag >= 0].imag > 0)
+    line = np.column_stack([np.ones_like(time), np.linspace(-1, 1, len(time))])
+    q, triangle = np.linalg.qr(np.column_stack([waves.real, waves.imag[:, swings], line]))
+    found = np.linalg.lstsq(triangle, q.T @ signals, rcond=None)[0]
+    a = found[: len(s)].astype(np.complex128)
+    a[swings] -= 1j * found[len(s) : len(s) + int(swings.sum())]
+    moved = (time[:, np.newaxis] * waves) * a.T[:, np.newaxis, :]
+    slopes = np.concatenate([moved.real, -moved.imag[..., swings]], axis=2)
+    slopes -= q @ (q.T @ slopes)
+    residual = signals - q @ (q.T @ signals)
+    return Waves(s, swings, np.asarray(a / norms[:, np.newaxis], np.complex128), residual, slopes, q.shape[1])
+
+
+def improved(z: NDArray[np.complex128], signals: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Poles after a Gauss-Newton step towards the least squares of poles and amplitudes together.
+
+    Those given, if the step leaves more unexplained. From good poles one step comes as near as noise matters. A pole
+    that the samples hardly determine (slow, so that the line can make up for it, or faint) would go far: it stays.
+    """
+    waves = fit_waves(z, signals, 1.0)
+    step = _inverse(_normal(waves.slopes)) @ np.einsum("jkp,kj->p", waves.slopes, waves.residual)
+    moves = step[: len(waves.s)].astype(np.complex128)
+    moves[waves.swings] += 1j * step[len(waves.s) :]
+    moves[np.abs(moves) > 1 / len(signals)] = 0.0  # the resolution of so many samples
+    upper = np.where(waves.swings, np.exp(waves.s + moves), z[z.imag >= 0] * np.exp(moves.real))
+    better = np.concatenate([upper, upper[waves.swings].conj()])
+    return better if _sum2(fit_waves(better, signals, 1.0).residual) < _sum2(waves.residual) else z
+
+
+def errors(waves: Waves) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Standard errors of frequency (Hz) and damping ratio of each wave; NaN for none, or too few samples to know.
+
+    With D_j the derivatives of signal j and v_j the variance of its residual, the covariance of sigma and omega is
+    `G^-1 (sum_j v_j D_j' D_j) G^-1`, `G = sum_j D_j' D_j`: that of nonlinear least squares in white noise, and where
+    all signals have the same noise the Cramer-Rao bound. What is no white noise (a mode that changes with its
+    amplitude, coloured noise) is not covered.
+
+    Source: G. H. Golub, V. Pereyra, The differentiation of pseudo-inverses and nonlinear least squares problems whose
+    variables separate, SIAM J. Numer. Anal. 10 (1973) 413-432.
+    """
+    frequency, ratio = np.full((2, len(waves.s)), np.nan)
+    signals, samples, poles = waves.slopes.shape
+    free = samples - waves.parameters - poles / signals
+    if free <= 0:
+        return frequency, ratio
+    weights = np.sqrt(np.sum(waves.residual**2, axis=0) / free)
+    inverse = _inverse(_normal(waves.slopes))
+    covariance = inverse @ _normal(weights[:, np.newaxis, np.newaxis] * waves.slopes) @ inverse
+    for place, i in enumerate(np.flatnonzero(waves.swings)):
+        both = np.array([i, len(waves.s) + place])
+        own = covariance[np.ix_(both, both)]
+        sigma, omega = waves.s[i].real, waves.s[i].imag
+        slope = np.array([-(omega**2), sigma * omega]) / abs(waves.s[i]) ** 3  # d(damping ratio)/d(sigma, omega)
+        frequency[i] = np.sqrt(own[1, 1]) / (2 * np.pi)
+        ratio[i] = np.sqrt(slope @ own @ slope)
+    return frequency, ratio
+
+
+def _normal(slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sum of D' D over the signals."""
+    return np.asarray(np.einsum("jkp,jkq->pq", slopes, slopes))
+
+
+def _inverse(G: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inverse of the normal equations, scaled first: strong waves and faint ones differ by orders of magnitude."""
+    scale = np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
+    return np.asarray(np.linalg.pinv(G / np.outer(scale, scale), rcond=RANK, hermitian=True) / np.outer(scale, scale))
+
+
+def _sum2(x: NDArray[np.float64]) -> float:
+    return float(np.sum(x**2))

@@ -1,0 +1,107 @@
+"""What `analyze` tells of records beyond their summaries: regions of the indices, latency by hop, improvement."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.analysis.indices import INDICES, improvement, index_curves, regions
+from facts_damping.analysis.latency import hops_ms, statistics
+from facts_damping.analysis.measures import columns, speed_differences
+from facts_damping.analysis.oscillation import is_stable
+from facts_damping.analysis.ringdown import COVERED
+from facts_damping.analysis.summary import aligned
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from facts_damping.signals import Record
+
+HOPS = {"up": "up, measured to arrived", "wait": "wait, arrived to issued", "down": "down, issued to device"}
+
+
+def details(record: Record) -> dict[str, Any]:
+    """More figures of a run, ready for JSON, beside those of `summarise`.
+
+    `regions`: of each index over time (figure 4.4) `cliff_from_s`, `cliff_to_s` and `slope`, None where the index stays
+    0; empty unless stable. `latency_hops_ms`: {hop: {who: mean, p50, p99, max}}, see `hops_ms`.
+    """
+    found: dict[str, Any] = {}
+    if is_stable(record):
+        time, curves = index_curves(record.time_s, columns(speed_differences(record)))
+        for name, curve in curves.items():
+            one = regions(time, curve)
+            found[name] = one and one._asdict()
+    hops = {hop: {who: statistics(values) for who, values in parts.items()} for hop, parts in hops_ms(record).items()}
+    return {"regions": found, "latency_hops_ms": hops}
+
+
+def compare(results: Sequence[dict[str, Any]], baseline: int) -> None:
+    """Put into each result its `improvement_percent` on that of the baseline (4.109).
+
+    Of the indices and the smoothness; None where one of the two is not stable.
+    """
+    first = _judged(results[baseline])
+    for result in results:
+        own = _judged(result)
+        result["improvement_percent"] = improvement(first, own) if first and own else None
+
+
+def lines(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: int) -> Iterator[str]:
+    """Text of modes with their intervals, saturation, latency by hop and, of several runs, improvement."""
+    yield ""
+    yield "modes, half the width of their intervals of 95 %, and how often setpoints are at their limits"
+    for name, result in zip(names, results, strict=True):
+        fit = result["ringdown"]
+        told = "no modes" if fit is None else "{order} poles, {snr_db:.1f} dB over the residual".format(**fit)
+        duty = (f"{device} {100 * share:.1f} % of the frames" for device, share in result["saturation_duty"].items())
+        yield f"{name}: {'; '.join([told, *duty])}"
+        yield from (f"  {_mode(mode)}" for mode in result["modes"])
+    rows = [
+        [f"{name}: {title}, {who}", *(f"{value:.2f}" for value in told)]
+        for name, result in zip(names, results, strict=True)
+        for hop, title in HOPS.items()
+        for told, who in _alike(result["latency_hops_ms"][hop])
+    ]
+    if rows:
+        yield ""
+        yield aligned(["latency by hop [ms]", "mean", "50 %", "99 %", "max"], rows)
+    if len(results) > 1:
+        yield ""
+        yield _improvements(names, results, baseline)
+
+
+def _judged(result: Mapping[str, Any]) -> dict[str, float] | None:
+    """What improvement is told of."""
+    return result["indices"] and {**result["indices"], "smoothness": result["smoothness"]}
+
+
+def _alike(parts: Mapping[str, Mapping[str, float]]) -> Iterator[tuple[tuple[float, ...], str]]:
+    """Latencies, and whose they are: those with the same ones together."""
+    grouped: dict[tuple[float, ...], list[str]] = {}
+    for who, told in parts.items():
+        grouped.setdefault(tuple(told.values()), []).append(who)
+    for values, (first, *others) in grouped.items():
+        yield values, f"{first} and {len(others)} more" if others else first
+
+
+def _mode(mode: Mapping[str, Any]) -> str:
+    return ", ".join(
+        f"{label} {mode[name]:.4f}{unit}{_width(mode[error])}"
+        for label, name, unit, error in (
+            ("frequency", "frequency_hz", " Hz", "frequency_error_hz"),
+            ("damping ratio", "damping_ratio", "", "damping_ratio_error"),
+        )
+    )
+
+
+def _width(error: float | None) -> str:
+    """Half the interval of 95 %."""
+    return "" if error is None else f" ± {COVERED * error:.1g}"
+
+
+def _improvements(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: int) -> str:
+    rows = []
+    for figure in (*INDICES, "smoothness"):
+        found = [(result["improvement_percent"] or {}).get(figure) for result in results]
+        rows.append([figure, *("-" if one is None else f"{one:.2f}" for one in found)])
+    return aligned([f"improvement on {names[baseline]} [%]", *names], rows)

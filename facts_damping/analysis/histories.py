@@ -1,0 +1,65 @@
+"""What controllers learnt over time: Jacobians and learning rates, a curve each."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.signals import Record
+
+
+class History(NamedTuple):
+    """A quantity over time: the instants of the ticks (s) and its values, both (n,)."""
+
+    time_s: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+
+def jacobian_histories(record: Record) -> dict[tuple[str, int, str], History]:
+    """What identifiers take for the plant's Jacobian, p.u. of the signal per p.u. of setpoint, one frame ahead.
+
+    By controller, index of its signal, and device. Source: (5.3) on; the derivative that (5.1) hands to the controller.
+    """
+    rows = record.estimates
+    return {
+        (_controller(record, c), s, record.device_names[d]): _history(record, rows[same], "jacobian")
+        for (c, s, d), same in _parts(rows, ("controller", "signal", "device"))
+    }
+
+
+def learning_rate_histories(record: Record) -> dict[tuple[str, bool, int, int], History]:
+    """Learning rates of all networks, no unit.
+
+    By controller, whether it is its identifier's, index of the output, and index of the group of parameters. Rates that
+    are the same for all groups have a single history, of group 0. Source: (4.39), (5.20) on.
+    """
+    rows, found = record.learning, {}
+    for (c, identifier, output, group), same in _parts(rows, ("controller", "identifier", "output", "group")):
+        found[_controller(record, c), bool(identifier), output, group] = _history(record, rows[same], "rate")
+    return {key: one for key, one in found.items() if not key[3] or not _alike(one, found.get((*key[:3], 0)))}
+
+
+def _parts(rows: NDArray[Any], fields: tuple[str, ...]) -> list[tuple[tuple[int, ...], NDArray[np.bool_]]]:
+    """The rows with the same values in some fields: the values and which rows."""
+    keys = np.column_stack([rows[field] for field in fields])
+    return [(tuple(key.tolist()), np.all(keys == key, axis=1)) for key in np.unique(keys, axis=0)]
+
+
+def _history(record: Record, rows: NDArray[Any], field: str) -> History:
+    """A field of rows over the instants of their ticks: a controller acts in each, also where the record lacks it."""
+    rate = record.configuration.get("frame_rate") or 1 / np.median(np.diff(record.time_s))
+    return History(rows["tick"] / rate, np.asarray(rows[field]))
+
+
+def _controller(record: Record, index: int) -> str:
+    """Name of a controller; a recording may be without one that learnt."""
+    names = record.controller_names
+    return names[index] if index < len(names) else f"controller_{index}"
+
+
+def _alike(one: History, other: History | None) -> bool:
+    return other is not None and np.array_equal(one.values, other.values, equal_nan=True)

@@ -1,0 +1,163 @@
+"""What the pictures of a record show: panels, and curves from its tables."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.analysis.angles import centres_of_angle
+from facts_damping.analysis.histories import jacobian_histories, learning_rate_histories
+from facts_damping.analysis.indices import index_curves, regions
+from facts_damping.analysis.latency import cdf, hops_ms
+from facts_damping.analysis.measures import SPEED, columns, measure_weights, setpoint_limits, speed_differences
+from facts_damping.analysis.oscillation import is_stable
+from facts_damping.signals import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from facts_damping.analysis.indices import Regions
+    from facts_damping.signals import Record
+
+POWER, VOLTAGE = (list(CHANNELS).index(name) for name in ("active_power", "voltage_magnitude"))
+UNITS = {"ITAE": "p.u. s²", "IAE": "p.u. s", "ITSE": "p.u.² s²", "ISE": "p.u.² s"}
+HOPS = {
+    "up": "measured to arrived",
+    "wait": "arrived to issued",
+    "down": "issued to device",
+    "whole": "measured to device",
+}
+
+
+class Curve(NamedTuple):
+    """A curve in an axes: abscissae (n,), none: the record's ticks; values (n,); drawn as steps?."""
+
+    values: NDArray[np.float64]
+    x: NDArray[np.float64] | None = None
+    steps: bool = False
+
+
+class Panel(NamedTuple):
+    """An axes, or one curve of an axes that is shared: its name, what is drawn, and what is drawn beside it.
+
+    `curves`: by name; a single one without name in most. `dashed`: (ticks,); `limits`: horizontal lines; `regions`: of
+    an index's curve.
+    """
+
+    name: str
+    curves: dict[str, Curve]
+    dashed: NDArray[np.float64] | None = None
+    limits: tuple[float, ...] = ()
+    regions: Regions | None = None
+
+
+class Picture(NamedTuple):
+    """A file: its stem, title, label of the ordinate, panels of a record, all of one in one axes?, the abscissa."""
+
+    stem: str
+    title: str
+    label: str
+    panels: Callable[[Record], list[Panel]]
+    together: bool
+    over: str = "t [s]"
+    logarithmic: bool = False
+
+
+def _speeds(record: Record) -> list[Panel]:
+    return [_one(record.stations[i], 1e3 * record.frames[:, i, SPEED]) for i in _stations(record, machines=True)]
+
+
+def _differences(record: Record) -> list[Panel]:
+    if not measure_weights(record.configuration):
+        return []
+    return [_one(name, 1e3 * values) for name, values in speed_differences(record).items()]
+
+
+def _tie_power(record: Record) -> list[Panel]:
+    return [_one(record.stations[i], record.frames[:, i, POWER]) for i in _stations(record, machines=False)]
+
+
+def _bus_voltages(record: Record) -> list[Panel]:
+    return [_one(record.stations[i], record.frames[:, i, VOLTAGE]) for i in _stations(record, machines=False)]
+
+
+def _voltages(record: Record) -> list[Panel]:
+    limits = {name: (-limit, limit) for name, limit in setpoint_limits(record.configuration).items()}
+    injected, reference = record.devices["injected_voltage"], record.devices["reference"]
+    values = np.where(np.isfinite(injected), injected, reference)  # in parallel: the offset of the voltage reference
+    return [
+        Panel(name, {"": Curve(values[:, i])}, record.devices["setpoint"][:, i], limits.get(name, ()))
+        for i, name in enumerate(record.device_names)
+    ]
+
+
+def _angles(record: Record) -> list[Panel]:
+    return [_one(area, np.degrees(values)) for area, values in centres_of_angle(record).items()]
+
+
+def _indices(record: Record) -> list[Panel]:
+    """Curves of a run in synchronism; for another the indices mean nothing."""
+    if not measure_weights(record.configuration) or is_stable(record) is False:
+        return []
+    time, curves = index_curves(record.time_s, columns(speed_differences(record)))
+    return [
+        Panel(f"{name} [{UNITS[name]}]", {"": Curve(values, time)}, regions=regions(time, values))
+        for name, values in curves.items()
+    ]
+
+
+def _jacobians(record: Record) -> list[Panel]:
+    return [
+        Panel(f"{controller}\nsignal {signal}, {device}", {"": Curve(one.values, one.time_s, steps=True)})
+        for (controller, signal, device), one in jacobian_histories(record).items()
+    ]
+
+
+def _learning_rates(record: Record) -> list[Panel]:
+    panels: dict[str, dict[str, Curve]] = {}
+    for (controller, identifier, output, group), one in learning_rate_histories(record).items():
+        name = f"{controller}{' identifier' * identifier}\noutput {output}"
+        taught = np.where(one.values > 0, one.values, np.nan)  # 0 before the first step
+        panels.setdefault(name, {})[f"group {group}" if group else ""] = Curve(taught, one.time_s, steps=True)
+    return [Panel(name, curves) for name, curves in panels.items()]
+
+
+def _latencies(record: Record) -> list[Panel]:
+    found: list[Panel] = []
+    for hop, parts in hops_ms(record).items():
+        curves = {}
+        for name, values in parts.items():
+            x, share = cdf(values)
+            curves[name] = Curve(np.append(0.0, share), np.append(x[0], x), steps=True)
+        found += [Panel(HOPS[hop], curves)] if curves else []
+    return found
+
+
+PICTURES = (
+    Picture("speeds", "Speed deviation", "Δω [10⁻³ p.u.]", _speeds, together=True),
+    Picture("differences", "Speed difference", "Δω [10⁻³ p.u.]", _differences, together=True),
+    Picture("tie_power", "Active power", "P [p.u.]", _tie_power, together=True),
+    Picture("voltage", "Bus voltage", "V [p.u.]", _bus_voltages, together=True),
+    Picture("injected_voltage", "Injected voltage", "v [p.u.]", _voltages, together=False),
+    Picture("centre_of_angle", "Centre of angle", "δ [°]", _angles, together=True),
+    Picture("indices", "Performance indices", "", _indices, together=False),
+    Picture("jacobian", "Identified Jacobian", "∂y/∂u", _jacobians, together=False),
+    Picture("learning_rate", "Learning rate", "η", _learning_rates, together=False, logarithmic=True),
+    Picture("latency", "Latency by hop", "CDF", _latencies, together=False, over="latency [ms]"),
+)
+
+
+def _one(name: str, values: NDArray[np.float64]) -> Panel:
+    return Panel(name, {"": Curve(values)})
+
+
+def _stations(record: Record, *, machines: bool) -> Iterator[int]:
+    """Indices of the stations at machines, or of the others that measure a power: those without a speed."""
+    for index in range(len(record.stations)):
+        has_speed = bool(np.isfinite(record.frames[:, index, SPEED]).any())
+        has_power = bool(np.isfinite(record.frames[:, index, POWER]).any())
+        if has_speed if machines else has_power and not has_speed:
+            yield index

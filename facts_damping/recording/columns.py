@@ -1,0 +1,145 @@
+"""CDR messages by the column: of many messages with the same strings and lengths each number is one array.
+
+An hour of recording is more than a million messages, and one by one they take minutes. But from tick to tick only the
+numbers change, so that they stand at the same places (plain CDR, DDS-XTypes 1.3, 7.4.1: a primitive is aligned to its
+size, counted after the four bytes of encapsulation).
+"""
+
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+HEADER = 4  # bytes of encapsulation before the stream
+FORMATS = {
+    "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4",
+    "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+PASSES = 30  # layouts that are looked for in all messages of a length before each is laid out by itself
+
+
+class Block(NamedTuple):
+    """Messages that differ in their numbers only: their places in a list (n,), and all of them as one message.
+
+    The message has the fields of its type. A number is an array (n,); strings and sequences are as in one message.
+    """
+
+    rows: NDArray[np.int64]
+    message: Any
+
+
+def blocks(data: Sequence[bytes], fields: Mapping[str, Any], message_type: str) -> list[Block]:
+    """Blocks of messages of one type, in the order in which each first appears.
+
+    `fields`: what each type consists of, as `rosbags` has it. Raises ValueError for bytes that are no such message.
+    """
+    lengths = np.array([len(one) for one in data], np.int64)
+    found: list[Block] = []
+    for length in np.unique(lengths).tolist():
+        rows = np.flatnonzero(lengths == length)
+        stacked = np.frombuffer(b"".join([data[row] for row in rows.tolist()]), np.uint8).reshape(len(rows), length)
+        parts = _alike(stacked, fields, message_type)
+        found += [Block(rows[part], _Walk(stacked[part], fields).read(message_type)) for part in parts]
+    return sorted(found, key=lambda one: int(one.rows[0]))
+
+
+def kept(block: Block, rows: NDArray[np.int64]) -> Block:
+    """A block with other places; messages whose place is negative are left out."""
+    keep = rows >= 0
+    return Block(rows[keep], block.message if keep.all() else _kept(block.message, keep))
+
+
+def _kept(value: Any, keep: NDArray[np.bool_]) -> Any:
+    if isinstance(value, SimpleNamespace):
+        return SimpleNamespace(**{name: _kept(one, keep) for name, one in vars(value).items()})
+    if isinstance(value, list):
+        return [_kept(one, keep) for one in value]
+    return value[keep] if isinstance(value, np.ndarray) else value
+
+
+def _alike(stacked: NDArray[np.uint8], fields: Mapping[str, Any], message_type: str) -> Iterator[NDArray[np.int64]]:
+    """Parts of messages of one length (n, length) that have the same layout: their indices."""
+    left = np.arange(len(stacked))
+    for _ in range(PASSES):
+        if not len(left):
+            return
+        shape = _shape(stacked[left[0]], fields, message_type)
+        same = np.all(stacked[left][:, shape] == stacked[left[0], shape], axis=1)
+        yield left[same]
+        left = left[~same]
+    layouts: dict[tuple[bytes, bytes], list[int]] = {}
+    for row in left.tolist():
+        shape = _shape(stacked[row], fields, message_type)
+        layouts.setdefault((shape.tobytes(), stacked[row, shape].tobytes()), []).append(row)
+    yield from map(np.array, layouts.values())
+
+
+def _shape(message: NDArray[np.uint8], fields: Mapping[str, Any], message_type: str) -> NDArray[np.int64]:
+    """Places of the bytes that make out a message's layout: encapsulation, strings and lengths."""
+    walk = _Walk(message[np.newaxis], fields)
+    walk.read(message_type)
+    return np.concatenate(walk.shape)
+
+
+class _Walk:
+    """Reads messages of one layout (n, length) from their beginning, field by field."""
+
+    def __init__(self, stacked: NDArray[np.uint8], fields: Mapping[str, Any]) -> None:
+        self._stacked, self._fields, self._at = stacked, fields, HEADER
+        self.shape = [np.arange(HEADER)]
+        if stacked.shape[1] < HEADER or stacked[0, 0] != 0 or stacked[0, 1] > 1:
+            raise ValueError("a message is not in plain CDR")
+        self._order = "<" if stacked[0, 1] else ">"
+        self._swapped = (self._order == "<") != (sys.byteorder == "little")
+
+    def read(self, message_type: str) -> SimpleNamespace:
+        """A message of that type, which begins here."""
+        return SimpleNamespace(**{name: self._value(kind) for name, kind in self._fields[message_type][1]})
+
+    def _value(self, kind: Any) -> Any:
+        node, what = kind
+        if node == Nodetype.NAME:
+            return self.read(what)
+        if node == Nodetype.BASE:
+            return self._string() if what[0] == "string" else self._number(FORMATS[what[0]])
+        item, count = what
+        return [self._value(item) for _ in range(self._length() if node == Nodetype.SEQUENCE else count)]
+
+    def _number(self, form: str) -> NDArray[Any]:
+        """A number of each message."""
+        size = np.dtype(form).itemsize
+        self._at += -(self._at - HEADER) % size
+        taken = np.ascontiguousarray(self._take(size)).view(self._order + form)[:, 0]
+        return taken.astype(form) if self._swapped else taken
+
+    def _length(self) -> int:
+        """A length, the same in all messages; nothing that it counts takes less than a byte."""
+        length = int(self._number("u4")[0])
+        if length > self._stacked.shape[1] - self._at:
+            raise ValueError("a message is shorter than it says")
+        self.shape.append(np.arange(self._at - 4, self._at))
+        return length
+
+    def _string(self) -> str:
+        size = self._length()
+        self.shape.append(np.arange(self._at, self._at + size))
+        text = self._take(size)[0].tobytes()
+        if not text.endswith(b"\0"):
+            raise ValueError("a string does not end with 0")
+        return str(text[:-1], "utf-8")
+
+    def _take(self, size: int) -> NDArray[np.uint8]:
+        """The next bytes of each message."""
+        if self._at + size > self._stacked.shape[1]:
+            raise ValueError("a message is too short")
+        self._at += size
+        return self._stacked[:, self._at - size : self._at]

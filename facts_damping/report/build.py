@@ -1,0 +1,88 @@
+"""From recordings to what a report says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from facts_damping.report import tables
+from facts_damping.report.charts import charts, modes
+from facts_damping.report.contents import Report, Section
+from facts_damping.report.maps import maps
+from facts_damping.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping.report.contents import Run
+    from facts_damping.signals import Record
+
+# Pictures of `analysis.pictures` by section.
+TIME = ("differences", "tie_power", "speeds", "voltage", "centre_of_angle")
+LEARNT = ("jacobian", "learning_rate")
+MOST_EVENTS = 12  # that are named one by one
+
+
+def build(runs: Sequence[Run], baseline: int = 0) -> Report:
+    """What is said of the runs, in the order in which it is read; a section that would be empty is left out.
+
+    `baseline`: index of the run that improvement counts from.
+    """
+    unlike = differences([run.record for run in runs])
+    improvements = [] if unlike else tables.improvements(runs, baseline)
+    sections = [
+        Section("Summary", [tables.summary(runs, not unlike), *improvements]),
+        Section("Over time", charts(runs, TIME)),
+        Section("Performance indices", charts(runs, ("indices",))),
+        Section("Modes", [tables.modes(runs), *modes(runs), *maps(runs)]),
+        Section("Control effort", [*charts(runs, ("injected_voltage",)), tables.effort(runs)]),
+        Section("Links", [tables.links(runs), *charts(runs, ("latency",))]),
+        Section("What was learnt", charts(runs, LEARNT)),
+        Section("Conditions", [tables.conditions(runs)]),
+    ]
+    names = [run.name for run in runs]
+    return Report(
+        title=names[0] if len(names) == 1 else f"{len(names)} runs side by side",
+        names=names,
+        remarks=[*_unlike(unlike), *(remark for run in runs for remark in _remarks(run))],
+        events=_events([run.record for run in runs]),
+        sections=[section for section in sections if section.items],
+    )
+
+
+def differences(records: Sequence[Record]) -> list[str]:
+    """In what the runs differ so that their figures say nothing about each other: system, scenario, duration."""
+    asked = [record.configuration.get("asked") or record.configuration for record in records]
+    found = {
+        "system": [one.get("system") for one in asked],
+        "scenario": [one.get("scenario") for one in asked],
+        "duration": [record.configuration.get("duration") for record in records],
+    }
+    return [name for name, values in found.items() if any(value != values[0] for value in values)]
+
+
+def _unlike(unlike: Sequence[str]) -> list[str]:
+    if not unlike:
+        return []
+    return [f"The runs differ in {' and '.join(unlike)}: their figures cannot be compared, and none is marked as best."]
+
+
+def _remarks(run: Run) -> list[str]:
+    """What a reader has to know of a run before its figures."""
+    found = [f"{run.name}: {note}." for note in run.record.notes]
+    if run.summary["stable"] is False:
+        end = float(run.record.time_s[-1])
+        found.append(f"{run.name} is not stable: {run.summary['instability']} at {end:.2f} s. It has no indices.")
+    if run.summary["stable"] is None:
+        found.append(f"{run.name} ends too early to know whether it is stable: it has no indices.")
+    return found
+
+
+def _events(records: Sequence[Record]) -> list[tuple[float, str]]:
+    """Time (s), kind and element of what happened to the grid within the runs, each once."""
+    found = {
+        (event["time_ns"] / NANOSECONDS, f"{event['kind'].replace('_', ' ')} {event['element']}".strip())
+        for record in records
+        for event in record.events
+        if event["time_ns"] <= record.time_ns[-1]
+    }
+    return sorted(found)

@@ -1,0 +1,116 @@
+"""What a report consists of, as plain data: tables, charts and maps, each with a sentence that explains it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from facts_damping.signals import Record
+
+Mark = Literal["", "best", "worst"]
+
+
+class Run(NamedTuple):
+    """A recording in the report: its name, what was read, the figures of `analysis.summarise`, where it lies."""
+
+    name: str
+    record: Record
+    summary: Mapping[str, Any]
+    path: str
+
+
+class Cell(NamedTuple):
+    """An entry of a table; the mark says how it stands among its row."""
+
+    text: str
+    mark: Mark = ""
+
+
+class Table(NamedTuple):
+    """Rows under a head; the first cell of each names the row. `runs`: its other columns are the runs, in order."""
+
+    key: str
+    title: str
+    sentence: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    runs: bool = False
+
+
+class Curve(NamedTuple):
+    """A line of the run with that index: x and y (n,). `points`: no line, but a marker at each.
+
+    `name` tells it from others of the run in the same panel.
+    """
+
+    run: int
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    style: Literal["solid", "dashed", "points"] = "solid"
+    name: str = ""
+
+
+class Panel(NamedTuple):
+    """Axes with curves, and horizontal lines at levels."""
+
+    title: str
+    curves: Sequence[Curve]
+    levels: Sequence[float] = ()
+
+
+class Chart(NamedTuple):
+    """Panels with the same labels. `over_time`: x is simulated time, s, shared with all other such charts."""
+
+    key: str
+    title: str
+    sentence: str
+    x_label: str
+    y_label: str
+    panels: Sequence[Panel]
+    over_time: bool = True
+    logarithmic: bool = False
+
+
+class Map(NamedTuple):
+    """A distribution over time (s) and frequency (Hz) of the run with that index: values (frequencies, times).
+
+    `extent`: first and last time and frequency, at the outer edges; `lines`: Hz, known frequencies.
+    """
+
+    run: int
+    title: str
+    extent: tuple[float, float, float, float]
+    values: NDArray[np.float32]
+    unit: str
+    lines: Sequence[float]
+
+
+class Maps(NamedTuple):
+    """Maps side by side."""
+
+    key: str
+    title: str
+    sentence: str
+    maps: Sequence[Map]
+
+
+class Section(NamedTuple):
+    """A chapter of the report."""
+
+    title: str
+    items: Sequence[Table | Chart | Maps]
+
+
+class Report(NamedTuple):
+    """All of it: names of the runs, remarks above everything else, events (s, text), sections."""
+
+    title: str
+    names: Sequence[str]
+    remarks: Sequence[str]
+    events: Sequence[tuple[float, str]]
+    sections: Sequence[Section]

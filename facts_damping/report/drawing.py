@@ -1,0 +1,176 @@
+"""Charts and maps of a report as Bokeh figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from bokeh.models import (
+    BoxZoomTool,
+    ColumnDataSource,
+    DataRange1d,
+    HoverTool,
+    LinearColorMapper,
+    PanTool,
+    Range1d,
+    ResetTool,
+    WheelZoomTool,
+)
+from bokeh.models.annotations import ColorBar, Span
+from bokeh.palettes import RdBu, interp_palette
+from bokeh.plotting import figure
+
+from facts_damping.analysis.plots import COLOURS
+from facts_damping.report.contents import Chart, Maps
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bokeh.models.renderers import DataRenderer
+
+    from facts_damping.report.contents import Curve, Map, Panel, Report
+
+HEIGHT, TALL = 240, 340  # pixels, of one panel among others, and of a chart with a single one
+PALETTE = interp_palette(RdBu[11], 255)  # blue is negative, red positive, as in the pictures of analyze --spwvd
+GREY, LIMIT = "#777777", "#B00020"
+WIDTHS = {"solid": 1.4, "dashed": 0.9}
+TIME = "time"  # name of the range that all charts over time share
+DRESS: dict[str, Any] = {
+    "sizing_mode": "stretch_width",
+    "toolbar_location": "above",
+    "tools": "",
+    "background_fill_color": None,
+    "border_fill_color": None,
+    "min_border": 0,
+    "outline_line_color": "#cccccc",
+    "output_backend": "canvas",
+}
+Figure = figure  # the library's class has a lower-case name
+
+
+class Drawn(NamedTuple):
+    """A figure, and the title above it."""
+
+    title: str
+    figure: Figure
+
+
+class _Shared(NamedTuple):
+    """What figures have in common: the range of time, values by run and abscissae, names of the runs."""
+
+    time: Range1d
+    sources: dict[tuple[int, bytes], ColumnDataSource]
+    names: Sequence[str]
+    events: Sequence[float]
+
+
+def draw(report: Report) -> dict[str, list[Drawn]]:
+    """Figures of each chart and of each group of maps, by its key."""
+    items = [item for section in report.sections for item in section.items]
+    spans = [
+        (curve.x[0], curve.x[-1])
+        for item in items
+        if isinstance(item, Chart) and item.over_time
+        for panel in item.panels
+        for curve in panel.curves
+        if len(curve.x)
+    ]
+    begin, end = (float(f(one)) for f, one in zip((np.min, np.max), np.array(spans or [(0.0, 1.0)]).T, strict=True))
+    time = _range(begin, max(end, begin + 1e-3))
+    time.name = TIME
+    shared = _Shared(time, {}, report.names, [at for at, _ in report.events])
+    found: dict[str, list[Drawn]] = {}
+    for item in items:
+        if isinstance(item, Chart):
+            found[item.key] = [Drawn(panel.title, _panel(item, panel, shared)) for panel in item.panels]
+        elif isinstance(item, Maps):
+            found[item.key] = [Drawn(one.title, _map(one, shared)) for one in item.maps]
+    return found
+
+
+def _range(start: float, end: float) -> Range1d:
+    """A range that zooming does not leave."""
+    return Range1d(start=start, end=end, bounds=(start, end))
+
+
+def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
+    """Axes with the curves of all runs."""
+    made = figure(
+        height=HEIGHT if len(chart.panels) > 1 else TALL,
+        x_range=shared.time if chart.over_time else DataRange1d(),
+        y_axis_type="log" if chart.logarithmic else "linear",
+        window_axis="x" if chart.over_time else "none",
+        x_axis_label=chart.x_label,
+        y_axis_label=chart.y_label or panel.title,
+        **DRESS,
+    )
+    drawn = [_curve(made, curve, shared) for curve in panel.curves]
+    for level in panel.levels:
+        made.add_layout(Span(location=level, dimension="width", line_color=LIMIT, line_dash="dotted"))
+    if chart.over_time:
+        _mark_events(made, shared)
+    hover = HoverTool(
+        renderers=drawn, tooltips=[("", "$name"), (chart.x_label, "$x{0.000}"), (chart.y_label, "$y{0.00000}")]
+    )
+    _equip(made, hover, "width" if chart.over_time else "both")
+    return made
+
+
+def _curve(made: Figure, curve: Curve, shared: _Shared) -> DataRenderer:
+    """One curve; those of a run over the same x have a source together."""
+    key = curve.run, curve.x.tobytes()
+    source = shared.sources.setdefault(key, ColumnDataSource({"x": curve.x}))
+    column = f"y{len(source.data)}"
+    source.data[column] = curve.y.astype(np.float32)
+    name = shared.names[curve.run] + (f": {curve.name}" if curve.name else "")
+    look: dict[str, Any] = {"name": name, "color": COLOURS[curve.run % len(COLOURS)], "source": source}
+    drawn: DataRenderer
+    if curve.style == "points":
+        drawn = made.scatter("x", column, size=8, line_width=2, fill_color=None, **look)
+    else:
+        drawn = made.line("x", column, line_dash=curve.style, line_width=WIDTHS[curve.style], **look)
+    drawn.tags = [f"run-{curve.run}"]  # by which the page hides a run
+    return drawn
+
+
+def _map(one: Map, shared: _Shared) -> Figure:
+    """A distribution in colours."""
+    first, last, low, high = one.extent
+    made = figure(
+        height=TALL,
+        x_range=shared.time,
+        y_range=_range(low, high),
+        x_axis_label="t [s]",
+        y_axis_label="f [Hz]",
+        **DRESS,
+    )
+    largest = float(np.abs(one.values).max()) or 1.0
+    colours = LinearColorMapper(palette=PALETTE, low=-largest, high=largest)
+    image = made.image(
+        [one.values], first, low, last - first, high - low, color_mapper=colours, name=shared.names[one.run]
+    )
+    image.tags = [f"run-{one.run}"]
+    made.add_layout(ColorBar(color_mapper=colours, width=10, title=None, background_fill_color=None), "right")
+    for line in one.lines:
+        made.add_layout(Span(location=line, dimension="width", line_color="black", line_dash="dashed", line_width=0.8))
+    _mark_events(made, shared)
+    tips = [("t [s]", "$x{0.0}"), ("f [Hz]", "$y{0.000}"), (f"W [{one.unit}]", "@image")]
+    _equip(made, HoverTool(renderers=[image], tooltips=tips), "both")
+    return made
+
+
+def _mark_events(made: Figure, shared: _Shared) -> None:
+    for at in shared.events:
+        made.add_layout(Span(location=at, dimension="height", line_color=GREY, line_dash="dashed", line_width=1))
+
+
+def _equip(made: Figure, hover: HoverTool, zoomed: Literal["width", "both"]) -> None:
+    """Tools: drag to zoom; wheel and pan when chosen, so that the page can be scrolled over the figure."""
+    zoom = BoxZoomTool(dimensions=zoomed)
+    made.add_tools(zoom, PanTool(), WheelZoomTool(dimensions=zoomed), ResetTool(), hover)
+    made.toolbar.active_drag = zoom
+    made.toolbar.active_scroll = None
+    made.toolbar.logo = None
+    made.axis.axis_label_text_font_style = "normal"
+    made.axis.axis_label_text_font_size = made.axis.major_label_text_font_size = "12px"
+    made.grid.grid_line_color = "#e8e8e8"

@@ -1,0 +1,84 @@
+"""A report as a file: one page of HTML with scripts, style and data inside."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bokeh
+from bokeh.embed import components
+from bokeh.resources import Resources
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from facts_damping import __version__, files
+from facts_damping.analysis.plots import COLOURS
+from facts_damping.errors import InputError
+from facts_damping.report.build import MOST_EVENTS, build
+from facts_damping.report.contents import Run, Table
+from facts_damping.report.drawing import draw
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from bokeh.models import Model
+
+    from facts_damping.report.contents import Report
+    from facts_damping.signals import Record
+
+LONG = 24  # letters: a longer entry of a table is broken into lines
+MARKS = {"best": "▲", "worst": "▼"}
+
+
+def write(
+    path: Path, records: Sequence[tuple[str, Record]], summaries: Sequence[dict[str, Any]], baseline: int = 0
+) -> None:
+    """Write the report of several records (name, record) and their figures (`analysis.summarise`).
+
+    Raises InputError if the file cannot be written.
+
+    The summaries may tell the path of the `recording` and, counted from the `baseline`, `improvement_percent`.
+    """
+    runs = [
+        Run(name, record, summary, summary.get("recording") or "-")
+        for (name, record), summary in zip(records, summaries, strict=True)
+    ]
+    text = page(build(runs, baseline))
+    try:
+        files.write_whole(path, text)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; allowed: a file in a folder that can be written") from error
+
+
+def page(report: Report) -> str:
+    """A report as HTML. Names and notes are text of the recordings: all is escaped but what Bokeh makes."""
+    drawn = draw(report)
+    flat: dict[str, Model] = {f"{key}-{i}": one.figure for key, parts in drawn.items() for i, one in enumerate(parts)}
+    script, divs = components(flat) if flat else ("", {})
+    figures = {
+        key: [(one.title, Markup(divs[f"{key}-{i}"])) for i, one in enumerate(parts)]  # noqa: S704 (Bokeh's own)
+        for key, parts in drawn.items()
+    }
+    templates = Environment(
+        loader=PackageLoader("facts_damping.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    return templates.get_template("page.html").render(
+        report=report,
+        figures=figures,
+        events=_events(report),
+        is_table=lambda item: isinstance(item, Table),
+        marks=MARKS,
+        long=LONG,
+        colours=[COLOURS[i % len(COLOURS)] for i in range(len(report.names))],
+        library=Markup(Resources(mode="inline", components=["bokeh"]).render_js()),  # noqa: S704
+        script=Markup(script),  # noqa: S704
+        versions=f"facts_damping {__version__}, Bokeh {bokeh.__version__}",
+    )
+
+
+def _events(report: Report) -> str:
+    """What happened to the grid, in a line."""
+    named = [f"{at:g} s {what}" for at, what in report.events[:MOST_EVENTS]]
+    more = len(report.events) - len(named)
+    return "; ".join(named) + (f"; and {more} more" if more else "")

@@ -1,0 +1,176 @@
+"""The tables of a report."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.analysis.indices import INDICES
+from facts_damping.analysis.latency import hops_ms, statistics
+from facts_damping.analysis.pictures import HOPS
+from facts_damping.analysis.ringdown import COVERED
+from facts_damping.analysis.summary import ROWS, find, text
+from facts_damping.report.contents import Cell, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.report.contents import Mark, Run
+
+# Rows of the summary in which runs are compared, and whether the largest value is the best one. Nobody's best is how
+# little a device does, nor how quick a link is.
+LARGEST_IS_BEST = {
+    "stable": True,
+    "damped": True,
+    **dict.fromkeys(INDICES, False),
+    "settling time [s]": False,
+    "  its damping ratio": True,
+}
+STATISTICS = {"mean": "mean [ms]", "p50": "median [ms]", "p99": "99 % [ms]", "max": "max [ms]"}
+NONE = "-"
+UNMARKED: Mark = ""
+JUDGED = (*INDICES, "smoothness")  # of which improvement is told
+
+
+def summary(runs: Sequence[Run], comparable: bool) -> Table:
+    """The figures of all runs; if they can be compared, with the best and the worst of each row marked."""
+    rows = []
+    for label, path, form in ROWS:
+        values = [find(run.summary, path) for run in runs]
+        judged = comparable and label in LARGEST_IS_BEST
+        marks = ranked(values, LARGEST_IS_BEST[label]) if judged else [UNMARKED] * len(runs)
+        cells = [Cell(text(value, form), mark) for value, mark in zip(values, marks, strict=True)]
+        rows.append([Cell(label.strip()), *cells])
+    sentence = "All figures of the runs side by side."
+    if comparable and len(runs) > 1:
+        sentence += " ▲ is the best of a row, ▼ the worst; a dash is a figure that the run does not have."
+    return Table("summary", "Summary", sentence, ["", *(run.name for run in runs)], rows, runs=True)
+
+
+def ranked(values: Sequence[float | bool | None], largest_is_best: bool) -> list[Mark]:
+    """How values of several runs stand: `best`, `worst` or neither. None is worse than any; nobody is best alone."""
+    sign = 1.0 if largest_is_best else -1.0
+    worth = [-np.inf if value is None else sign * float(value) for value in values]
+    if len(set(worth)) < 2:
+        return [UNMARKED] * len(values)
+    words: dict[float, Mark] = {min(worth): "worst", max(worth): "best"}
+    return [words.get(one, UNMARKED) for one in worth]
+
+
+def improvements(runs: Sequence[Run], baseline: int) -> list[Table]:
+    """By how much figures of the others are below the baseline's; nothing without two that have them."""
+    parts = [run.summary.get("improvement_percent") for run in runs]
+    if sum(part is not None for part in parts) < 2:
+        return []
+    name = runs[baseline].name
+    rows = [[Cell(figure), *(Cell(_number((part or {}).get(figure), ".1f")) for part in parts)] for figure in JUDGED]
+    sentence = (
+        f"By how much each figure is below that of {name}, in % of it: 100 would be no deviation at all, a negative "
+        "number is worse."
+    )
+    head = ["[%]", *(run.name for run in runs)]
+    return [Table("improvement", f"Improvement on {name}", sentence, head, rows, runs=True)]
+
+
+def modes(runs: Sequence[Run]) -> Table:
+    """Modes of all runs with their intervals."""
+    rows = [
+        [Cell(run.name), *_mode(mode), Cell(_number(find(run.summary, ("ringdown", "snr_db")), ".0f"))]
+        for run in runs
+        for mode in run.summary["modes"]
+    ]
+    without = [run.name for run in runs if not run.summary["modes"]]
+    sentence = (
+        "Modes of 0.1 to 2.5 Hz in the ringdown after the last event, the strongest of each run first, with intervals "
+        "of 95 %. A damping ratio below zero is an oscillation that grows."
+    )
+    if without:
+        sentence += f" None was found in: {', '.join(without)}."
+    head = ["run", "frequency [Hz]", "damping ratio [%]", "amplitude [10⁻³ p.u.]", "signal to noise [dB]"]
+    return Table("mode_table", "Mode table", sentence, head, rows)
+
+
+def _mode(mode: Mapping[str, Any]) -> list[Cell]:
+    return [
+        Cell(_interval(mode["frequency_hz"], mode["frequency_error_hz"], 1.0, ".3f")),
+        Cell(_interval(mode["damping_ratio"], mode["damping_ratio_error"], 100.0, ".2f")),
+        Cell(format(1e3 * max(mode["amplitude"]), ".3g")),
+    ]
+
+
+def effort(runs: Sequence[Run]) -> Table:
+    """What each device was asked for."""
+    rows = []
+    for run in runs:
+        table, duty = run.record.devices, run.summary["saturation_duty"]
+        for i, device in enumerate(run.record.device_names):
+            setpoint = table["setpoint"][:, i]
+            figures = np.abs(setpoint).max(), np.sqrt(np.mean(setpoint**2))
+            share = duty.get(device)
+            rows.append([
+                Cell(run.name), Cell(device), *(Cell(format(one, ".4f")) for one in figures),
+                Cell(_number(None if share is None else 100 * share, ".1f")),
+            ])  # fmt: skip
+    head = ["run", "device", "largest setpoint [p.u.]", "root mean square [p.u.]", "at the limit [% of frames]"]
+    sentence = (
+        "How much each device is used: one that is often at its limit has no more to give, and a setpoint near zero "
+        "leaves it unused."
+    )
+    return Table("effort", "Use of the devices", sentence, head, rows)
+
+
+def links(runs: Sequence[Run]) -> Table:
+    """Latency of each hop, and what was lost."""
+    rows = [
+        [Cell(run.name), Cell(HOPS[hop]), *(Cell(one) for one in entry)]
+        for run in runs
+        for hop, parts in hops_ms(run.record).items()
+        for entry in _alike(parts)
+    ]
+    lost = ", ".join(f"{run.name} {run.summary['frames_lost']}" for run in runs)
+    sentence = (
+        "Latency of each hop from the measurement to the device, in simulated time, by station, controller or device; "
+        f"n is how many were delivered to each. Entries of frames that the link lost: {lost}."
+    )
+    head = ["run", "hop", "of", "n", *STATISTICS.values()]
+    return Table("links", "Link statistics", sentence, head, rows)
+
+
+def _alike(parts: Mapping[str, NDArray[np.float64]]) -> list[tuple[str, ...]]:
+    """Whose latencies, how many, and their statistics: those with the same ones together."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for who, values in parts.items():
+        told = str(len(values)), *(_number(one, ".2f") for one in statistics(values).values())
+        found.setdefault(told, []).append(who)
+    return [(", ".join(names), *told) for told, names in found.items()]
+
+
+def conditions(runs: Sequence[Run]) -> Table:
+    """What was run."""
+    fields = ("system", "scenario", "devices", "controllers", "link", "frame_rate", "duration", "seed")
+    asked = [run.record.configuration.get("asked") or run.record.configuration for run in runs]
+    rows = [[Cell(field.replace("_", " ")), *(Cell(_said(one.get(field))) for one in asked)] for field in fields]
+    rows.append([Cell("recording"), *(Cell(run.path) for run in runs)])
+    sentence = "The runs by the names in their files; what was given inline is called custom."
+    return Table("conditions", "Conditions", sentence, ["", *(run.name for run in runs)], rows, runs=True)
+
+
+def _said(value: Any) -> str:
+    """A field of a run, short."""
+    if isinstance(value, list):
+        return ", ".join(map(_said, value)) or "none"
+    if isinstance(value, dict):
+        return " ".join(str(value[key]) for key in ("name", "scheme") if value.get(key)) or "custom"
+    return NONE if value is None else str(value)
+
+
+def _interval(value: float, error: float | None, factor: float, form: str) -> str:
+    spread = "" if error is None else f" ± {COVERED * factor * error:.1g}"
+    return f"{factor * value:{form}}{spread}"
+
+
+def _number(value: float | None, form: str) -> str:
+    return NONE if value is None else format(value, form)

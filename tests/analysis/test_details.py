@@ -1,0 +1,70 @@
+"""What analyze tells beyond the summary: regions, hops, improvement, and their text."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from facts_damping.analysis import summarise
+from facts_damping.analysis.details import compare, details, lines
+from facts_damping.analysis.poles import METHODS
+from facts_damping.cli import MODES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    from facts_damping.signals import Record
+
+
+def told(record: Record) -> dict[str, Any]:
+    return summarise(record) | details(record)
+
+
+def test_details_of_a_damped_run(swing_record: Callable[..., Record]) -> None:
+    found = details(swing_record())
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    assert set(found["regions"]) == {"ITAE", "IAE", "ITSE", "ISE"}
+    for region in found["regions"].values():
+        assert 1.0 < region["cliff_from_s"] < region["cliff_to_s"] < 20.0  # the load steps at 1 s
+    assert found["latency_hops_ms"]["whole"]["sssc"]["max"] == 120.0
+
+
+def test_of_a_run_that_is_lost_there_is_no_improvement(swing_record: Callable[..., Record]) -> None:
+    lost = np.ones(1200, np.bool_)
+    lost[-1] = False
+    results = [told(swing_record()), told(swing_record(in_synchronism=lost))]
+    compare(results, 0)
+    assert results[0]["improvement_percent"] == dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE", "smoothness"), 0.0)
+    assert results[1]["improvement_percent"] is None
+    assert results[1]["regions"] == {}
+    assert "ITAE" in "\n".join(lines(["a", "b"], results, 0))
+
+
+@pytest.mark.parametrize("baseline", [0, 1])
+def test_improvement_counts_from_the_baseline(swing_record: Callable[..., Record], baseline: int) -> None:
+    results = [told(swing_record(damping=damping)) for damping in (0.1, 0.5)]
+    compare(results, baseline)
+    first, other = results[baseline]["indices"]["ISE"], results[1 - baseline]["indices"]["ISE"]
+    assert results[1 - baseline]["improvement_percent"]["ISE"] == pytest.approx(100 * (first - other) / first)
+    assert (results[1 - baseline]["improvement_percent"]["ISE"] > 0) == (baseline == 0)
+    assert results[baseline]["improvement_percent"]["ISE"] == 0.0
+    assert f"improvement on {'ab'[baseline]} [%]" in "\n".join(lines(["a", "b"], results, baseline))
+
+
+def test_text(swing_record: Callable[..., Record]) -> None:
+    record = swing_record()
+    record.delivered["arrival_ns"] = record.delivered["measured_ns"] + 80_000_000
+    text = "\n".join(lines(["run"], [told(record)], 0))
+    assert "frequency 0.5000 Hz ± " in text
+    assert re.search(r"up, measured to arrived, G1 and 2 more +80\.00 +80\.00 +80\.00 +80\.00", text)
+    assert "sssc 0.0 % of the frames" in text
+    assert "improvement" not in text
+
+
+def test_the_command_line_offers_every_method() -> None:
+    assert list(MODES) == list(METHODS)

@@ -1,0 +1,379 @@
+"""The report of recordings: what it says, and how a real browser shows it."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from facts_damping import cli, report
+from facts_damping.analysis import details, summarise
+from facts_damping.errors import InputError
+from facts_damping.report.build import build
+from facts_damping.report.contents import Chart, Maps, Run, Table
+from facts_damping.report.tables import ranked
+from facts_damping.report.traces import envelope, steps
+from facts_damping.signals import DEVICE_TRUTH
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from facts_damping.report.contents import Report
+    from facts_damping.signals import Record
+
+CHROMIUM = shutil.which("chromium")
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium: apt install chromium")
+START = (
+    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+)  # fmt: skip
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+IDLE = "Bokeh.documents.length > 0 && Bokeh.documents.every((one) => one.is_idle)"
+TIME = "(() => { const t = Bokeh.documents[0].get_model_by_name('time'); return [t.start, t.end]; })()"
+
+
+def said(*named: tuple[str, Record]) -> Report:
+    """What the report says of records."""
+    summaries = [summarise(record) for _, record in named]
+    details.compare(summaries, 0)
+    return build([Run(name, record, one, "-") for (name, record), one in zip(named, summaries, strict=True)])
+
+
+def written(folder: Path, *named: tuple[str, Record]) -> Path:
+    """The report of records, as `analyze` writes it."""
+    summaries = [summarise(record) for _, record in named]
+    details.compare(summaries, 0)
+    report.write(folder / "report.html", named, summaries)
+    return folder / "report.html"
+
+
+class Tags(HTMLParser):
+    """Names of all tags of a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:  # noqa: ARG002 (inherited)
+        self.found.append(tag)
+
+
+def items(found: Report) -> dict[str, Any]:
+    return {item.key: item for section in found.sections for item in section.items}
+
+
+def unstable(record: Record) -> Record:
+    """The first ten seconds of a record, at whose end synchronism is lost."""
+    n = 600
+    ends = np.ones(n, np.bool_)
+    ends[-1] = False
+    cut = {name: getattr(record, name)[:n] for name in ("time_ns", "frames", "machines", "devices", "applied")}
+    return dataclasses.replace(record, **cut, in_synchronism=ends)
+
+
+# What it says.
+
+
+@given(arrays(np.float64, st.integers(0, 4000), elements=st.floats(-1e6, 1e6, allow_nan=False)), st.integers(10, 500))
+def test_an_envelope_has_all_extremes_in_order_and_few_points(values: Any, most: int) -> None:
+    x = np.arange(len(values), dtype=float)
+    at, shown = envelope(x, values, most)
+    assert len(at) == len(shown) <= max(most, min(len(x), most)) + 2
+    assert np.all(np.diff(at) >= 0)
+    if len(values):
+        assert (shown.max(), shown.min()) == (values.max(), values.min())
+        assert np.isin(shown, values).all()
+        assert np.isin(at, x).all()
+        size = -(-2 * len(x) // most) if len(x) > most else 1
+        for time, value in zip(at, shown, strict=True):  # each value is from the block that it is drawn in
+            block = int(time) // size * size
+            assert value in values[block : block + size]
+
+
+def test_an_envelope_keeps_gaps_and_ignores_single_missing_values() -> None:
+    values = np.sin(np.arange(10_000.0))
+    values[3000:5000] = np.nan
+    values[7001] = np.nan
+    at, shown = envelope(np.arange(10_000.0), values, 500)
+    missing = at[np.isnan(shown)]
+    assert 3000 <= missing.min() <= 3080
+    assert 4920 <= missing.max() <= 5000
+
+
+def test_steps_are_the_distribution_and_few() -> None:
+    values = np.sort(np.random.default_rng(1).gamma(2.0, 20.0, 50_000))
+    shares = np.arange(1, len(values) + 1) / len(values)
+    x, y = steps(np.append(values[0], values), np.append(0.0, shares), 600)
+    assert len(x) <= 600
+    assert (y[0], y[-1], x[-1]) == (0.0, 1.0, values[-1])
+    asked = np.quantile(values, [0.1, 0.5, 0.9])
+    np.testing.assert_allclose(np.interp(asked, x, y), [0.1, 0.5, 0.9], atol=0.005)
+    x, y = steps(np.full(4, 100.0), np.array([0.0, 0.25, 0.5, 1.0]))
+    assert (x.tolist(), y.tolist()) == ([100.0, 100.0], [0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("values", "largest", "marks"),
+    [
+        ([1.0, 3.0, 2.0], False, ["best", "worst", ""]),
+        ([1.0, 3.0, 2.0], True, ["worst", "best", ""]),
+        ([True, False, True], True, ["best", "worst", "best"]),
+        ([None, 3.0, 2.0], False, ["worst", "", "best"]),
+        ([None, None], False, ["", ""]),
+        ([2.0, 2.0], False, ["", ""]),
+        ([2.0], False, [""]),
+    ],
+)
+def test_best_and_worst(values: Any, largest: bool, marks: list[str]) -> None:
+    assert ranked(values, largest) == marks
+
+
+def test_the_summary_marks_the_better_damped_run(swing_record: Callable[..., Record]) -> None:
+    found = said(("slow", swing_record(damping=0.1)), ("quick", swing_record(damping=0.5)))
+    assert found.remarks == []
+    rows = {row[0].text: row[1:] for row in items(found)["summary"].rows}
+    for name in ("ITAE", "IAE", "ITSE", "ISE", "its damping ratio", "settling time [s]"):
+        assert [cell.mark for cell in rows[name]] == ["worst", "best"], name
+    assert {cell.mark for name in ("latency, mean [ms]", "smoothness [p.u./s²]") for cell in rows[name]} == {""}
+    improved = {row[0].text: [cell.text for cell in row[1:]] for row in items(found)["improvement"].rows}
+    assert improved["ITAE"][0] == "0.0"
+    assert 50 < float(improved["ITAE"][1]) < 100
+
+
+def test_every_item_explains_itself_and_has_axes_with_units(swing_record: Callable[..., Record]) -> None:
+    found = said(("a", swing_record()), ("b", swing_record(damping=0.1)))
+    named = items(found)
+    assert set(named) >= {
+        "summary", "differences", "tie_power", "speeds", "injected_voltage", "indices", "mode_table", "modes", "spwvd",
+        "effort", "links", "latency", "conditions",
+    }  # fmt: skip
+    for item in named.values():
+        assert re.fullmatch(r"[A-Z].*\.", item.sentence)
+        if isinstance(item, Chart):
+            assert "[" in item.x_label
+            assert all("[" in (item.y_label or panel.title) or item.y_label == "CDF" for panel in item.panels)
+            assert all({curve.run for curve in panel.curves} == {0, 1} for panel in item.panels)
+        if isinstance(item, Maps):
+            assert [one.run for one in item.maps] == [0, 1]
+
+
+def test_the_map_is_where_the_mode_is(swing_record: Callable[..., Record]) -> None:
+    (one,) = items(said(("a", swing_record(damping=0.05))))["spwvd"].maps
+    first, last, low, high = one.extent
+    row, column = np.unravel_index(np.argmax(one.values), one.values.shape)
+    frequency = low + (row + 0.5) * (high - low) / one.values.shape[0]
+    time = first + (column + 0.5) * (last - first) / one.values.shape[1]
+    assert frequency == pytest.approx(0.5, abs=0.03)
+    assert 1.0 < time < 10.0
+    assert one.values.size <= 300 * 150
+
+
+def test_an_unstable_run_is_worst_and_has_no_curve_of_indices(swing_record: Callable[..., Record]) -> None:
+    found = said(("sound", swing_record()), ("lost", unstable(swing_record())))
+    assert found.remarks == ["lost is not stable: loss of synchronism at 9.98 s. It has no indices."]
+    rows = {row[0].text: row[1:] for row in items(found)["summary"].rows}
+    assert rows["ITAE"][1] == ("-", "worst")
+    assert rows["stable"][1] == ("no", "worst")
+    assert {curve.run for panel in items(found)["indices"].panels for curve in panel.curves} == {0}
+    assert "improvement" not in items(found)
+    assert "lost" in items(found)["mode_table"].sentence
+
+
+def test_runs_that_cannot_be_compared_are_not_ranked(swing_record: Callable[..., Record]) -> None:
+    other = swing_record(damping=0.1)
+    other.configuration["asked"] = {"system": "another", "controllers": []}
+    found = said(("a", swing_record()), ("b", other))
+    assert found.remarks[0].startswith("The runs differ in system: their figures cannot be compared")
+    assert {cell.mark for row in items(found)["summary"].rows for cell in row} == {""}
+    assert "improvement" not in items(found)
+
+
+def test_what_a_recording_lacks_is_said(swing_record: Callable[..., Record]) -> None:
+    cut = swing_record(600, notes=["the end is missing: the record ends with tick 599"])
+    cut.configuration["duration"] = 20
+    found = said(("cut", cut))
+    assert found.remarks[0] == "cut: the end is missing: the record ends with tick 599."
+    assert "too early to know" in found.remarks[1]
+
+
+def test_a_run_of_nearly_nothing(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
+    """Seven ticks, no device, no controller, no event: what cannot be is left out."""
+    bare = swing_record(7, events=[], device_names=[], devices=np.zeros((7, 0), DEVICE_TRUTH), controller_names=[])
+    bare = dataclasses.replace(bare, applied=bare.applied[:0], issued=bare.issued[:0])
+    found = items(said(("bare", bare)))
+    assert isinstance(found["summary"], Table)
+    assert "spwvd" not in found
+    assert "injected_voltage" not in found
+    assert written(tmp_path, ("bare", bare)).stat().st_size > 1_000_000
+
+
+def test_names_are_text_not_markup(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
+    name = "</script><img src=x onerror=alert(1)>'\"&"
+    tags: list[list[str]] = []
+    for one in ("plain", name):
+        page = written(tmp_path, (one, swing_record(notes=[one]))).read_text()
+        parser = Tags()
+        parser.feed(page)
+        tags.append(parser.found)
+    assert tags[0] == tags[1]
+    assert tags[0].count("script") > 2
+
+
+def test_a_long_record_makes_a_small_file(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
+    long = swing_record(108_000)  # half an hour
+    assert written(tmp_path, ("long", long)).stat().st_size < 4_000_000
+
+
+def test_nothing_is_loaded_from_elsewhere(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
+    page = written(tmp_path, ("a", swing_record())).read_text()
+    markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    assert not re.findall(r"https?://", markup)
+    assert {one.partition(":")[0] for one in re.findall(r"(?:src|href)\s*=\s*[\"']?([^\"'\s>]*)", markup)} == {"data"}
+    assert not re.findall(r"@import|url\(", markup)
+
+
+@pytest.mark.parametrize("place", ["no/such/folder/report.html", "", "-", "."])
+def test_a_report_that_cannot_be_written_is_refused_first(place: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["analyze", "no_such_recording", "--report", place]) == cli.BAD_INPUT
+    assert "--report" in capsys.readouterr().err
+
+
+def test_a_report_that_cannot_be_written_after_all(swing_record: Callable[..., Record]) -> None:
+    with pytest.raises(InputError, match=r"report\.html: .*; allowed: a file in a folder that can be written"):
+        written(Path("/proc"), ("a", swing_record()))
+
+
+# How a browser shows it.
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A real browser with a new profile."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415 (a hundred megabytes)
+
+    with sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=CHROMIUM, args=START)
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def opened(browser: Any, tmp_path: Path, swing_record: Callable[..., Record]) -> Iterator[Callable[..., Any]]:
+    """A report of three runs in the browser, drawn; that nothing went wrong is asserted at the end."""
+    wrong: list[str] = []
+    requests: list[str] = []
+    contexts = []
+    runs = [("slow", swing_record(damping=0.1)), ("quick", swing_record()), ("lost", unstable(swing_record()))]
+    path = written(tmp_path, *runs)
+
+    def open_(**options: Any) -> Any:
+        contexts.append(browser.new_context(**options))
+        page = contexts[-1].new_page()
+        page.on("console", lambda one: wrong.append(one.text) if one.type in ("error", "warning") else None)
+        page.on("pageerror", lambda one: wrong.append(str(one)))
+        page.on("request", lambda one: requests.append(one.url))
+        page.goto(path.as_uri())
+        page.wait_for_function(IDLE, timeout=120_000)
+        return page
+
+    yield open_
+    for one in contexts:
+        one.close()
+    assert wrong == []
+    assert set(requests) == {path.as_uri()}
+
+
+DRAWN = """() => [...document.querySelectorAll('figure')].map((one) => {
+  const all = (root) => [...root.querySelectorAll('*')].flatMap((node) =>
+    [node, ...(node.shadowRoot ? all(node.shadowRoot) : [])]);
+  const box = one.getBoundingClientRect(), colours = new Set();
+  for (const canvas of all(one).filter((node) => node.tagName === 'CANVAS' && node.width && node.height)) {
+    const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+    for (let i = 0; i < data.length; i += 4) if (data[i + 3] > 200)
+      colours.add((data[i] >> 5) + ',' + (data[i + 1] >> 5) + ',' + (data[i + 2] >> 5));
+  }
+  return [box.width, box.height, colours.size];
+})"""
+
+
+@needs_browser
+@pytest.mark.parametrize("options", [{"viewport": {"width": 1280, "height": 900}}, PHONE], ids=["desk", "phone"])
+def test_all_figures_are_drawn_and_fit_the_screen(
+    opened: Callable[..., Any], options: dict[str, Any], swing_record: Callable[..., Record]
+) -> None:
+    page = opened(**options)
+    width = options["viewport"]["width"]
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    figures = page.evaluate(DRAWN)
+    runs = [("slow", swing_record(damping=0.1)), ("quick", swing_record()), ("lost", unstable(swing_record()))]
+    expected = [len(one.panels) for one in items(said(*runs)).values() if isinstance(one, Chart)]
+    expected += [len(one.maps) for one in items(said(*runs)).values() if isinstance(one, Maps)]
+    assert len(figures) == sum(expected) > 10
+    for wide, high, colours in figures:
+        assert 0.35 * width < wide <= width
+        assert high > 200
+        assert colours > 3  # axes, grid, at least one run
+    assert page.locator("table").count() == sum(isinstance(one, Table) for one in items(said(*runs)).values())
+    assert all(box["width"] <= width for box in (one.bounding_box() for one in page.locator(".scroll").all()))
+
+
+@needs_browser
+def test_dragging_zooms_all_charts_over_time_and_runs_can_be_hidden(opened: Callable[..., Any]) -> None:
+    page = opened(viewport={"width": 1280, "height": 900})
+    whole = page.evaluate(TIME)
+    assert whole == [0.0, pytest.approx(20.0, abs=0.1)]
+    figure = page.locator("#differences figure").first
+    figure.scroll_into_view_if_needed()
+    box = figure.bounding_box()
+    middle = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + 0.4 * box["width"], middle)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.6 * box["width"], middle, steps=8)
+    page.mouse.up()
+    page.wait_for_function(f"{TIME}[0] > 1")
+    start, end = page.evaluate(TIME)
+    assert 3 < end - start < 6
+    visible = (
+        "[...Bokeh.documents[0].all_models].filter((one) => one.tags.includes('run-1'))"
+        ".map((one) => one.visible).filter((one) => one !== undefined)"
+    )
+    assert set(page.evaluate(visible)) == {True}
+    page.get_by_label("quick").uncheck()
+    assert set(page.evaluate(visible)) == {False}
+    figure.dblclick(position={"x": box["width"] / 2, "y": box["height"] / 2})
+    page.wait_for_function(f"{TIME}[0] === 0")
+
+
+@needs_browser
+def test_a_finger_on_a_chart_scrolls_the_page(opened: Callable[..., Any]) -> None:
+    page = opened(**PHONE)
+    page.wait_for_function(
+        "[...Bokeh.documents[0].all_models].every((one) => (one.attributes.active_drag ?? null) === null)"
+    )
+    page.locator("#differences figure").first.scroll_into_view_if_needed()
+    before, box = page.evaluate("scrollY"), page.locator("#differences figure").first.bounding_box()
+    client = page.context.new_cdp_session(page)
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    client.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+    for k in range(10):
+        client.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [{"x": x, "y": y - 15 * k}]})
+    client.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    page.wait_for_function(f"scrollY > {before} + 50")
+    assert page.evaluate(TIME)[0] == 0.0
+
+
+@needs_browser
+def test_dark_where_the_reader_has_it_dark(opened: Callable[..., Any]) -> None:
+    page = opened(color_scheme="dark")
+    lightness = "(name) => getComputedStyle(document.body)[name].match(/\\d+/g).slice(0, 3).reduce((a, b) => a + +b, 0)"
+    assert page.evaluate(lightness, "backgroundColor") < 150
+    assert page.evaluate(lightness, "color") > 600

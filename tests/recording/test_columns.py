@@ -1,0 +1,133 @@
+"""Messages decoded by the column are those that rosbags decodes one by one."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from facts_damping.recording import schema_text
+from facts_damping.recording.columns import FORMATS, PASSES, Block, blocks, kept
+from facts_damping.recording.reader import KINDS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+MIXED = "test_msgs/msg/Mixed"
+DEFINITION = """
+bool[] flags
+string name
+uint16 status
+float64[] values
+string[] names
+builtin_interfaces/Time[2] times
+int8 last
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+
+
+@pytest.fixture(scope="module")
+def store() -> Any:
+    made = get_typestore(Stores.EMPTY)
+    made.register(get_types_from_msg(DEFINITION, MIXED))
+    return made
+
+
+def random_message(store: Any, random: np.random.Generator) -> Any:
+    time = store.types["builtin_interfaces/msg/Time"]
+    word = "".join(random.choice(list("ab"), random.integers(0, 4)))
+    return store.types[MIXED](
+        flags=random.integers(0, 2, random.integers(0, 3)).astype(bool),
+        name=word,
+        status=int(random.integers(0, 2**16)),
+        values=random.normal(size=random.integers(0, 3)),
+        names=[word] * int(random.integers(0, 3)),
+        times=[time(sec=int(random.integers(-9, 9)), nanosec=int(random.integers(0, 10**9))) for _ in range(2)],
+        last=int(random.integers(-128, 128)),
+    )
+
+
+def at(message: Any, place: int) -> dict[str, Any]:
+    """The message at a place of a block."""
+    return {
+        "flags": [bool(one[place]) for one in message.flags],
+        "name": message.name,
+        "status": int(message.status[place]),
+        "values": [float(one[place]) for one in message.values],
+        "names": message.names,
+        "times": [(int(one.sec[place]), int(one.nanosec[place])) for one in message.times],
+        "last": int(message.last[place]),
+    }
+
+
+def plain(message: Any) -> dict[str, Any]:
+    """The same of a message of rosbags."""
+    fields = {name: getattr(message, name) for name in ("name", "status", "last")}
+    lists = {name: list(getattr(message, name)) for name in ("flags", "values", "names")}
+    return {**fields, **lists, "times": [(one.sec, one.nanosec) for one in message.times]}
+
+
+def listed(found: Sequence[Block], count: int) -> list[Any]:
+    """Messages of all blocks by their places."""
+    messages: list[Any] = [None] * count
+    for block in found:
+        for i, row in enumerate(block.rows.tolist()):
+            assert messages[row] is None
+            messages[row] = at(block.message, i)
+    return messages
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_messages_of_many_layouts(store: Any, little_endian: bool) -> None:
+    random = np.random.default_rng(3)
+    sent = [random_message(store, random) for _ in range(1500)]
+    data = [bytes(store.serialize_cdr(one, MIXED, little_endian=little_endian)) for one in sent]
+    found = blocks(data, store.fielddefs, MIXED)
+    assert len(found) > 2 * PASSES
+    assert len(found) < len(sent) / 2
+    assert listed(found, len(sent)) == [plain(one) for one in sent]
+    firsts = [int(block.rows[0]) for block in found]
+    assert firsts == sorted(firsts)
+
+
+def test_a_number_is_in_the_order_of_this_machine(store: Any) -> None:
+    message = random_message(store, np.random.default_rng(4))
+    data = bytes(store.serialize_cdr(message, MIXED, little_endian=sys.byteorder != "little"))
+    (block,) = blocks([data, data], store.fielddefs, MIXED)
+    assert block.message.status.dtype.isnative
+    assert block.message.status.tolist() == [message.status] * 2
+
+
+def test_messages_are_left_out_and_moved(store: Any) -> None:
+    random = np.random.default_rng(5)
+    sent = [random_message(store, random) for _ in range(200)]
+    data = [bytes(store.serialize_cdr(one, MIXED)) for one in sent]
+    place = np.where(np.arange(200) % 3 == 0, np.arange(200) // 3, -1)
+    moved = [kept(block, place[block.rows]) for block in blocks(data, store.fielddefs, MIXED)]
+    assert listed([block for block in moved if len(block.rows)], 67) == [plain(one) for one in sent[::3]]
+
+
+def test_cut_and_foreign_bytes_are_refused(store: Any) -> None:
+    message = random_message(store, np.random.default_rng(6))
+    message.last = 1
+    whole = bytes(store.serialize_cdr(message, MIXED))
+    for length in range(len(whole.rstrip(b"\0"))):
+        with pytest.raises(ValueError, match=r"a message|a string"):
+            blocks([whole[:length]], store.fielddefs, MIXED)
+    with pytest.raises(ValueError, match="plain CDR"):
+        blocks([b"\x00\x07" + whole[2:]], store.fielddefs, MIXED)
+
+
+@pytest.mark.parametrize("name", sorted({message_type for message_type, _ in KINDS.values()}))
+def test_all_kinds_of_fields_in_this_package_are_known(name: str) -> None:
+    used = get_types_from_msg(schema_text(name), name)
+    kinds: list[Any] = [kind for _, fields in used.values() for _, kind in fields]
+    items = [what[0] if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (node, what) for node, what in kinds]
+    assert {what[0] for node, what in items if node == Nodetype.BASE} <= {*FORMATS, "string"}
