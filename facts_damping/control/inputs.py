@@ -30,6 +30,7 @@ class Inputs(NamedTuple):
     signals: NDArray[np.int64]  # (receivers,), how many signals
     channel: NDArray[np.int64]  # (receivers, most signals)
     weight: NDArray[np.float64]  # (receivers, most signals, stations)
+    uses: NDArray[np.bool_]  # (receivers, stations): whether a signal is made of it
     deviation: NDArray[np.bool_]  # (receivers, most signals)
     washout: NDArray[np.float64]  # (receivers, most signals), s; 0: none
 
@@ -39,7 +40,7 @@ class Held(NamedTuple):
 
     entry: NDArray[np.float64]  # (receivers, stations, channels): newest entry of each station; NaN: none yet
     entry_ns: NDArray[np.int64]  # (receivers, stations): its time of measurement
-    newest_ns: NDArray[np.int64]  # (receivers,): newest time of measurement of all; UNSET: none
+    newest_ns: NDArray[np.int64]  # (receivers,): newest time of measurement of those that it uses; UNSET: none
     baseline: NDArray[np.float64]  # (receivers, most signals): first value of each signal
     washed: NDArray[np.float64]  # (receivers, most signals, 2): input and output of each washout
     signal: NDArray[np.float64]  # (receivers, most signals): newest signals
@@ -54,6 +55,7 @@ def inputs(
         signals=np.array([len(names) for names in given], np.int64),
         channel=np.zeros((n, most), np.int64),
         weight=np.zeros((n, most, len(stations))),
+        uses=np.zeros((n, len(stations)), np.bool_),
         deviation=np.zeros((n, most), np.bool_),
         washout=np.zeros((n, most)),
     )
@@ -65,6 +67,7 @@ def inputs(
             made.washout[r, i] = signal.washout
             for station, weight in signal.weights.items():
                 made.weight[r, i, stations.index(station)] = weight
+        made.uses[r] = (made.weight[r] != 0.0).any(axis=0)
     held = Held(
         entry=np.full((n, len(stations), len(CHANNELS)), np.nan),
         entry_ns=np.full((n, len(stations)), UNSET, np.int64),
@@ -93,13 +96,14 @@ def take(held: Held, r: int, delivered: NDArray[Any], first: int, count: int) ->
 
 @compiled
 def form(given: Inputs, held: Held, r: int) -> int:
-    """Form the signals if there is a frame newer than all before and all of them are available.
+    """Form the signals if a station that they are made of has a newer frame than all before, and all are available.
 
     Returns the time since the frame before, ns: 0 for the first one; -1 where there is nothing new.
     """
     before = newest = held.newest_ns[r]
     for s in range(held.entry_ns.shape[1]):
-        newest = max(newest, held.entry_ns[r, s])
+        if given.uses[r, s]:
+            newest = max(newest, held.entry_ns[r, s])
     if newest <= before or not _sum(given, held, r):
         return -1
     held.newest_ns[r] = newest

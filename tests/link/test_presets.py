@@ -248,3 +248,13 @@ def test_any_link_gives_a_run(link: dict[str, Any], seed: int, name: str) -> Non
         assert np.isfinite(record.machines[truth][record.in_synchronism]).all()
     assert np.isfinite(record.issued["value"]).all()
     assert (np.abs(record.issued["value"]) <= limit).all()
+
+
+@pytest.mark.parametrize("late_s", [0.0105, 0.05, 0.2])
+def test_what_a_controller_is_not_given_does_not_wake_it(late_s: float) -> None:
+    """G3 and TIE are no part of `speed`: whether they come at once or late with the others is one and the same."""
+    whole = run({"up": [{"delay": late_s}], "down": []}, "duration=5", "scenario=large")
+    part = run({"up": [{"delay": late_s, "channels": ["speed"]}], "down": []}, "duration=5", "scenario=large")
+    assert len(part.issued) > 250
+    assert part.issued.tobytes() == whole.issued.tobytes()
+    assert part.machines.tobytes() == whole.machines.tobytes()
