@@ -53,3 +53,22 @@ def test_pictures_beside_the_others(recording: Path, tmp_path: Path, capsys: pyt
     assert f"plot: {picture}" in out.splitlines()
     assert picture.stat().st_size > 10_000
     assert (tmp_path / "out" / "speeds.png").exists()
+
+
+def test_a_report_of_two_recordings(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two of the same name are told apart, a cut one is said to be cut."""
+    cut = tmp_path / "cut.mcap"
+    whole = next(recording.glob("*.mcap")).read_bytes()
+    cut.write_bytes(whole[: len(whole) * 2 // 3])
+    page = tmp_path / "report.html"
+    options = ["--out", str(tmp_path / "out"), "--report", str(page), "--run", "two_area_small"]
+    assert cli.main(["analyze", str(recording), str(cut), *options]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[-1] == f"report: {page}"
+    text = page.read_text(encoding="utf-8")
+    for note in [line.partition(": ")[2] for line in err.splitlines() if "missing" in line]:
+        assert note in text
+    assert "too early to know" in text
+    assert "1 two_area-small-LLC-ideal" in text
+    assert "2 two_area-small-LLC-ideal" in text
+    assert str(cut) in text
