@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 _DOMAINS = itertools.count(1)
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Groups for `pytest -n`: files run side by side, graphs one after the other, from the start."""
     items.sort(key=lambda item: not _has_graph(item))
