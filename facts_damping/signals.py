@@ -227,12 +227,15 @@ def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
         own = rows[(rows["controller"] == c) & (rows["signal"] == i) & (rows["device"] == d)]
         place, signal = record.controller_names[c], _signal(record, c, i)
         values = _held(
-            record.ticks, own["tick"], np.column_stack([own[key] for key in ("jacobian", "prediction", "error")])
+            record.ticks,
+            own["tick"],
+            np.column_stack([own[key] for key in ("jacobian", "prediction", "error", "change")]),
         )
         yield f"estimate.{place}.{signal}.{record.device_names[d]}_pu_per_pu", "pu/pu", values[:, 0]
         if d == rows["device"][(rows["controller"] == c) & (rows["signal"] == i)][0]:
             yield f"estimate.{place}.{signal}.prediction_pu", "pu", values[:, 1]
             yield f"estimate.{place}.{signal}.error_pu", "pu", values[:, 2]
+            yield f"estimate.{place}.{signal}.change_pu", "pu", values[:, 3]
     rows, keys = record.learning, ("controller", "identifier", "output", "group")
     for c, n, o, g in sorted(set(zip(*(rows[key].tolist() for key in keys), strict=True))):
         own = rows[(rows["controller"] == c) & (rows["identifier"] == n) & (rows["output"] == o) & (rows["group"] == g)]
