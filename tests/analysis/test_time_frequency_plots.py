@@ -58,7 +58,7 @@ def test_angles_do_not_jump(swing_record: Callable[..., Record]) -> None:
         ("time_s", "signal: 'time_s' given; allowed: w12, "),
         (
             "pmu.TIE.speed_deviation_pu",
-            "signal pmu.TIE.speed_deviation_pu: 0 known samples given; allowed: at least 16",
+            "speed_deviation_pu: 0 known samples given; allowed: at least 16",
         ),
     ],
 )
