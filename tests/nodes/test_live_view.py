@@ -210,23 +210,31 @@ def test_port_that_is_taken_is_named(domain: int, tmp_path: Path) -> None:
     assert nodes_left(tmp_path) == []
 
 
+def _wait(what: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not what():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
 def test_view_by_hand_serves_graph_after_graph_and_ends_quietly(
     domain: int, tmp_path: Path, port: int, start: Callable[..., Any]
 ) -> None:
     view = start("live_view", port=port)
     client = Client(port)
+    _wait(lambda: bool(client.channels))
     for name in ("first", "second"):
-        graph.run(load_case(None, ["duration=1"]), "lockstep", tmp_path / name, quiet)
-    deadline = time.monotonic() + PATIENCE_S
-    while len(client.messages.get("/plant/state", [])) < 100:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+        graph.run(load_case(None, ["duration=10"]), "lockstep", tmp_path / name, quiet)
+
+    def begins_again() -> bool:
+        stamps = [log_time for log_time, _ in client.messages.get("/plant/state", [])]
+        return any(later < earlier for earlier, later in itertools.pairwise(stamps))
+
+    _wait(begins_again)
     view.terminate()
     out, errors = view.communicate(timeout=PATIENCE_S)
     assert (view.returncode, out, errors) == (0, f"ws://127.0.0.1:{port}\n", "")
     client.end()
-    stamps = [log_time for log_time, _ in client.messages["/plant/state"]]
-    assert any(later < earlier for earlier, later in itertools.pairwise(stamps))
 
 
 def test_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
