@@ -14,6 +14,8 @@ from facts_damping.errors import FactsDampingError, InputError, RecordingError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    Add = Callable[[str, Callable[[argparse.Namespace], None]], argparse.ArgumentParser]
+
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
@@ -24,14 +26,17 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(message)
 
 
-def _common(parser: argparse.ArgumentParser, *, sets: bool = True, out: bool = True) -> None:
+def _common(parser: argparse.ArgumentParser, *, sets: bool = True, out: bool = True, json: bool = True) -> None:
     if sets:
         parser.add_argument(
             "--set", action="append", default=[], metavar="KEY.PATH=VALUE", help="change a field; repeatable"
         )
     if out:
         parser.add_argument("--out", metavar="DIR", help="folder for results")
-    parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - for standard output")
+    if json:
+        parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - for standard output")
+    else:
+        parser.set_defaults(json=None)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -49,6 +54,15 @@ def parser() -> argparse.ArgumentParser:
         made.set_defaults(function=function)
         return made
 
+    _runs(add)
+    _recordings(add)
+    _systems(add)
+    _studies(add)
+    _lists(add)
+    return top
+
+
+def _runs(add: Add) -> None:
     command = add("simulate", commands.simulate)
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
     _common(command)
@@ -59,6 +73,9 @@ def parser() -> argparse.ArgumentParser:
     text = "serve a live view to Foxglove; default: port 8765"
     command.add_argument("--foxglove", nargs="?", const=8765, type=_whole(1, 65535), metavar="PORT", help=text)
     _common(command)
+
+
+def _recordings(add: Add) -> None:
     command = add("analyze", commands.analyze)
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder or .mcap file")
     command.add_argument("--modes-method", choices=MODES, default=MODES[0], help="finds modes; default: matrix_pencil")
@@ -73,11 +90,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument(
         "what", nargs="?", metavar="RUN|RECORDING", help="a run as above, a recording's folder, or .mcap"
     )
-    command.add_argument(
-        "--set", action="append", default=[], metavar="KEY.PATH=VALUE", help="change a field; repeatable"
-    )
-    command.add_argument("--out", metavar="DIR", help="folder for the files")
-    command.set_defaults(json=None)
+    _common(command, json=False)
     command = add("replay", recording_commands.replay)
     command.add_argument("recording", metavar="RECORDING", help="folder or file of a recording")
     command.add_argument("--run", metavar="RUN", help="the run that it is of, where it holds none")
@@ -87,7 +100,10 @@ def parser() -> argparse.ArgumentParser:
     command = add("export", recording_commands.export)
     command.add_argument("recording", metavar="RECORDING", help="folder or file of a recording")
     command.add_argument("--out", required=True, metavar="FILE", help="FILE.parquet or FILE.csv")
-    command.set_defaults(json=None)
+    _common(command, sets=False, out=False, json=False)
+
+
+def _systems(add: Add) -> None:
     command = add("modes", commands.modes)
     command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")
     command.add_argument("--devices", metavar="NAME,...", help="devices installed, or none; default: sssc, where it is")
@@ -104,6 +120,9 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("tables", nargs="*", metavar="TABLE", help="which tables; none: all")
     command.add_argument("--out", metavar="FILE", help="write the tables as a Markdown page")
     _common(command, sets=False, out=False)
+
+
+def _studies(add: Add) -> None:
     command = add("tune", study_commands.tune)
     command.add_argument("system", metavar="SYSTEM", help="a system with a scenario `training`")
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
@@ -142,7 +161,10 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("scenario", metavar="SCENARIO", help="one of the system's scenarios")
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: the eleven")
     command.add_argument("--out", metavar="DIR", help="folder for the pictures")
-    command.set_defaults(json=None)
+    _common(command, sets=False, out=False, json=False)
+
+
+def _lists(add: Add) -> None:
     command = add("list", commands.list_)
     command.add_argument("kind", choices=files.KINDS)
     _common(command, sets=False, out=False)
@@ -150,8 +172,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("case", metavar="CASE.m", help="MATPOWER case, version 2")
     command.add_argument("--dynamics", metavar="FILE.yaml", help="machine rows, exciters and so on; none: typical data")
     command.add_argument("--out", metavar="FILE.yaml", help="the system's file; none: standard output")
-    command.set_defaults(json=None)
-    return top
+    _common(command, sets=False, out=False, json=False)
 
 
 def _whole(low: int, high: int) -> Callable[[str], int]:

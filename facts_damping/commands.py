@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping import adapted, configuration, files, loop
 from facts_damping.errors import InputError, RunError, check_known
 from facts_damping.parameters.run import Run
+from facts_damping.replay import check_has_run
 from facts_damping.terminal import Progress, write_json
 
 if TYPE_CHECKING:
@@ -139,8 +140,7 @@ def analyze(arguments: argparse.Namespace) -> None:
     for i, path in enumerate(given):
         progress(i, len(given))
         record = _explained(load(path), path, arguments.run)
-        run = record.configuration.get("asked") or record.configuration
-        named.append((label(Run.model_validate(run).model_dump()), record))
+        named.append((label(Run.model_validate(record.asked).model_dump()), record))
     progress.close()
     if len({name for name, _ in named}) < len(named):
         named = [(f"{i + 1} {name}", record) for i, (name, record) in enumerate(named)]
@@ -218,11 +218,9 @@ def views(arguments: argparse.Namespace) -> None:
 
 def _explained(record: Record, path: str, run: str | None) -> Record:
     """The record; where it holds no run (`ros2 bag record` keeps none), with that of a name or file."""
-    if record.configuration:
+    if record.configuration or run is None:
+        check_has_run(record, path)
         return record
-    if run is None:
-        notes = "".join(f"; {note}" for note in record.notes)
-        raise InputError(f"{path}: holds no run; allowed: --run with the run it is of{notes}")
     return replace(record, configuration=configuration.load_case(run).document())
 
 

@@ -16,14 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 KEPT_CACHES = 4
-NOT_COMPILED = (
-    "analysis",
-    "nodes",
-    "recording",
-    "studies",
-    "validation",
-    "views",
-)  # folders without compiled functions
+# Folders without compiled functions.
+NOT_COMPILED = ("analysis", "nodes", "recording", "report", "studies", "validation", "views")
 
 
 def _fingerprint(folder: Path) -> str:

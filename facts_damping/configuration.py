@@ -277,7 +277,7 @@ def _filled(
     values = {**own, **known.get((controller.name, scheme), {}), **controller.parameters}
     if controller.compensation in OF_IDENTIFIERS and "identifier_span" not in controller.parameters:
         values["identifier_span"] = SPAN
-    order = 2 if values.get("identifier_span") else 1
+    order = identifier.past_values(values.get("identifier_span"))
     if order > 1 and "identifier" not in controller.parameters:
         values["identifier"] = "ANFTSI"  # whose consequents are then affine
     if values.get("identifier") == "ANFGuMoI" and max(*counts.values(), order) > 1:
@@ -333,9 +333,8 @@ def _weights(
     if scheme == "indirect":
         kind_of_identifier = str(values["identifier"])
         counts = len(controller.signals), len(controller.devices)
-        wanted["identifier"] = identifier.network_of(
-            kind_of_identifier, *counts, 2 if values["identifier_span"] else 1
-        ).size
+        order = identifier.past_values(values["identifier_span"])
+        wanted["identifier"] = identifier.network_of(kind_of_identifier, *counts, order).size
     for part, size in wanted.items():
         given = getattr(found, part)
         if given is not None and len(given) != size:

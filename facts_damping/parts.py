@@ -52,7 +52,7 @@ def learning_rates(case: Case) -> int:
 def identifier_network(controller: Controller) -> Network:
     """The network of a controller's identifier."""
     kind = str(controller.parameters["identifier"])
-    order = 2 if controller.number("identifier_span") else 1
+    order = identifier.past_values(controller.number("identifier_span"))
     return identifier.network_of(kind, len(controller.signals), len(controller.devices), order)
 
 

@@ -57,13 +57,18 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str]) -> Ca
     """
     if run is not None:
         return load_case(run, sets)
-    if not record.configuration:
-        notes = "".join(f"; {note}" for note in record.notes)
-        raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{notes}")
+    check_has_run(record, source)
     content, pairs = deepcopy(record.configuration), dict(parse_set(text) for text in sets)
     _forget(content, pairs)
     change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
     return make_case(content, source, pairs)
+
+
+def check_has_run(record: Record, source: str) -> None:
+    """Raise `InputError` where a record does not hold the run that it is of, as those of `ros2 bag record`."""
+    if not record.configuration:
+        notes = "".join(f"; {note}" for note in record.notes)
+        raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{notes}")
 
 
 def _forget(content: dict[str, Any], pairs: dict[str, str]) -> None:

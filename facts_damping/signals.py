@@ -156,6 +156,11 @@ class Record:
         return self.time_ns / NANOSECONDS
 
     @property
+    def asked(self) -> dict[str, Any]:
+        """The run by the names that the user gave, where they are known, else as configured."""
+        return dict(self.configuration.get("asked") or self.configuration)
+
+    @property
     def frame_rate(self) -> int:
         """Frames per second: as configured, else from the times of the ticks."""
         given = self.configuration.get("frame_rate")
@@ -203,9 +208,7 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
             for c, (name, unit) in enumerate({**CHANNELS, "measured": "s"}.items()):
                 yield f"delivered.{link}.{station}.{name}_{unit}", unit, held[:, c]
     for way in ("issued", "applied"):
-        rows = getattr(record, way)
-        for c, d in sorted(set(zip(rows["controller"].tolist(), rows["device"].tolist(), strict=True))):
-            own = rows[(rows["controller"] == c) & (rows["device"] == d)]
+        for (c, d), own in parts(getattr(record, way), "controller", "device"):
             name = f"{way}.{record.controller_names[c]}.{record.device_names[d]}"
             yield f"{name}_pu", "pu", _held(record.ticks, own["tick"], own["value"][:, None])[:, 0]
     for kind, names, table in (
@@ -223,8 +226,7 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
 def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
     """Columns of what identifiers estimate and how networks learn."""
     rows = record.estimates
-    for c, i, d in sorted(set(zip(*(rows[key].tolist() for key in ("controller", "signal", "device")), strict=True))):
-        own = rows[(rows["controller"] == c) & (rows["signal"] == i) & (rows["device"] == d)]
+    for (c, i, d), own in parts(rows, "controller", "signal", "device"):
         place, signal = record.controller_names[c], _signal(record, c, i)
         values = _held(
             record.ticks,
@@ -236,15 +238,19 @@ def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
             yield f"estimate.{place}.{signal}.prediction_pu", "pu", values[:, 1]
             yield f"estimate.{place}.{signal}.error_pu", "pu", values[:, 2]
             yield f"estimate.{place}.{signal}.change_pu", "pu", values[:, 3]
-    rows, keys = record.learning, ("controller", "identifier", "output", "group")
-    for c, n, o, g in sorted(set(zip(*(rows[key].tolist() for key in keys), strict=True))):
-        own = rows[(rows["controller"] == c) & (rows["identifier"] == n) & (rows["output"] == o) & (rows["group"] == g)]
+    for (c, n, o, g), own in parts(record.learning, "controller", "identifier", "output", "group"):
         place = f"learning.{record.controller_names[c]}." + ("identifier" if n else "controller")
         values = _held(record.ticks, own["tick"], np.column_stack([own[key] for key in ("rate", "lyapunov", "fall")]))
         yield f"{place}.{o}.{g}.rate", "-", values[:, 0]
         if (o, g) == (0, 0):
             yield f"{place}.lyapunov", "-", values[:, 1]
             yield f"{place}.fall", "-", values[:, 2]
+
+
+def parts(rows: NDArray[Any], *fields: str) -> list[tuple[tuple[int, ...], NDArray[Any]]]:
+    """Rows of a table by the values of some fields: these, ascending, and the rows that have them."""
+    keys = np.column_stack([rows[field] for field in fields])
+    return [(tuple(key.tolist()), rows[np.all(keys == key, axis=1)]) for key in np.unique(keys, axis=0)]
 
 
 def _signal(record: Record, controller: int, signal: int) -> str:

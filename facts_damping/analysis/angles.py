@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.analysis.measures import inline_system
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -32,16 +34,14 @@ def centres_of_angle(record: Record) -> dict[str, NDArray[np.float64]]:
     where there is one. Otherwise against the centre of all machines: after a change of load the whole system runs at
     another frequency, and its angles against synchronous speed would only tell that.
     """
-    system = record.configuration.get("system")
-    machines = (system.get("machines") or []) if isinstance(system, dict) else []
-    data: dict[str, Mapping[str, Any]] = {one["name"]: one for one in machines}
+    system = inline_system(record.configuration)
+    data: dict[str, Mapping[str, Any]] = {one["name"]: one for one in system.get("machines") or []}
     if not record.machine_names or any(not _complete(data.get(name)) for name in record.machine_names):
         return {}
     angles = np.asarray(record.machines["rotor_angle"])
     inertias = np.array([data[name]["rating"] * data[name]["H"] for name in record.machine_names])
     areas = np.array([data[name].get("area") or WHOLE for name in record.machine_names])
-    fixed = isinstance(system, dict) and system.get("infinite_buses")
-    origin = np.zeros(len(angles)) if fixed else centre_of_angle(angles, inertias)
+    origin = np.zeros(len(angles)) if system.get("infinite_buses") else centre_of_angle(angles, inertias)
     named = dict.fromkeys(areas.tolist())
     return {area: centre_of_angle(angles[:, areas == area], inertias[areas == area]) - origin for area in named}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.analysis.indices import INDICES, improvement, index_curves, regions
-from facts_damping.analysis.latency import hops_ms, statistics
+from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.oscillation import is_stable
 from facts_damping.analysis.ringdown import COVERED
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-HOPS = {"up": "up, measured to arrived", "wait": "wait, arrived to issued", "down": "down, issued to device"}
+JUDGED = (*INDICES, "smoothness")  # of which improvement is told
+PARTS = ("up", "wait", "down")  # of the whole way, which the summary tells
 
 
 def details(record: Record) -> dict[str, Any]:
@@ -57,10 +58,10 @@ def lines(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: 
         yield f"{name}: {'; '.join([told, *duty])}"
         yield from (f"  {_mode(mode)}" for mode in result["modes"])
     rows = [
-        [f"{name}: {title}, {who}", *(f"{value:.2f}" for value in told)]
+        [f"{name}: {hop}, {HOPS[hop]}, {_together(who)}", *(f"{value:.2f}" for value in told)]
         for name, result in zip(names, results, strict=True)
-        for hop, title in HOPS.items()
-        for told, who in _alike(result["latency_hops_ms"][hop])
+        for hop in PARTS
+        for told, who in alike(_values(result["latency_hops_ms"][hop])).items()
     ]
     if rows:
         yield ""
@@ -75,13 +76,13 @@ def _judged(result: Mapping[str, Any]) -> dict[str, float] | None:
     return result["indices"] and {**result["indices"], "smoothness": result["smoothness"]}
 
 
-def _alike(parts: Mapping[str, Mapping[str, float]]) -> Iterator[tuple[tuple[float, ...], str]]:
-    """Latencies, and whose they are: those with the same ones together."""
-    grouped: dict[tuple[float, ...], list[str]] = {}
-    for who, told in parts.items():
-        grouped.setdefault(tuple(told.values()), []).append(who)
-    for values, (first, *others) in grouped.items():
-        yield values, f"{first} and {len(others)} more" if others else first
+def _values(parts: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, ...]]:
+    return {who: tuple(told.values()) for who, told in parts.items()}
+
+
+def _together(names: Sequence[str]) -> str:
+    """Those with the same latencies, in a word."""
+    return f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else names[0]
 
 
 def _mode(mode: Mapping[str, Any]) -> str:
@@ -101,7 +102,7 @@ def _width(error: float | None) -> str:
 
 def _improvements(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: int) -> str:
     rows = []
-    for figure in (*INDICES, "smoothness"):
+    for figure in JUDGED:
         found = [(result["improvement_percent"] or {}).get(figure) for result in results]
         rows.append([figure, *("-" if one is None else f"{one:.2f}" for one in found)])
     return aligned([f"improvement on {names[baseline]} [%]", *names], rows)

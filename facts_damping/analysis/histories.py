@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.signals import parts
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -24,10 +26,9 @@ def jacobian_histories(record: Record) -> dict[tuple[str, int, str], History]:
 
     By controller, index of its signal, and device. Source: (5.3) on; the derivative that (5.1) hands to the controller.
     """
-    rows = record.estimates
     return {
-        (_controller(record, c), s, record.device_names[d]): _history(record, rows[same], "jacobian")
-        for (c, s, d), same in _parts(rows, ("controller", "signal", "device"))
+        (_controller(record, c), s, record.device_names[d]): _history(record, rows, "jacobian")
+        for (c, s, d), rows in parts(record.estimates, "controller", "signal", "device")
     }
 
 
@@ -37,16 +38,10 @@ def learning_rate_histories(record: Record) -> dict[tuple[str, bool, int, int], 
     By controller, whether it is its identifier's, index of the output, and index of the group of parameters. Rates that
     are the same for all groups have a single history, of group 0. Source: (4.39), (5.20) on.
     """
-    rows, found = record.learning, {}
-    for (c, identifier, output, group), same in _parts(rows, ("controller", "identifier", "output", "group")):
-        found[_controller(record, c), bool(identifier), output, group] = _history(record, rows[same], "rate")
+    found = {}
+    for (c, identifier, output, group), rows in parts(record.learning, "controller", "identifier", "output", "group"):
+        found[_controller(record, c), bool(identifier), output, group] = _history(record, rows, "rate")
     return {key: one for key, one in found.items() if not key[3] or not _alike(one, found.get((*key[:3], 0)))}
-
-
-def _parts(rows: NDArray[Any], fields: tuple[str, ...]) -> list[tuple[tuple[int, ...], NDArray[np.bool_]]]:
-    """The rows with the same values in some fields: the values and which rows."""
-    keys = np.column_stack([rows[field] for field in fields])
-    return [(tuple(key.tolist()), np.all(keys == key, axis=1)) for key in np.unique(keys, axis=0)]
 
 
 def _history(record: Record, rows: NDArray[Any], field: str) -> History:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -13,7 +13,14 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
+Told = TypeVar("Told")
 MILLISECOND = 1_000_000  # ns
+HOPS = {
+    "up": "measured to arrived",
+    "wait": "arrived to issued",
+    "down": "issued to device",
+    "whole": "measured to device",
+}
 
 
 def ages_ms(record: Record) -> NDArray[np.float64]:
@@ -36,6 +43,14 @@ def statistics(values: NDArray[np.float64]) -> dict[str, float | None]:
         return dict.fromkeys(("mean", "p50", "p99", "max"))
     p50, p99 = np.percentile(values, [50, 99])
     return {"mean": float(values.mean()), "p50": float(p50), "p99": float(p99), "max": float(values.max())}
+
+
+def alike(told: Mapping[str, Told]) -> dict[Told, list[str]]:
+    """Names of which the same is told, together."""
+    found: dict[Told, list[str]] = {}
+    for name, one in told.items():
+        found.setdefault(one, []).append(name)
+    return found
 
 
 def cdf(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -38,8 +38,7 @@ def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, 
     `measures` = {"local" | "interarea": [name]} refers to `signals` = {name: {"weights": ...}}. Without any,
     each machine's speed against the first's; against synchronous speed where there is an infinite bus.
     """
-    system = configuration.get("system")
-    source = configuration if "measures" in configuration or not isinstance(system, dict) else system
+    source = configuration if "measures" in configuration else inline_system(configuration) or configuration
     signals = source.get("signals") or {}
     found: dict[str, Mapping[str, float]] = {}
     for group in (source.get("measures") or {}).values():
@@ -58,9 +57,14 @@ def _against_the_first(system: Mapping[str, Any]) -> dict[str, Mapping[str, floa
 
 def setpoint_limits(configuration: Mapping[str, Any]) -> dict[str, float]:
     """Largest setpoint of each device, p.u., from a system inline: {device: `v_max`}."""
-    system = configuration.get("system")
-    devices = system.get("devices") or [] if isinstance(system, dict) else []
+    devices = inline_system(configuration).get("devices") or []
     return {one["name"]: float(one["v_max"]) for one in devices if "v_max" in one}
+
+
+def inline_system(configuration: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The system where a configuration has it inline; empty where it only names it."""
+    system = configuration.get("system")
+    return system if isinstance(system, dict) else {}
 
 
 def event_times(record: Record) -> list[float]:

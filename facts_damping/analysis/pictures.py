@@ -9,7 +9,7 @@ import numpy as np
 from facts_damping.analysis.angles import centres_of_angle
 from facts_damping.analysis.histories import jacobian_histories, learning_rate_histories
 from facts_damping.analysis.indices import index_curves, regions
-from facts_damping.analysis.latency import cdf, hops_ms
+from facts_damping.analysis.latency import HOPS, cdf, hops_ms
 from facts_damping.analysis.measures import SPEED, columns, measure_weights, setpoint_limits, speed_differences
 from facts_damping.analysis.oscillation import is_stable
 from facts_damping.signals import CHANNELS
@@ -24,12 +24,6 @@ if TYPE_CHECKING:
 
 POWER, VOLTAGE = (list(CHANNELS).index(name) for name in ("active_power", "voltage_magnitude"))
 UNITS = {"ITAE": "p.u. s²", "IAE": "p.u. s", "ITSE": "p.u.² s²", "ISE": "p.u.² s"}
-HOPS = {
-    "up": "measured to arrived",
-    "wait": "arrived to issued",
-    "down": "issued to device",
-    "whole": "measured to device",
-}
 
 
 class Curve(NamedTuple):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.analysis.measures import inline_system
 from facts_damping.errors import InputError
 from facts_damping.signals import CHANNELS
 
@@ -23,8 +24,7 @@ def recorded(record: Record, name: str) -> tuple[NDArray[np.float64], str]:
     `name`: a signal of the system, as its stations measure it, without washout; or a column of `record.arrays` that has
     a unit. Angles are unwrapped. Raises InputError for any other.
     """
-    system = record.configuration.get("system")
-    signals = (system.get("signals") or {}) if isinstance(system, dict) else {}
+    signals = inline_system(record.configuration).get("signals") or {}
     if name in signals:
         channel = signals[name].get("channel", "speed_deviation")
         column, parts = list(CHANNELS).index(channel), signals[name]["weights"].items()

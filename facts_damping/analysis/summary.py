@@ -59,7 +59,7 @@ def summarise(
     stable = is_stable(record)
     smooth = record_smoothness(record)
     return {
-        "run": _run(record.configuration),
+        "run": record.asked,
         "stable": stable,
         "instability": instability(record),
         **_oscillation(record, signals, method, stable is True),
@@ -126,11 +126,6 @@ def _duration(record: Record) -> float:
     """Simulated time that the record covers, s: a frame longer than the span of its stamps."""
     t = record.time_s
     return round(float(t[-1] - t[0] + np.median(np.diff(t))), 6) if len(t) > 1 else 0.0
-
-
-def _run(configuration: Mapping[str, Any]) -> dict[str, Any]:
-    """The run by the names that the user gave, where they are known."""
-    return dict(configuration.get("asked") or configuration)
 
 
 def find(summary: Any, path: Sequence[str | int]) -> Any:

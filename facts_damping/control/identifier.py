@@ -93,6 +93,11 @@ class IdentifierState(NamedTuple):
     jacobian: NDArray[np.float64]  # (identifiers, most signals, most devices), p.u./p.u.
 
 
+def past_values(span: Any) -> int:
+    """How many past values of each signal an identifier is given whose span is so many frames; none: 0."""
+    return 2 if span else 1
+
+
 def network_of(kind: str, signals: int, devices: int, order: int = 1) -> Network:
     """The network of an identifier: its inputs are past values of the signals and setpoints, its outputs the signals.
 
@@ -110,7 +115,7 @@ def identifiers(
     n, most = len(rows), max([len(row.devices) for row in rows], default=0)
     outputs = max([len(row.signals) for row in rows], default=0)
     span = np.array([int(row.settings["identifier_span"][0]) for row in rows], np.int64)
-    order = np.where(span > 0, 2, 1)
+    order = np.array([past_values(one) for one in span], np.int64)
     nets = [network_of(row.kind, len(row.signals), len(row.devices), o) for row, o in zip(rows, order, strict=True)]
     starts = [_start(net, row) if row.weights is None else row.weights for net, row in zip(nets, rows, strict=True)]
     given, held = inputs([row.signals for row in rows], signals, stations)

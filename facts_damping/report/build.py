@@ -51,10 +51,9 @@ def build(runs: Sequence[Run], baseline: int = 0) -> Report:
 
 def differences(records: Sequence[Record]) -> list[str]:
     """In what the runs differ so that their figures say nothing about each other: system, scenario, duration."""
-    asked = [record.configuration.get("asked") or record.configuration for record in records]
     found = {
-        "system": [one.get("system") for one in asked],
-        "scenario": [one.get("scenario") for one in asked],
+        "system": [record.asked.get("system") for record in records],
+        "scenario": [record.asked.get("scenario") for record in records],
         "duration": [record.configuration.get("duration") for record in records],
     }
     return [name for name, values in found.items() if any(value != values[0] for value in values)]

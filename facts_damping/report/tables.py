@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.analysis.details import JUDGED
 from facts_damping.analysis.indices import INDICES
-from facts_damping.analysis.latency import hops_ms, statistics
-from facts_damping.analysis.pictures import HOPS
+from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.ringdown import COVERED
 from facts_damping.analysis.summary import ROWS, find, text
 from facts_damping.report.contents import Cell, Table
@@ -32,7 +32,6 @@ LARGEST_IS_BEST = {
 STATISTICS = {"mean": "mean [ms]", "p50": "median [ms]", "p99": "99 % [ms]", "max": "max [ms]"}
 NONE = "-"
 UNMARKED: Mark = ""
-JUDGED = (*INDICES, "smoothness")  # of which improvement is told
 
 
 def summary(runs: Sequence[Run], comparable: bool) -> Table:
@@ -125,10 +124,10 @@ def effort(runs: Sequence[Run]) -> Table:
 def links(runs: Sequence[Run]) -> Table:
     """Latency of each hop, and what was lost."""
     rows = [
-        [Cell(run.name), Cell(HOPS[hop]), *(Cell(one) for one in entry)]
+        [Cell(run.name), Cell(HOPS[hop]), Cell(", ".join(names)), *(Cell(one) for one in told)]
         for run in runs
         for hop, parts in hops_ms(run.record).items()
-        for entry in _alike(parts)
+        for told, names in alike(_latencies(parts)).items()
     ]
     lost = ", ".join(f"{run.name} {run.summary['frames_lost']}" for run in runs)
     sentence = (
@@ -139,20 +138,20 @@ def links(runs: Sequence[Run]) -> Table:
     return Table("links", "Link statistics", sentence, head, rows)
 
 
-def _alike(parts: Mapping[str, NDArray[np.float64]]) -> list[tuple[str, ...]]:
-    """Whose latencies, how many, and their statistics: those with the same ones together."""
-    found: dict[tuple[str, ...], list[str]] = {}
-    for who, values in parts.items():
-        told = str(len(values)), *(_number(one, ".2f") for one in statistics(values).values())
-        found.setdefault(told, []).append(who)
-    return [(", ".join(names), *told) for told, names in found.items()]
+def _latencies(parts: Mapping[str, NDArray[np.float64]]) -> dict[str, tuple[str, ...]]:
+    """How many there are of each, and their statistics."""
+    return {
+        who: (str(len(values)), *(_number(one, ".2f") for one in statistics(values).values()))
+        for who, values in parts.items()
+    }
 
 
 def conditions(runs: Sequence[Run]) -> Table:
     """What was run."""
     fields = ("system", "scenario", "devices", "controllers", "link", "frame_rate", "duration", "seed")
-    asked = [run.record.configuration.get("asked") or run.record.configuration for run in runs]
-    rows = [[Cell(field.replace("_", " ")), *(Cell(_said(one.get(field))) for one in asked)] for field in fields]
+    rows = [
+        [Cell(field.replace("_", " ")), *(Cell(_said(run.record.asked.get(field))) for run in runs)] for field in fields
+    ]
     rows.append([Cell("recording"), *(Cell(run.path) for run in runs)])
     sentence = "The runs by the names in their files; what was given inline is called custom."
     return Table("conditions", "Conditions", sentence, ["", *(run.name for run in runs)], rows, runs=True)
