@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 KEPT_CACHES = 4
 # Folders without compiled functions.
-NOT_COMPILED = ("analysis", "nodes", "recording", "report", "studies", "validation", "views")
+NOT_COMPILED = ("analysis", "nodes", "recording", "report", "reproduction", "studies", "validation", "views")
 
 
 def _fingerprint(folder: Path) -> str:

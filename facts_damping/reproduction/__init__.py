@@ -1,0 +1,1 @@
+"""The thesis's printed results, and ours beside them."""
