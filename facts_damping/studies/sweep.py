@@ -37,7 +37,7 @@ class Plan(NamedTuple):
     """A study that has been read: its points, and what its runs have in common."""
 
     name: str
-    path: Path
+    text: str  # the study as YAML
     study: Study
     base: Base
     points: list[Point]
@@ -51,17 +51,22 @@ def plan(name: str, sets: Sequence[str]) -> Plan:
     """
     path = find("studies", name)
     study = check(Study, read_table(path), str(path))
+    return planned(study, path.stem, str(path), path.read_text(encoding="utf-8"), sets)
+
+
+def planned(study: Study, name: str, source: str, text: str, sets: Sequence[str] = ()) -> Plan:
+    """A study that has been read, or made: `source` begins its error messages, `text` is the copy that it leaves."""
     try:
-        base = _base(study, sets, str(path))
+        base = _base(study, sets, source)
         points = axes.points(study)
         if study.margin is not None:
             check_known("margin.across", study.margin.across, [*IDENTITY, *points[0].columns])
         first = make(base, points[0].changes | _margin_changes(study, study.margin.low if study.margin else None))
     except InputError as error:
-        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+        raise InputError(str(error) if source in str(error) else f"{source}: {error}") from error
     told = [study.model_dump(), base.content, base.set, first.document(), __version__]
     digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
-    return Plan(path.stem, path, study, base, points, digest)
+    return Plan(name, text, study, base, points, digest)
 
 
 def _base(study: Study, sets: Sequence[str], source: str) -> Base:
@@ -83,7 +88,7 @@ def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Pr
     """
     most = len(made.points) * (margins.most_runs(made.study.margin) if made.study.margin else 1)
     with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, made.fingerprint) as journal:
-        files.write_whole(folder / COPY, made.path.read_text(encoding="utf-8"))
+        files.write_whole(folder / COPY, made.text)
         progress.resume(len(journal.rows))
         progress(len(journal.rows), most)
         while todo := _tasks(made, journal.rows):

@@ -1,0 +1,137 @@
+"""Why orders differ: the tables once more with one thing changed, each a run that anybody can repeat.
+
+What the thesis leaves open, what it says otherwise than we do, and what our search of parameters adds.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping.configuration import tuned
+from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.reproduction import agreement, ranking
+from facts_damping.reproduction.printed import SCENARIOS
+from facts_damping.reproduction.runs import ARCHITECTURES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from facts_damping.reproduction.agreement import Figures
+    from facts_damping.reproduction.printed import Cell, Who
+
+    More = Callable[[str, Who], dict[str, Any]]
+
+PARAMETERS = "controllers.0.parameters"
+GUARDS_OFF = {"controllers.0.profile": "thesis", f"{PARAMETERS}.leakage": 0.0}
+INTERPOLATED = {"ANFBsC": "b-spline-interpolated+singleton", "HBsWC": "b-spline-interpolated+morlet"}
+
+
+class Variant(NamedTuple):
+    """A set-up that differs in one thing: what it is, fields of the run, and those of networks by system."""
+
+    name: str
+    what: str
+    fields: dict[str, Any]
+    more: More | None = None
+    systems: tuple[str, ...] = tuple(SCENARIOS)
+
+
+class Told(NamedTuple):
+    """How a variant agrees with a table of improvements."""
+
+    variant: str
+    table: str
+    signs: float  # share of the improvements with the thesis's sign
+    rho: float | None  # mean rank correlation with the thesis
+    same_best: int
+    rankings: int
+    unstable: int  # runs without figures
+
+
+def _networks(fields: dict[str, Any]) -> More:
+    """Fields for every network; for lead-lags nothing."""
+
+    def more(_: str, who: Who) -> dict[str, Any]:
+        return fields if who.scheme else {}
+
+    return more
+
+
+def _off(_: str, who: Who) -> dict[str, Any]:
+    """All guards off, those too that the search has chosen."""
+    if not who.scheme:
+        return {}
+    return {**GUARDS_OFF, **({f"{PARAMETERS}.identifier_leakage": 0.0} if who.scheme == "indirect" else {})}
+
+
+def _untuned(_: str, who: Who) -> dict[str, Any]:
+    """The pair without its name, for which nothing was searched: all start alike."""
+    if not who.scheme:
+        return {}
+    network = VARIANTS[who.controller]
+    return {"controllers.0.name": f"{network.antecedent}+{network.consequent}"}
+
+
+def _untuned_wide(system: str, who: Who) -> dict[str, Any]:
+    """The same with wavelets so wide that they keep their sign over the inputs' range."""
+    wavelet = who.scheme and VARIANTS[who.controller].consequent in ("mexican-hat", "morlet")
+    return {**_untuned(system, who), **({f"{PARAMETERS}.dilation": 5.0} if wavelet else {})}
+
+
+def _interpolated(system: str, who: Who) -> dict[str, Any]:
+    """B-splines as curves, with the parameters that were searched for the nearest control point."""
+    if who.controller not in INTERPOLATED:
+        return {}
+    devices, signals = ARCHITECTURES[who.architecture]
+    found = tuned(system, signals, devices)[who.controller, who.scheme]
+    return {"controllers.0.name": INTERPOLATED[who.controller], PARAMETERS: found}
+
+
+BASE = "as searched"
+TABLE = (
+    Variant(BASE, "the set-up of the tables", {}),
+    Variant("equal start", "no search: every network starts from the same defaults", {}, _untuned),
+    Variant("equal start, wide wavelets", "the same, dilation 5", {}, _untuned_wide),
+    Variant("no adaptation", "eta 0: networks as they start", {}, _networks({f"{PARAMETERS}.eta": 0.0})),
+    Variant("guards off", "as the thesis has it: no leakage, projection, clip, anti-windup", {}, _off),
+    Variant(
+        "rates by group",
+        "best rate (4.39) of each group by itself, as printed",
+        {},
+        _networks({f"{PARAMETERS}.rate": "lyapunov-groups", f"{PARAMETERS}.eta": 1.0}),
+    ),
+    Variant(
+        "joint rate",
+        "the best rate of all groups together",
+        {},
+        _networks({f"{PARAMETERS}.rate": "lyapunov", f"{PARAMETERS}.eta": 1.0}),
+    ),
+    Variant("interpolated control points", "ANFBsC and HBsWC with curves for the nearest point", {}, _interpolated),
+    Variant("30 frames/s", "half the rate at which controllers are called", {"frame_rate": 30}),
+    Variant("120 frames/s", "twice the rate", {"frame_rate": 120}),
+    Variant(
+        "printed time constants",
+        "T'd0 1.01 s, T''d0 0.053 s as printed in A.1",
+        {"system.machines.0.Td01": 1.01, "system.machines.0.Td02": 0.053},
+        systems=("smib",),
+    ),
+    Variant(
+        "printed rate feedback",
+        "KF 0.001 of A.2 at all exciters",
+        {f"system.exciters.{i}.KF": 0.001 for i in range(4)},
+        systems=("two_area",),
+    ),
+)
+
+
+def told(variant: str, cells: Sequence[Cell], figures: Figures) -> list[Told]:
+    """Agreement of a variant's figures with the tables of improvements among the cells."""
+    found = []
+    for table in dict.fromkeys(cell.table for cell in cells if cell.against is not None):
+        compared = agreement.compare([cell for cell in cells if cell.table == table], figures)
+        signs = agreement.signs(agreement.statements(compared))[0]
+        ranks = ranking.totals(ranking.rankings(compared))[0]
+        own = {agreement.Run(c.cell.system, c.cell.scenario, c.cell.who) for c in compared}
+        unstable = sum(figures[run] is None for run in own)
+        found.append(Told(variant, table, signs.share, ranks.mean_rho, ranks.same_best, ranks.rankings, unstable))
+    return found
