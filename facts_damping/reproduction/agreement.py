@@ -14,6 +14,7 @@ MISO columns of table 6.1 repeat table 5.4 and state nothing once more.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.analysis.indices import improvement
@@ -21,7 +22,7 @@ from facts_damping.reproduction.printed import LLC, Who
 from facts_damping.studies.pages import heads, line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
     from facts_damping.reproduction.printed import Cell
 
@@ -42,8 +43,7 @@ class Run(NamedTuple):
     who: Who
 
 
-if TYPE_CHECKING:
-    Figures = Mapping[Run, Mapping[str, float] | None]  # by ITAE ... ISE and `smoothness`; none: the run was unstable
+Figures = Mapping[Run, Mapping[str, float] | None]  # by ITAE ... ISE and `smoothness`; none: the run was unstable
 
 
 class Compared(NamedTuple):
