@@ -137,12 +137,13 @@ def flat(row: Any) -> dict[str, Any]:
 
 
 def markdown(rows: Sequence[Any], left: Sequence[str], right: Sequence[str], form: str = ".4g") -> list[str]:
-    """A table in Markdown of fields of named tuples, aligned to the left and to the right; nothing: `-`."""
+    """A table in Markdown of fields of named tuples, aligned to the left and to the right (`text`)."""
     titles = [[field.replace("_", " ") for field in fields] for fields in (left, right)]
-    return [*heads(*titles), *(line([_text(flat(row)[field], form) for field in (*left, *right)]) for row in rows)]
+    return [*heads(*titles), *(line([text(flat(row)[field], form) for field in (*left, *right)]) for row in rows)]
 
 
-def _text(value: Any, form: str) -> str:
+def text(value: Any, form: str = ".4g") -> str:
+    """A field as text, for Markdown and CSV: names side by side; nothing: `-`."""
     if value is None:
         return "-"
     if isinstance(value, bool):
