@@ -26,6 +26,7 @@ from facts_damping.reproduction.agreement import (
     signs,
     statements,
 )
+from facts_damping.reproduction.agreement import text as text_of
 from facts_damping.reproduction.printed import DIRECT, LLC, Cell, Who, cells
 from facts_damping.reproduction.ranking import correlation, mean_ranks, rankings, totals
 
@@ -265,10 +266,11 @@ def test_rows_go_into_markdown_csv_and_json() -> None:
         text = io.StringIO()
         writer = csv.DictWriter(text, list(flattened[0]))
         writer.writeheader()
-        writer.writerows(flattened)
+        writer.writerows({field: text_of(value) for field, value in row.items()} for row in flattened)
         text.seek(0)
         assert len(list(csv.DictReader(text))) == len(rows)
         assert len(json.loads(json.dumps(flattened, allow_nan=False))) == len(rows)
+    assert text_of(("HBsWC", "ANFLeWC")) == "HBsWC, ANFLeWC"
     lines = markdown(compared[:2], ["controller", "against", "reason"], ["printed", "ours"])
     assert lines[0] == "| controller | against | reason | printed | ours |"
     assert lines[2] == "| ANFTSC | MISO LLC |  | 47.01 | 47.01 |"
