@@ -14,6 +14,7 @@ MISO columns of table 6.1 repeat table 5.4 and state nothing once more.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.analysis.indices import improvement
@@ -21,7 +22,7 @@ from facts_damping.reproduction.printed import LLC, Who
 from facts_damping.studies.pages import heads, line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
     from facts_damping.reproduction.printed import Cell
 
@@ -42,8 +43,7 @@ class Run(NamedTuple):
     who: Who
 
 
-if TYPE_CHECKING:
-    Figures = Mapping[Run, Mapping[str, float] | None]  # by ITAE ... ISE and `smoothness`; none: the run was unstable
+Figures = Mapping[Run, Mapping[str, float] | None]  # by ITAE ... ISE and `smoothness`; none: the run was unstable
 
 
 class Compared(NamedTuple):
@@ -137,12 +137,13 @@ def flat(row: Any) -> dict[str, Any]:
 
 
 def markdown(rows: Sequence[Any], left: Sequence[str], right: Sequence[str], form: str = ".4g") -> list[str]:
-    """A table in Markdown of fields of named tuples, aligned to the left and to the right; nothing: `-`."""
+    """A table in Markdown of fields of named tuples, aligned to the left and to the right (`text`)."""
     titles = [[field.replace("_", " ") for field in fields] for fields in (left, right)]
-    return [*heads(*titles), *(line([_text(flat(row)[field], form) for field in (*left, *right)]) for row in rows)]
+    return [*heads(*titles), *(line([text(flat(row)[field], form) for field in (*left, *right)]) for row in rows)]
 
 
-def _text(value: Any, form: str) -> str:
+def text(value: Any, form: str = ".4g") -> str:
+    """A field as text, for Markdown and CSV: names side by side; nothing: `-`."""
     if value is None:
         return "-"
     if isinstance(value, bool):

@@ -1,0 +1,173 @@
+"""The operations of a compiled function, counted: it runs as plain Python on numbers that remember how they were made.
+
+So the operations that an output needs can be told from those that only its derivatives need. What the code has as a
+literal is no such number: what is formed of literals alone is known beforehand, and neither `+ 0` nor `* 1` counts.
+Comparisons, absolute values and signs that are copied do not count either, but what is compared does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from types import FunctionType, SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+ADDITION, MULTIPLICATION, DIVISION, NEGATION = "additions", "multiplications", "divisions", "negations"
+FUNCTIONS = {  # of `math`
+    "exp": "exponentials",
+    "sin": "trigonometric",
+    "cos": "trigonometric",
+    "tanh": "trigonometric",  # as table 3.1 has it
+    "sqrt": "roots",
+}
+
+
+class Tape:
+    """What has been computed: every operation, and the numbers that decisions were made by."""
+
+    def __init__(self) -> None:
+        self.made: list[Number] = []
+        self.decided: list[Number] = []
+
+
+class Number:
+    """A float with the operation that made it, "" where none did, and the numbers that it was made of."""
+
+    def __init__(self, tape: Tape, value: float, kind: str = "", of: Iterable[Any] = ()) -> None:
+        self.tape, self.value, self.kind = tape, value, kind
+        self.of = [x for x in of if isinstance(x, Number)]
+        if kind:
+            tape.made.append(self)
+
+    def decide(self) -> float:
+        """The value, for a comparison or for a place in a table."""
+        self.tape.decided.append(self)
+        return self.value
+
+    def __add__(self, other: Any) -> Any:
+        return _sum(self, other)
+
+    def __radd__(self, other: Any) -> Any:
+        return _sum(other, self)
+
+    def __sub__(self, other: Any) -> Any:
+        return self if _is(other, 0) else _made(ADDITION, _value(self) - _value(other), self, other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return -self if _is(other, 0) else _made(ADDITION, _value(other) - _value(self), other, self)
+
+    def __mul__(self, other: Any) -> Any:
+        return _product(self, other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return _product(other, self)
+
+    def __truediv__(self, other: Any) -> Any:
+        return self if _is(other, 1) else _made(DIVISION, _value(self) / _value(other), self, other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return 0.0 if _is(other, 0) else _made(DIVISION, _value(other) / _value(self), other, self)
+
+    def __neg__(self) -> Number:
+        return _made(NEGATION, -self.value, self)
+
+    def __abs__(self) -> Number:
+        return _made("", abs(self.value), self)
+
+    def __lt__(self, other: Any) -> bool:
+        return self.decide() < _value(other, deciding=True)
+
+    def __le__(self, other: Any) -> bool:
+        return self.decide() <= _value(other, deciding=True)
+
+    def __gt__(self, other: Any) -> bool:
+        return self.decide() > _value(other, deciding=True)
+
+    def __ge__(self, other: Any) -> bool:
+        return self.decide() >= _value(other, deciding=True)
+
+    def __eq__(self, other: object) -> bool:
+        return self.decide() == _value(other, deciding=True)
+
+    def __ceil__(self) -> int:
+        return math.ceil(self.decide())
+
+    def __int__(self) -> int:
+        return int(self.decide())
+
+    __hash__ = object.__hash__
+
+
+def plain(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A compiled function as plain Python for numbers on a tape, with all of this package's that it calls."""
+    source: Any = getattr(function, "py_func", function)
+    namespace = dict(source.__globals__)
+    for name in source.__code__.co_names:
+        value = namespace.get(name)
+        if value is math:
+            namespace[name] = MATH
+        elif isinstance(getattr(value, "py_func", value), FunctionType):
+            namespace[name] = plain(value)  # type: ignore[arg-type]
+    return FunctionType(source.__code__, namespace, source.__name__, source.__defaults__, source.__closure__)
+
+
+def counted(numbers: Iterable[Number]) -> Counter[str]:
+    """Numbers by the operation that made them."""
+    return Counter(number.kind for number in numbers if number.kind)
+
+
+def needed(tape: Tape, outputs: Iterable[Any]) -> list[Number]:
+    """The numbers that outputs are made of, and those that any decision was made by."""
+    found: dict[int, Number] = {}
+    waiting = [*tape.decided, *(x for x in outputs if isinstance(x, Number))]
+    while waiting:
+        number = waiting.pop()
+        if id(number) not in found:
+            found[id(number)] = number
+            waiting += number.of
+    return list(found.values())
+
+
+def _value(x: Any, *, deciding: bool = False) -> float:
+    if isinstance(x, Number):
+        return x.decide() if deciding else x.value
+    return float(x)
+
+
+def _is(x: Any, literal: float) -> bool:
+    return not isinstance(x, Number) and x == literal
+
+
+def _made(kind: str, value: float, *of: Any) -> Number:
+    tape = next(x.tape for x in of if isinstance(x, Number))
+    return Number(tape, value, kind, of)
+
+
+def _sum(a: Any, b: Any) -> Any:
+    if _is(a, 0) or _is(b, 0):
+        return b if _is(a, 0) else a
+    return _made(ADDITION, _value(a) + _value(b), a, b)
+
+
+def _product(a: Any, b: Any) -> Any:
+    if _is(a, 0) or _is(b, 0):
+        return 0.0
+    if _is(a, 1) or _is(b, 1):
+        return b if _is(a, 1) else a
+    return _made(MULTIPLICATION, _value(a) * _value(b), a, b)
+
+
+def _function(name: str) -> Callable[[Any], Any]:
+    """A function of `math` that counts."""
+    function, kind = getattr(math, name), FUNCTIONS[name]
+    return lambda x: _made(kind, function(x.value), x) if isinstance(x, Number) else function(x)
+
+
+def _copysign(x: Any, sign: Any) -> Any:
+    return _made("", math.copysign(_value(x), _value(sign)), x, sign)
+
+
+MATH = SimpleNamespace(**{name: _function(name) for name in FUNCTIONS}, copysign=_copysign, ceil=math.ceil)
