@@ -30,12 +30,16 @@ CONFIDENCE = 0.95
 TUNED = Who("MISO", "LLC-tuned", None)
 
 
-class Spread(NamedTuple):
-    """A figure of a controller over the draws of a scenario, its improvement over LLC, and over LLC-tuned, %.
+class Interval(NamedTuple):
+    """A median and its 95 % interval, which rests on order statistics (the binomial distribution), on no law."""
 
-    `low` and `high` are the ends of a 95 % interval of the median. It rests on order statistics (the binomial
-    distribution), so on no law of the figures.
-    """
+    median: float
+    low: float
+    high: float
+
+
+class Spread(NamedTuple):
+    """A figure of a controller over the draws of a scenario, its improvement over LLC, and over LLC-tuned."""
 
     system: str
     scenario: str
@@ -44,15 +48,9 @@ class Spread(NamedTuple):
     quantity: str
     draws: int
     unstable: int
-    median: float
-    low: float
-    high: float
-    over_llc: float
-    over_llc_low: float
-    over_llc_high: float
-    over_tuned: float
-    over_tuned_low: float
-    over_tuned_high: float
+    figure: Interval
+    over_llc: Interval  # %
+    over_tuned: Interval  # %
     best: float  # share of the draws in which it is the best of all
 
 
@@ -92,13 +90,13 @@ def values(rows: Iterable[dict[str, Any]], quantity: str) -> dict[str, NDArray[n
     return {who: np.array(own) for who, own in found.items()}
 
 
-def median(x: NDArray[np.float64]) -> tuple[float, float, float]:
+def median(x: NDArray[np.float64]) -> Interval:
     """Median and its interval; an end is an order statistic, infinite where there are too few values for one."""
     n, ordered = len(x), np.sort(x)
     outside = int(stats.binom.ppf((1 - CONFIDENCE) / 2, n, 0.5))  # so many values on either side are left out
     if outside < 1:
-        return float(np.median(x)), -np.inf, np.inf
-    return float(np.median(x)), float(ordered[outside - 1]), float(ordered[n - outside])
+        return Interval(float(np.median(x)), -np.inf, np.inf)
+    return Interval(float(np.median(x)), float(ordered[outside - 1]), float(ordered[n - outside]))
 
 
 def improvements(reference: NDArray[np.float64], own: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -110,14 +108,26 @@ def improvements(reference: NDArray[np.float64], own: NDArray[np.float64]) -> ND
 
 def spreads(rows: Sequence[Row], link: str) -> list[Spread]:
     """Every figure of every controller over the draws of a scenario."""
-    found, place = [], (rows[0]["system"], rows[0]["scenario"], link)
+    found = []
     for quantity in FIGURES:
         x = values(rows, quantity)
         lowest = np.min(list(x.values()), axis=0)
-        for who, own in x.items():
-            over = [number for one in (LLC, TUNED) for number in median(improvements(x[name(one)], own))]
-            best = float(np.mean((own == lowest) & np.isfinite(own)))
-            found.append(Spread(*place, who, quantity, len(own), int(np.isinf(own).sum()), *median(own), *over, best))
+        found += [
+            Spread(
+                system=rows[0]["system"],
+                scenario=rows[0]["scenario"],
+                link=link,
+                who=who,
+                quantity=quantity,
+                draws=len(own),
+                unstable=int(np.isinf(own).sum()),
+                figure=median(own),
+                over_llc=median(improvements(x[name(LLC)], own)),
+                over_tuned=median(improvements(x[name(TUNED)], own)),
+                best=float(np.mean((own == lowest) & np.isfinite(own))),
+            )
+            for who, own in x.items()
+        ]
     return found
 
 
