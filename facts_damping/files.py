@@ -135,12 +135,13 @@ def parse_set(text: str) -> tuple[str, str]:
 
 
 def set_field(content: dict[str, Any], key: str, value: Any, where: str) -> None:
-    """Set a field by its path; an index one past a list's end appends a row."""
+    """Set a field by its path; of a list's indices one past its end or `+` appends a row, `-1` is the last one."""
     here: Any = content
     parts = key.split(".")
-    for i, part in enumerate(parts):
-        last = i == len(parts) - 1
+    for i, given in enumerate(parts):
+        last, part = i == len(parts) - 1, given
         if isinstance(here, list):
+            part = {"+": str(len(here)), "-1": str(len(here) - 1)}.get(given, given)
             if not part.isdigit() or int(part) > len(here):
                 raise InputError(
                     f"{where}: {'.'.join(parts[: i + 1])}: '{part}' given; allowed: an index from 0 to {len(here)}"
