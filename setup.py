@@ -41,7 +41,7 @@ setup(
     maintainer_email="maintainers@example.org",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={"": ["py.typed"], f"{NAME}.nodes": ["fastdds.xml"], f"{NAME}.report": ["page.*"]},
+    package_data={"": ["py.typed"], f"{NAME}.nodes": ["fastdds.xml"], f"{NAME}.report": ["page.*"], f"{NAME}.reproduction": ["page.*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -53,6 +53,7 @@ setup(
         "control>=0.10.1,<0.11",  # before, its ERA was not there
         "bokeh>=3.6,<4",  # analyze --report
         "jinja2>=3.1,<4",
+        "markdown-it-py>=3,<5",  # reproduce: its page as HTML
         "joblib>=1.5,<2",  # which hands an initializer to its processes
         "matplotlib>=3.8,<4",
         "mcap>=1.5,<2",

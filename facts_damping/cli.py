@@ -162,6 +162,12 @@ def _studies(add: Add) -> None:
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: the eleven")
     command.add_argument("--out", metavar="DIR", help="folder for the pictures")
     _common(command, sets=False, out=False, json=False)
+    command = add("reproduce", study_commands.reproduce)
+    command.add_argument("tables", nargs="*", metavar="TABLE", help="3.1, 4.1 ... 6.2; none: all")
+    text = "draws of each ensemble, 2 or more; default: as its file says, 100"
+    command.add_argument("--draws", type=_whole(2, 100_000), metavar="N", help=text)
+    _jobs(command)
+    _common(command, sets=False)
 
 
 def _lists(add: Add) -> None:

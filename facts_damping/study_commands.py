@@ -1,4 +1,4 @@
-"""What the commands that make many runs do: tune, compare, architectures, jacobian, portray, margin."""
+"""What the commands that make many runs do: tune, compare, architectures, jacobian, portray, margin, reproduce."""
 
 from __future__ import annotations
 
@@ -167,3 +167,27 @@ def margin(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, pages.document(found, runs))
     for line in (*pages.text(found, runs), *(f"plot: {path}" for path in pictures)):
         say(arguments, line)
+
+
+def reproduce(arguments: argparse.Namespace) -> None:
+    """The thesis's tables, ours beside them: agreement, ensembles, explanations, pictures."""
+    from facts_damping.reproduction import pages
+    from facts_damping.reproduction.agreement import markdown
+    from facts_damping.reproduction.findings import find
+    from facts_damping.reproduction.results import gather
+
+    folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / "reproduction")
+    try:
+        found = gather(arguments.tables, arguments.draws, folder, arguments.jobs)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+    judged = find(found)
+    written = pages.write(found, judged, folder)
+    write_json(arguments.json, pages.document(found, judged))
+    for title, one in (("the scenarios as they are", judged.plain), ("medians over the ensembles", judged.drawn)):
+        if one.signs:
+            signs, ranks = ("statements", "agree", "share"), ("rankings", "mean_rho", "same_best", "same_second")
+            lines = [*markdown(one.signs, ["table", "what"], signs), "", *markdown(one.totals, ["table"], ranks)]
+            say(arguments, "\n".join([f"Agreement with the thesis, {title}:", "", *lines, ""]))
+    for path in written:
+        say(arguments, f"written: {path}")

@@ -131,15 +131,19 @@ def spreads(rows: Sequence[Row], link: str) -> list[Spread]:
     return found
 
 
+def drawn(cell: Cell, rows: Ensembles) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Draw by draw the figure of a cell's controller, and what stands in the cell: the improvement, or the figure."""
+    x = values(rows[cell.system, cell.scenario], cell.quantity)
+    own = x[name(cell.who)]
+    return own, own if cell.against is None else improvements(x[name(cell.against)], own)
+
+
 def compare(cells: Iterable[Cell], rows: Ensembles) -> list[Compared]:
     """Ours of every cell by medians: of the figure, and of its improvement draw by draw."""
-    return [_compared(cell, values(rows[cell.system, cell.scenario], cell.quantity)) for cell in cells]
+    return [_compared(cell, *(float(np.median(x)) for x in drawn(cell, rows))) for cell in cells]
 
 
-def _compared(cell: Cell, x: Mapping[str, NDArray[np.float64]]) -> Compared:
-    own = x[name(cell.who)]
-    judged = own if cell.against is None else improvements(x[name(cell.against)], own)
-    figure, ours = float(np.median(own)), float(np.median(judged))
+def _compared(cell: Cell, figure: float, ours: float) -> Compared:
     if not np.isfinite([figure, ours]).all():
         return Compared(cell, None, None, None)
     return Compared(cell, figure, ours, ours - cell.corrected)

@@ -16,6 +16,7 @@ from facts_damping.reproduction.runs import ARCHITECTURES
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from facts_damping.control.table import Value
     from facts_damping.reproduction.agreement import Figures
     from facts_damping.reproduction.printed import Cell, Who
 
@@ -87,6 +88,23 @@ def _interpolated(system: str, who: Who) -> dict[str, Any]:
     return {"controllers.0.name": INTERPOLATED[who.controller], PARAMETERS: found}
 
 
+def _gain(factor: float) -> More:
+    """Input scales divided by a factor: so many times the gain for small signals."""
+
+    def more(system: str, who: Who) -> dict[str, Any]:
+        if not who.scheme:
+            return {}
+        devices, signals = ARCHITECTURES[who.architecture]
+        found = tuned(system, signals, devices)[who.controller, who.scheme]
+        return {f"{PARAMETERS}.{one}": _divided(found[one], factor) for one in ("scale", "change_scale")}
+
+    return more
+
+
+def _divided(value: Value, by: float) -> Value:
+    return [one / by for one in value] if isinstance(value, list) else float(value) / by
+
+
 BASE = "as searched"
 TABLE = (
     Variant(BASE, "the set-up of the tables", {}),
@@ -107,6 +125,7 @@ TABLE = (
         _networks({f"{PARAMETERS}.rate": "lyapunov", f"{PARAMETERS}.eta": 1.0}),
     ),
     Variant("interpolated control points", "ANFBsC and HBsWC with curves for the nearest point", {}, _interpolated),
+    *(Variant(f"gain x {factor:g}", "input scales divided by it", {}, _gain(factor)) for factor in (0.1, 0.3, 3.0)),
     Variant("30 frames/s", "half the rate at which controllers are called", {"frame_rate": 30}),
     Variant("120 frames/s", "twice the rate", {"frame_rate": 120}),
     Variant(

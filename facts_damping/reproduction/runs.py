@@ -61,8 +61,8 @@ def nominal(system: str, asked: Sequence[Who], more: More | None = None, **field
 
 
 def ensemble(system: str, scenario: str, asked: Sequence[Who], draws: int | None = None, **fields: Any) -> Study:
-    """The ensemble of a scenario (config/studies/ensemble) with everybody; `draws`: how many, none: as in the file."""
-    path = files.find("studies", f"{system}_{scenario}", "ensemble/")
+    """The ensemble of a scenario (config/studies) with everybody; `draws`: how many, none: as in the file."""
+    path = files.find("studies", f"ensemble_{system}_{scenario}")
     content = files.read_table(path)
     drawn = next(axis["draws"] for axis in content["sweep"] if "draws" in axis)
     drawn["number"] = draws or drawn["number"]

@@ -1,0 +1,184 @@
+"""What `reproduce` leaves: the page and the tables in Markdown, both as one page of HTML, CSV files, pictures."""
+
+from __future__ import annotations
+
+import base64
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markdown_it import MarkdownIt
+from pyarrow import csv
+
+from facts_damping import __version__, files
+from facts_damping.analysis.indices import INDICES
+from facts_damping.reproduction import charts, side_by_side
+from facts_damping.reproduction.agreement import flat, markdown, name
+from facts_damping.reproduction.ensembles import Interval
+from facts_damping.reproduction.results import LINK, TITLES
+from facts_damping.studies.pages import heads, line, save
+from facts_damping.studies.results import table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping.reproduction.findings import Findings
+    from facts_damping.reproduction.results import Results
+
+PAGE, SIDE, WEB = "reproduction.md", "tables.md", "reproduction.html"
+
+
+def write(results: Results, findings: Findings, folder: Path) -> list[Path]:
+    """Everything into a folder: the files, pictures last."""
+    command = " ".join(["facts-damping reproduce", *(results.tables if len(results.tables) < len(TITLES) else ())])
+    command += "" if results.draws is None else f" --draws {results.draws}"
+    pictures = [*_charts(results, findings, folder), *results.pictures]
+    page = _page(results, findings, command, [path.name for path in pictures])
+    tables = "\n".join(side_by_side.page(results, findings, command)).rstrip() + "\n"
+    files.write_whole(folder / PAGE, page)
+    files.write_whole(folder / SIDE, tables)
+    files.write_whole(folder / WEB, _html(f"{page}\n{tables}", folder))
+    return [folder / PAGE, folder / SIDE, folder / WEB, *_csv(results, findings, folder), *pictures]
+
+
+def document(results: Results, findings: Findings) -> dict[str, Any]:
+    """The figures as JSON."""
+    parts = _lists(results, findings)
+    return {"tables": list(results.tables), **{stem: [_row(one) for one in rows] for stem, rows in parts.items()}}
+
+
+def _lists(results: Results, findings: Findings) -> dict[str, Sequence[Any]]:
+    """Rows by the stem of their file."""
+    return {
+        "complexity": results.complexity,
+        "cells": findings.plain.compared,
+        "cells_ensemble": findings.drawn.compared,
+        "signs": findings.plain.signs,
+        "signs_ensemble": findings.drawn.signs,
+        "statements": findings.plain.statements,
+        "rankings": findings.plain.rankings,
+        "rankings_ensemble": findings.drawn.rankings,
+        "ensembles": findings.spreads,
+        "firmness": findings.firmness,
+        "decided": findings.decided,
+        "reached": findings.reached,
+        "variants": results.told,
+    }
+
+
+def _row(one: Any) -> dict[str, Any]:
+    """A named tuple as scalars: an interval as three of them, names as one text."""
+    found: dict[str, Any] = {}
+    for field, value in (one._asdict() | {}).items():
+        if isinstance(value, Interval):
+            found |= {f"{field}_{end}": number for end, number in value._asdict().items()}
+        elif hasattr(value, "_asdict"):
+            found |= flat(value)
+        else:
+            found[field] = ", ".join(map(str, value)) if isinstance(value, tuple) else value
+    return found
+
+
+def _csv(results: Results, findings: Findings, folder: Path) -> list[Path]:
+    paths = []
+    for stem, rows in _lists(results, findings).items():
+        if rows:
+            paths.append(folder / f"{stem}.csv")
+            csv.write_csv(table([_row(one) for one in rows]), paths[-1])
+    return paths
+
+
+def _charts(results: Results, findings: Findings, folder: Path) -> list[Path]:
+    """Pictures of the agreement."""
+    made: dict[str, Any] = {}
+    for number in dict.fromkeys(cell.table for cell in results.cells):
+        own = [c for c in findings.plain.compared if c.cell.table == number]
+        made[f"table_{number.replace('.', '_')}"] = charts.of_table(number, TITLES[number], own)
+    over = {
+        (c.cell.scenario, name(c.cell.who), c.cell.quantity): c.ours
+        for c in findings.plain.compared
+        if c.cell.against and c.cell.against.controller == "LLC"
+    }
+    for system in dict.fromkeys(one.system for one in findings.spreads):
+        ideal = [one for one in findings.spreads if one.link == "ideal"]
+        made[f"ensemble_{system}"] = charts.ensemble(system, ideal, over)
+    if results.told:
+        made["variants"] = charts.variants(results.told)
+    for stem, figure in made.items():
+        save(figure, folder / f"{stem}.png")
+    return [folder / f"{stem}.png" for stem in made]
+
+
+def _page(results: Results, findings: Findings, command: str, pictures: Sequence[str]) -> str:
+    """The paper: its text with the figures in it."""
+    templates = Environment(
+        loader=PackageLoader("facts_damping.reproduction", "."), autoescape=False, undefined=StrictUndefined,  # noqa: S701 (Markdown)
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    kinds = {"markdown": markdown, "medians": medians, "beaten": beaten, "reached": reached}
+    text = templates.get_template("page.md").render(
+        results=results, findings=findings, command=command, pictures=pictures, link=LINK, titles=TITLES,
+        whole=len(results.tables) == len(TITLES), version=__version__, **kinds,
+    )  # fmt: skip
+    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
+
+
+def medians(findings: Findings, system: str, link: str) -> str:
+    """Over the ensembles: median improvement of the four indices over LLC-tuned, with intervals, every controller."""
+    kept = [one for one in findings.spreads if (one.system, one.link) == (system, link) and one.quantity in INDICES]
+    scenarios, whos = (list(dict.fromkeys(getattr(one, field) for one in kept)) for field in ("scenario", "who"))
+    at = {(one.scenario, one.who, one.quantity): one for one in kept}
+    columns = [f"{scenario} {index}" for scenario in scenarios for index in INDICES]
+    rows = [
+        line([who, *(_over(at[scenario, who, index].over_tuned) for scenario in scenarios for index in INDICES)])
+        for who in whos
+    ]
+    return "\n".join([*heads(["controller"], columns), *rows])
+
+
+def _over(value: Interval) -> str:
+    return f"{value.median:.1f} ({value.low:.1f} to {value.high:.1f})"
+
+
+def beaten(findings: Findings, system: str, link: str, who: str) -> dict[str, list[str]]:
+    """In which scenario and index the median of a controller is below that of LLC-tuned, and in which it is not."""
+    kept = {
+        (one.scenario, one.quantity, one.who): one.figure.median
+        for one in findings.spreads
+        if (one.system, one.link) == (system, link)
+    }
+    found: dict[str, list[str]] = {"yes": [], "no": []}
+    for (scenario, quantity, whose), value in kept.items():
+        if whose == who and quantity in INDICES:
+            tuned = kept[scenario, quantity, "MISO LLC-tuned"]
+            found["yes" if value < tuned else "no"].append(f"{scenario} {quantity}")
+    return found
+
+
+def reached(findings: Findings, system: str) -> str:
+    """How much of the way from LLC to the bound every controller comes, %, in the scenarios as they are."""
+    kept = [one for one in findings.reached if one.system == system and one.quantity in ("ITAE", "ISE")]
+    columns = list(dict.fromkeys((one.scenario, one.quantity) for one in kept))
+    at = {(one.who, one.scenario, one.quantity): one.share for one in kept}
+    rows = [
+        line([who, *("-" if (share := at[(who, *one)]) is None else f"{share:.0f}" for one in columns)])
+        for who in dict.fromkeys(one.who for one in kept)
+    ]
+    return "\n".join([*heads(["controller"], [" ".join(one) for one in columns]), *rows])
+
+
+def _html(text: str, folder: Path) -> str:
+    """Markdown as a page by itself, pictures inside."""
+    body = MarkdownIt("commonmark").enable(["table", "strikethrough"]).render(text)
+    inside = re.sub(r'src="([^":]+\.png)"', lambda found: f'src="{_data(folder / found[1])}"', body)
+    wide = inside.replace("<table>", '<div class="scroll" tabindex="0"><table>').replace("</table>", "</table></div>")
+    templates = Environment(loader=PackageLoader("facts_damping.reproduction", "."), autoescape=False)  # noqa: S701
+    style = Path(__file__).parents[1] / "report" / "page.css"
+    return templates.get_template("page.html").render(
+        body=wide, style=style.read_text(encoding="utf-8"), version=__version__
+    )
+
+
+def _data(path: Path) -> str:
+    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"

@@ -1,0 +1,95 @@
+"""The tables side by side in Markdown: theirs, ours, ours over the ensemble; orders; contradictions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from facts_damping.reproduction.agreement import markdown, name
+from facts_damping.reproduction.ensembles import drawn, median
+from facts_damping.reproduction.operations import WHY
+from facts_damping.reproduction.operations import markdown as operations
+from facts_damping.reproduction.results import OPERATIONS, TITLES
+from facts_damping.studies.pages import heads, line
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping.reproduction.agreement import Compared
+    from facts_damping.reproduction.findings import Findings
+    from facts_damping.reproduction.results import Results
+
+HEAD = """# The tables, side by side
+
+Made by `{command}`. In each cell: theirs; ours; the median of ours over the ensemble with its 95 % interval.
+Improvements (4.109) in %, smoothness (5.34) in p.u./s². `*`: the thesis contradicts itself; its printed figure stands
+struck through before the reading that fits. `-`: no figure, the run lost synchronism."""
+
+ORDER = ("rho", "p", "best", "best_ours", "second", "second_ours", "far")
+STATED = ("scenario", "controller", "scheme", "what", "over", "quantity")
+
+
+def page(results: Results, findings: Findings, command: str) -> list[str]:
+    """All tables that were asked for."""
+    lines = [*HEAD.format(command=command).splitlines(), ""]
+    for table in results.tables:
+        lines += [f"## Table {table}. {TITLES[table]}", ""]
+        lines += _operations(results) if table == OPERATIONS else _table(table, results, findings)
+    return lines
+
+
+def _operations(results: Results) -> list[str]:
+    told = [f"- `{controller}`: {why}" for controller, why in WHY.items()]
+    head = "Theirs / ours / ours with all derivatives of a step (docs/controllers.md):"
+    return [head, "", *operations(results.complexity), "", "Where they differ:", "", *told, ""]
+
+
+def _table(table: str, results: Results, findings: Findings) -> list[str]:
+    compared = [c for c in findings.plain.compared if c.cell.table == table]
+    lines = [f"![Table {table}: theirs against ours](table_{table.replace('.', '_')}.png)", ""]
+    for scenario in dict.fromkeys(c.cell.scenario for c in compared):
+        own = [c for c in compared if c.cell.scenario == scenario]
+        lines += [f"### {own[0].cell.system}, {scenario}", ""]
+        for against in dict.fromkeys(c.cell.against for c in own):
+            kept = [c for c in own if c.cell.against == against]
+            over = f"Improvement over {name(against)}:" if against else "Smoothness:"
+            lines += [over, "", *_cells(kept, results), ""]
+        rankings = [r for r in findings.plain.rankings if (r.table, r.scenario) == (table, scenario)]
+        lines += ["Orders:", "", *markdown(rankings, ["quantity", "scheme"], ORDER, ".2f"), ""]
+    broken = [s for s in findings.plain.statements if s.table == table and not s.agrees]
+    lines += [
+        f"Contradictions: {len(broken)} of {sum(s.table == table for s in findings.plain.statements)} statements.",
+        "",
+    ]
+    return [*lines, *(markdown(broken, STATED, ["theirs", "ours"]) if broken else []), ""]
+
+
+def _cells(kept: Sequence[Compared], results: Results) -> list[str]:
+    """A row a controller, a column a quantity (of smoothness an architecture and scheme)."""
+    smooth = kept[0].cell.against is None
+    columns = list(dict.fromkeys(_column(c, smooth=smooth) for c in kept))
+    rows = dict.fromkeys(c.cell.controller for c in kept)
+    at = {(c.cell.controller, _column(c, smooth=smooth)): c for c in kept}
+    made = [
+        line([controller, *(_cell(at[controller, one], results) if (controller, one) in at else "" for one in columns)])
+        for controller in rows
+    ]
+    return [*heads(["controller"], columns), *made]
+
+
+def _column(c: Compared, *, smooth: bool) -> str:
+    return " ".join(filter(None, (c.cell.architecture, c.cell.scheme))) if smooth else c.cell.quantity
+
+
+def _cell(c: Compared, results: Results) -> str:
+    printed = f"{c.cell.corrected:g}"
+    if c.cell.reason:
+        printed = f"~~{c.cell.printed:g}~~ {printed}\\*"
+    ours = "-" if c.ours is None else f"{c.ours:.4g}"
+    middle, low, high = median(drawn(c.cell, results.ensembles)[1])
+    return f"{printed}; {ours}; {_number(middle)} ({_number(low)} to {_number(high)})"
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "-"
