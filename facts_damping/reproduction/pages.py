@@ -162,7 +162,7 @@ def reached(findings: Findings, system: str) -> str:
     columns = list(dict.fromkeys((one.scenario, one.quantity) for one in kept))
     at = {(one.who, one.scenario, one.quantity): one.share for one in kept}
     rows = [
-        line([who, *("-" if (share := at[(who, *one)]) is None else f"{share:.0f}" for one in columns)])
+        line([who, *("-" if (share := at[who, one[0], one[1]]) is None else f"{share:.0f}" for one in columns)])
         for who in dict.fromkeys(one.who for one in kept)
     ]
     return "\n".join([*heads(["controller"], [" ".join(one) for one in columns]), *rows])
