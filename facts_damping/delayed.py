@@ -16,7 +16,7 @@ from math import factorial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, eig, expm
+from scipy.linalg import block_diag, eig
 from scipy.signal import tf2ss
 
 from facts_damping.control.bank import act
@@ -27,6 +27,7 @@ from facts_damping.parameters.link import Constant, Link
 from facts_damping.parts import build_control, controller_names
 from facts_damping.plant import linear
 from facts_damping.plant.build import build
+from facts_damping.plant.sampled import held_for, rigid
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT, to_ns
 
 if TYPE_CHECKING:
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
 
     Matrices = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
-NEAR = 1e-6  # of what cancels, and of the largest derivative: a motion that changes less changes nothing
 FADED = 1e-6  # in a frame: what shrinks faster is no mode, but the memory of a difference equation
 
 
@@ -112,7 +112,7 @@ def delayed_loop(case: Case) -> DelayedLoop:
         lag = delays[case.used_links[c]] - min(delays)
         controllers.append(Discrete(A, B[:, 0], C, D[:, 0], signal, devices, lag))
     used = model.C[sorted({c.signal for c in controllers})]
-    return DelayedLoop(model, controllers, case.run.frame_rate, names, _rigid(model.A, used, built.state_names))
+    return DelayedLoop(model, controllers, case.run.frame_rate, names, rigid(model.A, used, built.state_names))
 
 
 def link_delays(case: Case) -> list[float]:
@@ -162,31 +162,6 @@ def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
     return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
 
 
-def _rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:
-    """All rotors turned alike, and all speeds raised alike, where neither the plant nor a signal answers to it.
-
-    Such motions have eigenvalues of zero, which round-off takes to either side.
-    """
-    found = np.zeros((len(A), 0))
-    whole = np.vstack([A, C])
-    for end in (".delta", ".omega"):
-        motion = np.array([float(name.endswith(end)) for name in names])
-        answer = whole @ motion
-        answer[: len(A)] -= found @ (found.T @ answer[: len(A)])  # all speeds raised turn all rotors
-        cancelled = np.abs(whole) @ motion + np.abs(whole).max(axis=1)
-        if motion.any() and (np.abs(answer) <= NEAR * cancelled).all():
-            found = np.column_stack([found, motion / np.linalg.norm(motion)])
-    return found
-
-
-def held_for(model: linear.LinearModel, seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Phi and Gamma: how the plant's states go on from themselves, and from setpoints that are held."""
-    n, devices = model.B.shape
-    rows = np.block([[model.A, model.B], [np.zeros((devices, n + devices))]])
-    whole = expm(rows * seconds)
-    return whole[:n, :n], whole[:n, n:]
-
-
 def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
     """The loop from frame to frame with a total delay (s): states of plant and controllers, then setpoints sent.
 
@@ -201,15 +176,15 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
     seen = model.C @ plant
     for c, buffer in zip(loop.controllers, sent, strict=True):
         seen += model.D[:, c.devices] @ buffer[-len(c.devices) :]
-    moved, following = held_for(model, period)[0] @ plant, []
+    moved, following = held_for(model.A, model.B, period)[0] @ plant, []
     buffers = []
     for c, z, buffer, (frames, rest) in zip(loop.controllers, memories, sent, ways, strict=True):
         y = seen[[c.signal]]
         given = np.vstack([c.C @ z + c.D[:, None] @ y, buffer])  # u(k) to u(k-n-1)
         new, old = np.split(given[frames * len(c.devices) :], 2)
         part = rest / NANOSECONDS * period
-        _, before = held_for(model, part)
-        onward, after = held_for(model, period - part)
+        _, before = held_for(model.A, model.B, part)
+        onward, after = held_for(model.A, model.B, period - part)
         moved = moved + onward @ before[:, c.devices] @ old + after[:, c.devices] @ new
         following.append(c.A @ z + c.B[:, None] @ y)
         buffers.append(given[: -len(c.devices)])
