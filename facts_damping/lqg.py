@@ -4,9 +4,11 @@ Frame by frame it makes the least, on average, of
 
     sum_k (sum_i dw_i(k)^2 + effort sum_p (u_p(k) / u_max,p)^2)                                 p.u.^2
 
-dw the speed differences that the system is judged by. Disturbances are torques on the rotors, white from frame to
-frame, all of the same size in p.u. of the rating; measurement noise of a signal is `noise` times how far it swings in
-the least damped mode where the speed differences, as a vector, swing by one.
+dw the speed differences that the system is judged by, deviations from where the plant comes to rest. Disturbances are
+steps of the torques on the rotors, of a random size at each frame, the same for all in p.u. of the rating: as loads and
+lines leave them, the plant finds another place to rest, so each is a jump away from it (`rest` below) and no setpoint
+is held against it. Measurement noise of a signal is `noise` times how far it swings in the least damped mode where the
+speed differences, as a vector, swing by one.
 
 1. What no signal and no speed difference answers to (all rotors turned alike, all speeds raised alike) is left out.
 2. Modes that do not decay are kept as they are; what decays is balanced and truncated (B. C. Moore, Principal Component
@@ -75,7 +77,7 @@ def design(plant: Sensitivity | None, system: System, controller: Controller, he
         limits = np.array([system.device(name).v_max for name in controller.devices])
         small = reduced(whole, plant.names, limits, size)
         step = sampled(small, plant.frame_rate, controller.number("lag"))
-        effort, noise = controller.number("effort") / limits**2, controller.number("noise") * size
+        effort, noise = controller.number("effort") / limits**2, np.array(controller.parameters["noise"]) * size
         try:
             return optimal(small, step, plant.model.washout[rows], 1.0 / plant.frame_rate, effort, noise)
         except (np.linalg.LinAlgError, ValueError) as error:
@@ -86,16 +88,14 @@ def design(plant: Sensitivity | None, system: System, controller: Controller, he
             ) from error
 
 
-def _check(
-    plant: Sensitivity, system: System, controller: Controller, size: NDArray[np.float64], here: str
-) -> None:
-    """Signals are zero at rest, and swing."""
+def _check(plant: Sensitivity, system: System, controller: Controller, size: NDArray[np.float64], here: str) -> None:
+    """Signals come back to zero at rest, and swing."""
     for i, (name, swing) in enumerate(zip(controller.signals, size, strict=True)):
         signal = system.signals[name]
-        if signal.channel != "speed_deviation" and signal.washout == 0.0 and not signal.deviation:
+        if signal.channel != "speed_deviation" and signal.washout == 0.0:
             raise InputError(
-                f"{here}.signals.{i}: '{name}' given, which is not zero at rest; "
-                "allowed: for LQG speed deviations, or signals with a washout or counted as deviation"
+                f"{here}.signals.{i}: '{name}' given, which does not come back to zero at rest; "
+                "allowed: for LQG speed deviations, or signals with a washout"
             )
         if not swing > STILL:
             raise InputError(
@@ -120,9 +120,7 @@ def model(plant: Sensitivity, system: System, controller: Controller) -> Model:
     return Model(own.A, own.B[:, columns], G, own.C[rows], own.D[np.ix_(rows, columns)], Z)
 
 
-def reduced(
-    whole: Model, names: Sequence[str], limits: NDArray[np.float64], size: NDArray[np.float64]
-) -> Model:
+def reduced(whole: Model, names: Sequence[str], limits: NDArray[np.float64], size: NDArray[np.float64]) -> Model:
     """The model without rigid motions, and what decays truncated; signals count by their `size`, setpoints by limits.
 
     With x = W z, W from a real Schur form and Sylvester's equation, what decays goes by itself.
@@ -205,7 +203,8 @@ def optimal(
 
     torque = np.vstack([step.torque, np.zeros((len(pole), step.torque.shape[1]))])
     M = np.zeros((ends[-1], len(noise)))
-    M[:own] = _filter(after[:own, :own], torque, y[:, :own], noise)
+    rest = np.linalg.solve(np.eye(own) - after[:own, :own], torque)  # by a step of each torque
+    M[:own] = _filter(after[:own, :own], rest, y[:, :own], noise)
     K = _regulator(step, small.Z, effort) @ np.vstack([ahead, sent[1]])
     n = ends[-1]
     return StateSpace(after[:, :n], after[:, n:], y[:, :n], M, K[:, :n])
@@ -228,13 +227,13 @@ def _washouts(
 
 
 def _filter(
-    A: NDArray[np.float64], torque: NDArray[np.float64], C: NDArray[np.float64], noise: NDArray[np.float64]
+    A: NDArray[np.float64], G: NDArray[np.float64], C: NDArray[np.float64], noise: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """M of the Kalman filter, P C^T (C P C^T + R)^-1."""
     from control import dlqe  # noqa: PLC0415 (slow to load, seldom asked for)
 
     R = np.diag(noise**2)
-    _, P, _ = dlqe(A, torque, C, np.eye(torque.shape[1]), R, method="scipy")
+    _, P, _ = dlqe(A, G, C, np.eye(G.shape[1]), R, method="scipy")
     return np.asarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T)
 
 

@@ -94,7 +94,9 @@ def bank(
     optimal, estimate = state_spaces(designs or [None] * n, most_signals, most_devices)
     compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, most_signals)
     made = Bank(
-        code=np.array([SCHEMES[c.scheme] if c.scheme else k.code for c, k in zip(controllers, kinds, strict=True)], np.int64),
+        code=np.array(
+            [SCHEMES[c.scheme] if c.scheme else k.code for c, k in zip(controllers, kinds, strict=True)], np.int64
+        ),
         settings=np.zeros((n, max(most_signals, most_devices)), SETTINGS),
         swing=np.ones((n, most_signals)),
         inputs=given,

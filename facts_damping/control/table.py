@@ -87,11 +87,15 @@ LEAD_LAG_PARAMETERS = {
 
 # Its matrices follow from these at the start (lqg.py).
 LQG_PARAMETERS = {
-    "effort": Parameter(
-        1e-4, "p.u.", 1e-12, 1e3, "price of a device's limit: of its square beside those of the speeds", live=False
-    ),
+    "effort": Parameter(1e-6, "p.u.", 1e-12, 1e3, "price of a device's limit, beside speeds' squares", live=False),
     "noise": Parameter(
-        1e-2, "p.u./p.u.", 1e-9, 1e6, "measurement noise, in p.u. of the speeds' swing, beside that of torque", live=False
+        0.01,
+        "p.u.",
+        1e-9,
+        1e6,
+        "measurement noise beside steps of torque, in the signal's swing",
+        live=False,
+        each="signal",
     ),
     "lag": Parameter(-1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's mean", live=False),
 }

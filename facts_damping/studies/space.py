@@ -42,7 +42,8 @@ LEAD_LAG = {
     "T3": Range(0.01, 1.0, logarithmic=True),
     "T4": Range(0.01, 1.0, logarithmic=True),
 }
-LQG = {"effort": Range(1e-10, 1e-1, logarithmic=True), "noise": Range(1e-6, 1e2, logarithmic=True)}
+LQG = {"effort": Range(1e-10, 1e-2, logarithmic=True)}
+NOISE = Range(1e-6, 1e4, logarithmic=True)  # of an LQG, each signal's
 NEURO_FUZZY = {
     "scale": Range(0.001, 0.05, logarithmic=True),
     "change_scale": Range(1e-4, 0.01, logarithmic=True),
@@ -80,8 +81,10 @@ class Space(NamedTuple):
         Parameters that a list may give are searched for each device; scales for the first signal, with a share for
         each of the others.
         """
+        if self.row.code == STATE_SPACE:
+            return {**LQG, **{f"noise.{i}": NOISE for i in range(len(self.signals))}}
         if self.row.network is None:
-            return self._each(LQG if self.row.code == STATE_SPACE else LEAD_LAG)
+            return self._each(LEAD_LAG)
         wavelets = WAVELETS if self.row.network.consequent in ("mexican-hat", "morlet") else {}
         made = {**self._each(NEURO_FUZZY), **wavelets, **(INDIRECT if self.scheme == "indirect" else {})}
         if self.scheme == "indirect" and len(self.signals) * len(self.devices) > 1:
