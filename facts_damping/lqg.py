@@ -77,9 +77,9 @@ def design(plant: Sensitivity | None, system: System, controller: Controller, he
         limits = np.array([system.device(name).v_max for name in controller.devices])
         small = reduced(whole, plant.names, limits, size)
         step = sampled(small, plant.frame_rate, controller.number("lag"))
-        effort, noise = controller.number("effort") / limits**2, np.array(controller.parameters["noise"]) * size
+        effort, noise = controller.number("effort"), np.array(controller.parameters["noise"]) * size
         try:
-            return optimal(small, step, plant.model.washout[rows], 1.0 / plant.frame_rate, effort, noise)
+            return optimal(small, step, plant.model.washout[rows], 1.0 / plant.frame_rate, limits, effort, noise)
         except (np.linalg.LinAlgError, ValueError) as error:
             raise InputError(
                 f"{here}: LQG given, but Riccati's equations have no solution: a mode that does not decay is not seen "
@@ -141,7 +141,7 @@ def reduced(whole: Model, names: Sequence[str], limits: NDArray[np.float64], siz
 def balancing(
     A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """T and back, T (states, kept) and (kept, states): x = T z for the states of Hankel singular value KEPT and more."""
+    """T (states, kept) and back: x = T z, z the balanced states with a Hankel singular value of KEPT and more."""
     reach = _root(solve_continuous_lyapunov(A, -B @ B.T))
     observe = _root(solve_continuous_lyapunov(A.T, -C.T @ C))
     left, values, right = np.linalg.svd(observe.T @ reach)
@@ -181,15 +181,16 @@ def optimal(
     step: Frames,
     washout: NDArray[np.float64],
     period: float,
-    effort: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    effort: float,
     noise: NDArray[np.float64],
 ) -> StateSpace:
     """Regulator and filter; states are the model's, those of the washouts, then setpoints u(k-1) to u(k-f-1).
 
-    `washout`, s, and `noise`, standard deviation, of each signal; `effort` of each setpoint's square.
+    `washout`, s, and `noise`, standard deviation, of each signal; `effort`, of a setpoint at its limit, p.u.^2.
     """
-    through, pole, pick = _washouts(washout, period)
-    own, devices = len(step.Phi) + len(pole), len(effort)
+    through, pole, pick = washouts(washout, period)
+    own, devices = len(step.Phi) + len(pole), len(limits)
     ends = np.cumsum([len(step.Phi), len(pole), *[devices] * (step.f + 1)])
     x, faded, *sent = np.split(np.eye(ends[-1] + devices), ends)  # rows that pick each part
     sent = [sent[-1], *sent[:-1]]  # u(k) to u(k-f-1)
@@ -205,12 +206,12 @@ def optimal(
     M = np.zeros((ends[-1], len(noise)))
     rest = np.linalg.solve(np.eye(own) - after[:own, :own], torque)  # by a step of each torque
     M[:own] = _filter(after[:own, :own], rest, y[:, :own], noise)
-    K = _regulator(step, small.Z, effort) @ np.vstack([ahead, sent[1]])
+    K = _regulator(step, small.Z, limits, effort) @ np.vstack([ahead, sent[1]])
     n = ends[-1]
     return StateSpace(after[:, :n], after[:, n:], y[:, :n], M, K[:, :n])
 
 
-def _washouts(
+def washouts(
     washout: NDArray[np.float64], period: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Washouts by the bilinear transform, p s(k) + (1 - p) y(k) = s(k+1), g (y - s) in the place of y.
@@ -229,20 +230,21 @@ def _washouts(
 def _filter(
     A: NDArray[np.float64], G: NDArray[np.float64], C: NDArray[np.float64], noise: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """M of the Kalman filter, P C^T (C P C^T + R)^-1."""
+    """M of the Kalman filter, P C^T (C P C^T + R)^-1, with signals in units of their noise."""
     from control import dlqe  # noqa: PLC0415 (slow to load, seldom asked for)
 
-    R = np.diag(noise**2)
-    _, P, _ = dlqe(A, G, C, np.eye(G.shape[1]), R, method="scipy")
-    return np.asarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T)
+    seen, one = C / noise[:, None], np.eye(len(noise))
+    _, P, _ = dlqe(A, G, seen, np.eye(G.shape[1]), one, method="scipy")
+    return np.asarray(np.linalg.solve(seen @ P @ seen.T + one, seen @ P).T / noise)
 
 
-def _regulator(step: Frames, Z: NDArray[np.float64], effort: NDArray[np.float64]) -> NDArray[np.float64]:
-    """K of u(k) = -K [x(k+f), u(k-1)]."""
+def _regulator(step: Frames, Z: NDArray[np.float64], limits: NDArray[np.float64], effort: float) -> NDArray[np.float64]:
+    """K of u(k) = -K [x(k+f), u(k-1)], with setpoints in units of their limits."""
     from control import dlqr  # noqa: PLC0415 (as above)
 
     n, devices = step.new.shape
-    A = np.block([[step.Phi, step.old], [np.zeros((devices, n + devices))]])
-    B = np.vstack([step.new, np.eye(devices)])
-    K, _, _ = dlqr(A, B, block_diag(Z.T @ Z, np.zeros((devices, devices))), np.diag(effort), method="scipy")
-    return np.asarray(K)
+    A = np.block([[step.Phi, step.old * limits], [np.zeros((devices, n + devices))]])
+    B = np.vstack([step.new * limits, np.eye(devices)])
+    Q = block_diag(Z.T @ Z, np.zeros((devices, devices)))
+    K, _, _ = dlqr(A, B, Q / effort, np.eye(devices), method="scipy")
+    return np.asarray(limits[:, None] * K / np.concatenate([np.ones(n), limits]))
