@@ -12,7 +12,7 @@ from facts_damping import files
 from facts_damping.checking import check, origin
 from facts_damping.control import bank, identifier
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
-from facts_damping.control.table import Parameter, Value, defaults, kind
+from facts_damping.control.table import STATE_SPACE, Parameter, Value, defaults, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.files import find, parse_set, read_table, read_value, set_field
 from facts_damping.linking import mean_delays, open_own, read_links, with_own
@@ -265,6 +265,11 @@ def _filled(
             f"{where('compensation')}: '{controller.compensation}' given; allowed: {', '.join(COMPENSATIONS)} for "
             f"{controller.name}{f' {scheme}' if scheme else ''}, or an indirect controller, whose identifier predicts"
         )
+    if row.code == STATE_SPACE and controller.compensation != "none":
+        raise InputError(
+            f"{where('compensation')}: '{controller.compensation}' given; allowed: none for {controller.name}, which "
+            "reckons with its lag by itself"
+        )
     counts = {"signal": len(controller.signals), "device": len(controller.devices)}
     for name, value in controller.parameters.items():
         check_parameter(where(f"parameters.{name}"), name, value, row.parameters, counts)
@@ -289,7 +294,7 @@ def _filled(
     whole, down = mean_delays(controller, system, link)
     if values.get("lag") == -1.0:
         values["lag"] = whole
-    if values["down_delay"] == -1.0:
+    if values.get("down_delay") == -1.0:
         values["down_delay"] = down
     weights = _weights(controller, scheme, values, where)
     return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})

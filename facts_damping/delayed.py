@@ -1,4 +1,4 @@
-"""The linearised closed loop of lead-lags with delay: exact with sampling and hold, or continuous with a Pade term.
+"""The linearised closed loop of controllers with delay: exact with sampling and hold, or continuous with a Pade term.
 
 From frame to frame, T apart, with a delay of n frames and a rest `part` < T between measurement and device
 (K. J. Astrom, B. Wittenmark, Computer-Controlled Systems, 3rd ed. 1997, 2.3):
@@ -16,22 +16,22 @@ from math import factorial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, eig, expm
+from scipy.linalg import block_diag, eig
 from scipy.signal import tf2ss
 
 from facts_damping.control.bank import act
-from facts_damping.control.table import CONTROLLERS, LEAD_LAG_PARAMETERS
+from facts_damping.control.table import CONTROLLERS, STATE_SPACE
 from facts_damping.errors import InputError
 from facts_damping.link.draws import mean_delay
+from facts_damping.lqg import washouts
 from facts_damping.parameters.link import Constant, Link
 from facts_damping.parts import build_control, controller_names
 from facts_damping.plant import linear
 from facts_damping.plant.build import build
+from facts_damping.plant.sampled import held_for, rigid
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT, to_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from facts_damping.configuration import Case
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     Matrices = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
-NEAR = 1e-6  # of what cancels, and of the largest derivative: a motion that changes less changes nothing
 FADED = 1e-6  # in a frame: what shrinks faster is no mode, but the memory of a difference equation
 
 
@@ -47,10 +46,10 @@ class Discrete(NamedTuple):
     """A controller from frame to frame: z(k+1) = A z(k) + B y(k), u(k) = C z(k) + D y(k), p.u."""
 
     A: NDArray[np.float64]  # (states, states)
-    B: NDArray[np.float64]  # (states,)
+    B: NDArray[np.float64]  # (states, signals)
     C: NDArray[np.float64]  # (devices, states)
-    D: NDArray[np.float64]  # (devices,)
-    signal: int  # index among the plant's
+    D: NDArray[np.float64]  # (devices, signals)
+    signals: list[int]  # indices among the plant's
     devices: list[int]  # indices among the plant's
     lag: float = 0.0  # s, by which its delay is longer than the shortest one
 
@@ -85,8 +84,8 @@ def delayed_loop(case: Case) -> DelayedLoop:
     linear model, and links whose delay is not constant.
     """
     if not case.controllers:
-        raise InputError("controllers: none given; allowed: one lead-lag at least")
-    linear_ones = [name for name, row in CONTROLLERS.items() if row.parameters is LEAD_LAG_PARAMETERS]
+        raise InputError("controllers: none given; allowed: one linear controller at least")
+    linear_ones = [name for name, row in CONTROLLERS.items() if row.network is None]
     for i, controller in enumerate(case.controllers):
         if controller.name not in linear_ones:
             raise InputError(
@@ -104,15 +103,14 @@ def delayed_loop(case: Case) -> DelayedLoop:
     made, state, *_ = build_control(case)
     controllers, names = [], list(built.state_names)
     for c, (controller, name) in enumerate(zip(case.controllers, controller_names(case), strict=True)):
-        matrices = _difference_equations(made, state, c)
+        observes = made.code[c] == STATE_SPACE
+        matrices = _observer(made, c) if observes else _difference_equations(made, state, c)
         names += [f"{name}.{i}" for i in range(len(matrices[0]))]
-        signal = list(case.system.signals).index(controller.signals[0])
+        signals = [list(case.system.signals).index(signal) for signal in controller.signals]
         devices = [case.run.devices.index(device) for device in controller.devices]
-        A, B, C, D = matrices
-        lag = delays[case.used_links[c]] - min(delays)
-        controllers.append(Discrete(A, B[:, 0], C, D[:, 0], signal, devices, lag))
-    used = model.C[sorted({c.signal for c in controllers})]
-    return DelayedLoop(model, controllers, case.run.frame_rate, names, _rigid(model.A, used, built.state_names))
+        controllers.append(Discrete(*matrices, signals, devices, delays[case.used_links[c]] - min(delays)))
+    used = model.C[sorted({signal for c in controllers for signal in c.signals})]
+    return DelayedLoop(model, controllers, case.run.frame_rate, names, rigid(model.A, used, built.state_names))
 
 
 def link_delays(case: Case) -> list[float]:
@@ -162,29 +160,18 @@ def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
     return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
 
 
-def _rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:
-    """All rotors turned alike, and all speeds raised alike, where neither the plant nor a signal answers to it.
+def _observer(made: Bank, c: int) -> Matrices:
+    """A, B, C, D of an observer with state feedback, its washouts before it, as long as no setpoint meets a limit.
 
-    Such motions have eigenvalues of zero, which round-off takes to either side.
+    z is the estimate x(k|k), of which A x - B K x is the next prediction.
     """
-    found = np.zeros((len(A), 0))
-    whole = np.vstack([A, C])
-    for end in (".delta", ".omega"):
-        motion = np.array([float(name.endswith(end)) for name in names])
-        answer = whole @ motion
-        answer[: len(A)] -= found @ (found.T @ answer[: len(A)])  # all speeds raised turn all rotors
-        cancelled = np.abs(whole) @ motion + np.abs(whole).max(axis=1)
-        if motion.any() and (np.abs(answer) <= NEAR * cancelled).all():
-            found = np.column_stack([found, motion / np.linalg.norm(motion)])
-    return found
-
-
-def held_for(model: linear.LinearModel, seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Phi and Gamma: how the plant's states go on from themselves, and from setpoints that are held."""
-    n, devices = model.B.shape
-    rows = np.block([[model.A, model.B], [np.zeros((devices, n + devices))]])
-    whole = expm(rows * seconds)
-    return whole[:n, :n], whole[:n, n:]
+    signals, devices = int(made.inputs.signals[c]), int(np.sum(made.device[c] >= 0))
+    p = made.optimal
+    C, M, K = p.C[c, :signals], p.M[c, :, :signals], p.K[c, :devices]
+    onward = (np.eye(len(M)) - M @ C) @ (p.A[c] - p.B[c, :, :devices] @ K)
+    through, pole, pick = washouts(made.inputs.washout[c, :signals], made.period_ns[c] / NANOSECONDS)
+    before = pole, (np.eye(len(pole)) - pole) @ pick, -through @ pick.T, through
+    return _series(before, (onward, M, -K @ onward, -K @ M))
 
 
 def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
@@ -201,17 +188,17 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
     seen = model.C @ plant
     for c, buffer in zip(loop.controllers, sent, strict=True):
         seen += model.D[:, c.devices] @ buffer[-len(c.devices) :]
-    moved, following = held_for(model, period)[0] @ plant, []
+    moved, following = held_for(model.A, model.B, period)[0] @ plant, []
     buffers = []
     for c, z, buffer, (frames, rest) in zip(loop.controllers, memories, sent, ways, strict=True):
-        y = seen[[c.signal]]
-        given = np.vstack([c.C @ z + c.D[:, None] @ y, buffer])  # u(k) to u(k-n-1)
+        y = seen[c.signals]
+        given = np.vstack([c.C @ z + c.D @ y, buffer])  # u(k) to u(k-n-1)
         new, old = np.split(given[frames * len(c.devices) :], 2)
         part = rest / NANOSECONDS * period
-        _, before = held_for(model, part)
-        onward, after = held_for(model, period - part)
+        _, before = held_for(model.A, model.B, part)
+        onward, after = held_for(model.A, model.B, period - part)
         moved = moved + onward @ before[:, c.devices] @ old + after[:, c.devices] @ new
-        following.append(c.A @ z + c.B[:, None] @ y)
+        following.append(c.A @ z + c.B @ y)
         buffers.append(given[: -len(c.devices)])
     return np.vstack([moved, *following, *buffers])
 
@@ -228,7 +215,7 @@ def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDA
         A, B, C, D = (np.kron(many, part) for part in pade(delay + c.lag + hold, order))
         ways.append(_series(_continuous(c, 1.0 / loop.frame_rate), (A, B, C, D)))
     A, B, C, D = (block_diag(*parts) for parts in zip(*ways, strict=True))
-    given = [c.signal for c in loop.controllers]
+    given = [signal for c in loop.controllers for signal in c.signals]
     sent = [device for c in loop.controllers for device in c.devices]
     b, c_, d = model.B[:, sent], model.C[given], model.D[np.ix_(given, sent)]
     within = np.linalg.inv(np.eye(len(sent)) - D @ d)  # setpoints and what signals have of them at once
@@ -254,8 +241,8 @@ def _continuous(c: Discrete, period: float) -> Matrices:
     inverse = np.linalg.inv(np.eye(len(c.A)) + c.A)
     scale = 2.0 / np.sqrt(period)
     A = 2.0 / period * inverse @ (c.A - np.eye(len(c.A)))
-    B = scale * inverse @ c.B[:, None]
-    return A, B, scale * c.C @ inverse, c.D[:, None] - c.C @ inverse @ c.B[:, None]
+    B = scale * inverse @ c.B
+    return A, B, scale * c.C @ inverse, c.D[:, None] - c.C @ inverse @ c.B
 
 
 def pade(delay: float, order: int) -> Matrices:

@@ -13,7 +13,7 @@ import numpy as np
 from facts_damping.compiling import compiled
 from facts_damping.control.bank import Bank, BankState, act, serve
 from facts_damping.control.identifier import Identifiers, IdentifierState, identify, remember, tell
-from facts_damping.control.table import LEAD_LAG
+from facts_damping.control.table import DIRECT, INDIRECT
 from facts_damping.errors import RunError
 from facts_damping.link.chain import SPOOF
 from facts_damping.link.transfer import Links, downlink, merge, uplink
@@ -158,7 +158,7 @@ def _tell_learning(loop: Loop, tick: int, out: NDArray[Any], at: int) -> int:
     """How all networks learn, controllers' first, into `out` from `at` on; the index after the last."""
     bank, state = loop.bank, loop.bank_state
     for c in range(bank.code.size):
-        if bank.code[c] != LEAD_LAG:
+        if bank.code[c] == DIRECT or bank.code[c] == INDIRECT:
             net = shape_of(bank.shape[c])
             at = rates_told(net, one(state.learner, c, net), state.memory.lyapunov[c], tick, c, 0, out, at)
     ids, learnt = loop.identifiers, loop.identifier_state

@@ -13,9 +13,11 @@ from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.identifier import Identified, Identifiers, IdentifierState, identifiers
 from facts_damping.control.inputs import TURN
 from facts_damping.control.known import Known
+from facts_damping.control.table import STATE_SPACE, kind
 from facts_damping.errors import InputError
 from facts_damping.link.chain import Way
 from facts_damping.link.transfer import Links, links
+from facts_damping.lqg import design
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.plant.build import Built, build
@@ -79,7 +81,12 @@ def ways(case: Case) -> dict[str, Way]:
 
 def asks_sensitivity(case: Case) -> bool:
     """Whether a controller of a case starts from the linearised plant."""
-    return any(c.scheme or c.compensation != "none" for c in case.controllers)
+    return any(c.scheme or c.compensation != "none" or _optimal(c) for c in case.controllers)
+
+
+def _optimal(controller: Controller) -> bool:
+    """Whether a controller is designed for the linearised plant."""
+    return kind(controller.name).code == STATE_SPACE
 
 
 def build_sensitivity(case: Case) -> Sensitivity | None:
@@ -91,7 +98,8 @@ def build_sensitivity(case: Case) -> Sensitivity | None:
 def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:
     """Controllers and identifiers of a case; `plant`: its sensitivity, where it is at hand.
 
-    Raises `InputError` where the sign of a neuro-fuzzy controller's sensitivity is not the plant's.
+    Raises `InputError` where the sign of a neuro-fuzzy controller's sensitivity is not the plant's, and where an LQG
+    cannot be designed for it.
     """
     devices = [case.system.device(name) for name in case.run.devices]
     limits = {d.name: (d.v_max, d.rate_max) for d in devices}
@@ -100,8 +108,12 @@ def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, B
         plant = build_sensitivity(case)
     known = [_known(case, i, plant) for i in range(len(case.controllers))]
     omega = [_compensated(case, i, plant) for i in range(len(case.controllers))]
+    designs = [
+        design(plant, case.system, c, f"controllers.{i}") if _optimal(c) else None
+        for i, c in enumerate(case.controllers)
+    ]
     rate = case.run.frame_rate
-    made, state = bank(case.controllers, case.system.signals, stations, limits, rate, known, omega)
+    made, state = bank(case.controllers, case.system.signals, stations, limits, rate, known, omega, designs)
     rows = [
         _identified(case, i, made, own)
         for i, own in enumerate(known)

@@ -33,6 +33,8 @@ class Sensitivity(NamedTuple):
     swing: NDArray[np.complex128]  # (signals,), each signal in the mode's right eigenvector
     frame_rate: int
     model: linear.LinearModel
+    names: list[str]  # of the plant's states
+    shape: NDArray[np.complex128]  # (states,), the mode's right eigenvector
 
     @property
     def frequency_hz(self) -> float:
@@ -95,7 +97,9 @@ def sensitivity(built: Built, system: System, devices: Sequence[str], frame_rate
         at = list(system.signals).index(r.signal), list(devices).index(r.device)
         residue[at] = r.magnitude * np.exp(1j * np.deg2rad(r.angle_deg))
     swing = np.asarray(model.washed(least.eigenvalue) * (model.C @ v))
-    return Sensitivity(list(system.signals), list(devices), least.eigenvalue, residue, swing, frame_rate, model)
+    names = list(built.state_names)
+    known = list(system.signals), list(devices), least.eigenvalue, residue, swing
+    return Sensitivity(*known, frame_rate, model, names, v)
 
 
 def _with_washouts(model: linear.LinearModel, signals: Sequence[int]) -> tuple[NDArray[np.float64], ...]:

@@ -96,7 +96,7 @@ def test_frame_by_frame_it_moves_as_the_nonlinear_loop(which: str, ways: str) ->
     weights = np.array([weights_of(signal, stations) for signal in case.system.signals.values()])
     seen = np.einsum("tsc,nsc->tn", np.nan_to_num(record.frames - still.frames[0]), weights)
     size = np.abs(seen).max(axis=0)
-    used = [c.signal for c in linear.controllers]
+    used = [signal for c in linear.controllers for signal in c.signals]
     assert (size[used] > 1e-8).all()
     assert (np.abs(seen - signals)[:, used].max(axis=0) < 2e-3 * size[used]).all()
     for c in range(len(linear.controllers)):
@@ -124,14 +124,14 @@ def followed(
     waiting = [to_ns(delay + c.lag) * linear.frame_rate // NANOSECONDS + 1 for c in linear.controllers]
     oldest = memories[-1] + np.cumsum(waiting) - 1  # places of the setpoints in force
     for c, at in zip(linear.controllers, memories, strict=False):
-        state[at] = signals[0, c.signal]
+        state[at] = signals[0, c.signals[0]]
     for k in range(1, ticks):
         signals[k] = model.C @ state[: len(x)]
         for c, at in zip(linear.controllers, oldest, strict=True):
             signals[k] += model.D[:, c.devices[0]] * state[at]
         for i, c in enumerate(linear.controllers):
             memory = state[memories[i] : memories[i + 1]]
-            setpoints[k, i] = c.C[0] @ memory + c.D[0] * signals[k, c.signal]
+            setpoints[k, i] = c.C[0] @ memory + c.D[0] @ signals[k, c.signals]
         state = matrix @ state
     return signals, setpoints
 
@@ -148,7 +148,7 @@ def test_controllers_are_the_bilinear_transform_of_their_transfer_function(
         found = c.C @ np.linalg.solve(z * np.eye(len(c.A)) - c.A, c.B) + c.D
         s = 2 * rate * (z - 1) / (z + 1)
         expected = lead_lag(s) * (1.0 if washout is None else s * washout / (1 + s * washout))
-        assert found[0] == pytest.approx(expected, rel=1e-6)
+        assert found[0, 0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_what_was_probed_is_not_changed() -> None:
@@ -162,7 +162,7 @@ def test_what_was_probed_is_not_changed() -> None:
 def integrator(gain: float, rate: int) -> DelayedLoop:
     """dx/dt = u, u = -gain x."""
     model = LinearModel(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), np.zeros(1))
-    proportional = Discrete(np.zeros((0, 0)), np.zeros(0), np.zeros((1, 0)), np.array([-gain]), 0, [0])
+    proportional = Discrete(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[-gain]]), [0], [0])
     return DelayedLoop(model, [proportional], rate, ["x"], np.zeros((1, 0)))
 
 
@@ -215,7 +215,7 @@ def random_loop(states: int, lag: float, seed: int) -> DelayedLoop:
         A, B, C, D, _ = cont2discrete(
             (np.array([[-abs(den[0])]]), np.array([[1.0]]), np.array([[num[0]]]), np.array([[num[1]]])), dt, "bilinear"
         )
-        made.append(Discrete(A, B[:, 0], C, D[:, 0], 1 - i, [i], i * lag))
+        made.append(Discrete(A, B, C, D, [1 - i], [i], i * lag))
     names = [f"x{i}" for i in range(states)] + ["z0", "z1"]
     return DelayedLoop(model, made, 20, names, np.zeros((states, 0)))
 
@@ -229,8 +229,8 @@ def by_events(linear: DelayedLoop, delays: Sequence[float], x: NDArray[np.float6
         now, end = k * period, (k + 1) * period
         y = model.C @ x + model.D @ u
         for i, c in enumerate(linear.controllers):
-            waiting.append((now + to_ns(delays[i]), c.devices[0], float(c.C[0] @ z[i] + c.D[0] * y[c.signal])))
-            z[i] = c.A @ z[i] + c.B * y[c.signal]
+            waiting.append((now + to_ns(delays[i]), c.devices[0], float(c.C[0] @ z[i] + c.D[0] @ y[c.signals])))
+            z[i] = c.A @ z[i] + c.B @ y[c.signals]
         waiting.sort(key=lambda event: event[0])
         while now < end:
             while waiting and waiting[0][0] <= now:

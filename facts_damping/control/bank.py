@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.control import lead_lag, neuro_fuzzy, table
+from facts_damping.control import lead_lag, neuro_fuzzy, state_space, table
 from facts_damping.control.compensation import Compensated, Compensators, compensate, compensators
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.neuro_fuzzy import Actuators, Memory, memories
-from facts_damping.control.table import DIRECT, INDIRECT, LEAD_LAG, SETTINGS, Parameter, Value, kind
+from facts_damping.control.state_space import StateSpace, state_spaces
+from facts_damping.control.table import DIRECT, INDIRECT, LEAD_LAG, SETTINGS, STATE_SPACE, Parameter, Value, kind
 from facts_damping.neurofuzzy.learning import Learner, learners, one
 from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.system import Signal
 
-SCHEMES = {None: LEAD_LAG, "direct": DIRECT, "indirect": INDIRECT}
+SCHEMES = {"direct": DIRECT, "indirect": INDIRECT}
 RULES = 2  # of every network (thesis, chapter 3)
 
 
@@ -50,6 +51,7 @@ class Bank(NamedTuple):
     device: NDArray[np.int64]  # (controllers, most devices), UNSET beyond its own
     actuators: Actuators  # (controllers, most devices)
     period_ns: NDArray[np.int64]  # (controllers,), of the frames
+    optimal: StateSpace  # matrices of observers with state feedback
 
 
 class BankState(NamedTuple):
@@ -63,6 +65,7 @@ class BankState(NamedTuple):
     internal: NDArray[np.float64]  # (controllers, most devices, most states), of lead-lags
     learner: Learner
     memory: Memory
+    estimate: NDArray[np.float64]  # (controllers, 2, most states), of observers, and room to step them
 
 
 def bank(
@@ -73,11 +76,13 @@ def bank(
     frame_rate: int,
     known: Sequence[Known | None],
     omega: Sequence[float] | None = None,
+    designs: Sequence[StateSpace | None] = (),
 ) -> tuple[Bank, BankState]:
     """The controllers of a run as tables.
 
     `limits`: magnitude (p.u.) and rate (p.u./s) of the installed devices in their order; `known` for each controller,
-    none for a lead-lag; `omega`: rad/s, of each one's compensation, where one has any.
+    none without a network; `omega`: rad/s, of each one's compensation, where one has any; `designs`: of each one, none
+    without an observer.
     """
     n = len(controllers)
     kinds = [kind(c.name) for c in controllers]
@@ -86,9 +91,12 @@ def bank(
     most_devices = max([len(c.devices) for c in controllers], default=0)
     given, held = inputs([c.signals for c in controllers], signals, stations)
     names = [controller.compensation for controller in controllers]
+    optimal, estimate = state_spaces(designs or [None] * n, most_signals, most_devices)
     compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, most_signals)
     made = Bank(
-        code=np.array([SCHEMES[c.scheme] for c in controllers], np.int64),
+        code=np.array(
+            [SCHEMES[c.scheme] if c.scheme else k.code for c, k in zip(controllers, kinds, strict=True)], np.int64
+        ),
         settings=np.zeros((n, max(most_signals, most_devices)), SETTINGS),
         swing=np.ones((n, most_signals)),
         inputs=given,
@@ -98,6 +106,7 @@ def bank(
         device=np.full((n, most_devices), UNSET, np.int64),
         actuators=Actuators(*np.ones((2, n, most_devices))),
         period_ns=np.full(n, NANOSECONDS // frame_rate, np.int64),
+        optimal=optimal,
     )
     order = list(limits)
     for c, controller in enumerate(controllers):
@@ -120,6 +129,7 @@ def bank(
         internal=np.zeros((n, most_devices, max([k.states for k in kinds], default=0))),
         learner=learners(nets, starts),
         memory=memories(n, most_signals, most_devices),
+        estimate=estimate,
     )
     return made, state
 
@@ -146,7 +156,7 @@ def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing
 
 
 def network_of(controller: Controller) -> Network:
-    """A controller's network; that of a lead-lag has no rules."""
+    """A controller's network; one without has no rules."""
     shape = table.network_of(kind(controller.name), len(controller.devices))
     if shape is None:
         return network("gaussian", "singleton", 0, 0, 0)
@@ -219,6 +229,25 @@ def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: in
 
 
 @compiled
+def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
+    """A step of an observer with state feedback."""
+    p = made.optimal
+    frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
+    state_space.step(
+        StateSpace(p.A[c], p.B[c], p.C[c], p.M[c], p.K[c]),
+        state.estimate[c],
+        state.compensated.signal[c],
+        made.inputs.signals[c],
+        Actuators(made.actuators.limit[c], made.actuators.rate[c]),
+        state.outputs[c],
+        state.memory.applied[c],
+        state.unlimited[c],
+        since_ns * 1e-9,
+        frames,
+    )
+
+
+@compiled
 def serve(
     state: BankState, c: int, jacobian: NDArray[np.float64], change: NDArray[np.float64], measured_ns: int
 ) -> None:
@@ -262,6 +291,8 @@ def act(
                     state.unlimited[c, d] = lead_lag.step(
                         made.settings[c, d], state.internal[c, d], state.compensated.signal[c, 0], since * 1e-9
                     )
+        elif made.code[c] == STATE_SPACE:
+            _optimal(made, state, c, since)
         else:
             _neuro_fuzzy(made, state, c, since, arrival - newest)
         _limit(made, state, c)

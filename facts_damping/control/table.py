@@ -13,7 +13,7 @@ from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, IDENTIFIERS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-LEAD_LAG, DIRECT, INDIRECT = 0, 1, 2
+LEAD_LAG, DIRECT, INDIRECT, STATE_SPACE = range(4)
 OFF_ON = ("off", "on")
 ANY = 16  # signals, of a controller that takes several
 MOST_AHEAD = 60  # frames that an identifier may look ahead
@@ -50,7 +50,8 @@ class Kind(NamedTuple):
     signals: int  # how many it takes at most
     states: int  # for each device
     parameters: dict[str, Parameter]
-    network: Variant | None = None  # none: lead-lag
+    network: Variant | None = None
+    code: int = LEAD_LAG  # of one without a network
     named: bool = True  # one of the thesis's, not a pair of rows
 
 
@@ -82,6 +83,21 @@ LEAD_LAG_PARAMETERS = {
     "T3": Parameter(0.4272, "s", 0.0, 100.0, "numerator of the second section", each="device"),
     "T4": Parameter(0.3, "s", 0.001, 100.0, "denominator of the second section", each="device"),
     **COMPENSATION_PARAMETERS,
+}
+
+# Its matrices follow from these at the start (lqg.py).
+LQG_PARAMETERS = {
+    "effort": Parameter(1e-6, "p.u.", 1e-12, 1e3, "price of a device's limit, beside speeds' squares", live=False),
+    "noise": Parameter(
+        0.01,
+        "p.u.",
+        1e-9,
+        1e6,
+        "measurement noise beside steps of torque, in the signal's swing",
+        live=False,
+        each="signal",
+    ),
+    "lag": Parameter(-1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's mean", live=False),
 }
 
 # Guards are off where the thesis has none; the profile `deployed` turns on what makes adaptation safe.
@@ -134,13 +150,20 @@ NEURO_FUZZY_PARAMETERS = {
 }
 
 # What the compiled steps read: a record with a field for each parameter of any kind.
-SETTINGS = np.dtype([(name, "f8") for name in {**LEAD_LAG_PARAMETERS, **NEURO_FUZZY_PARAMETERS}])
+SETTINGS = np.dtype([(name, "f8") for name in {**LEAD_LAG_PARAMETERS, **NEURO_FUZZY_PARAMETERS, **LQG_PARAMETERS}])
 
 MIMO_GAIN = 5.0  # kG2 of appendix B: of every device but the first
 LLC = Kind("lead-lag: washout and two lead-lag sections (thesis, appendix B)", 1, 6, LEAD_LAG_PARAMETERS)
 CONTROLLERS = {
     "LLC": LLC,
     "LLC-tuned": LLC._replace(description="lead-lag with gain and time constants of an optimiser, one set a system"),
+    "LQG": Kind(
+        "linear-quadratic-Gaussian: optimal for the linearised plant with its delay",
+        ANY,
+        0,
+        LQG_PARAMETERS,
+        code=STATE_SPACE,
+    ),
 }
 
 
@@ -177,7 +200,7 @@ def defaults(kind: Kind, profile: str, signals: int = 1, devices: int = 1) -> di
         name: p.deployed if profile == "deployed" and p.deployed is not None else p.default
         for name, p in kind.parameters.items()
     }
-    if kind.network is None and devices > 1:
+    if "gain" in found and devices > 1:
         found["gain"] = [float(found["gain"]), *[MIMO_GAIN] * (devices - 1)]  # type: ignore[arg-type]
     if kind.network is not None and signals * devices > 1:
         found["identifier"] = "ANFTSI"  # the one of chapter 6

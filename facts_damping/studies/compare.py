@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping import files, loop
 from facts_damping.analysis.summary import summarise
 from facts_damping.configuration import load_case, tuned
+from facts_damping.control.table import kind
 from facts_damping.studies.pages import at, heads, line
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.tune import SCENARIO, Scheme, rows
@@ -60,14 +61,14 @@ def everybody(system: str, sets: Sequence[str]) -> Controller:
 def changes(sets: Sequence[str], own: Controller, name: str, scheme: Scheme) -> list[str]:
     """The changes that make a run one of a contender.
 
-    Those of `controllers` are for networks alone, but for signals and devices: a lead-lag takes the first signal.
+    Those of `controllers` are for networks alone, but for signals and devices, of which each takes as many as it can.
     """
     if scheme is not None:
         return [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", *sets]
     plain = [text for text in sets if not text.startswith("controllers.")]
     if name == NONE:
         return ["controllers=[]", *plain]
-    given = [f"controllers.0.signals={own.signals[:1]}", f"controllers.0.devices={own.devices}"]
+    given = [f"controllers.0.signals={own.signals[: kind(name).signals]}", f"controllers.0.devices={own.devices}"]
     return [f"controllers.0.name={name}", *plain, *given]
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from facts_damping.control.table import STATE_SPACE
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -40,6 +42,8 @@ LEAD_LAG = {
     "T3": Range(0.01, 1.0, logarithmic=True),
     "T4": Range(0.01, 1.0, logarithmic=True),
 }
+LQG = {"effort": Range(1e-10, 1e-2, logarithmic=True)}
+NOISE = Range(1e-5, 1e3, logarithmic=True)  # of an LQG, each signal's
 NEURO_FUZZY = {
     "scale": Range(0.001, 0.05, logarithmic=True),
     "change_scale": Range(1e-4, 0.01, logarithmic=True),
@@ -77,6 +81,8 @@ class Space(NamedTuple):
         Parameters that a list may give are searched for each device; scales for the first signal, with a share for
         each of the others.
         """
+        if self.row.code == STATE_SPACE:
+            return {**LQG, **{f"noise.{i}": NOISE for i in range(len(self.signals))}}
         if self.row.network is None:
             return self._each(LEAD_LAG)
         wavelets = WAVELETS if self.row.network.consequent in ("mexican-hat", "morlet") else {}
@@ -115,7 +121,9 @@ class Space(NamedTuple):
     def _units(self, plant: Sensitivity) -> dict[str, float]:
         """Factors of what has the first signal's unit: ranges are those of `speed`, others' as they swing beside it."""
         by = abs(plant.ratio(self.signals[0], "speed")) if "speed" in plant.signals else 1.0
-        return {"gain": 1.0 / by} if self.row.network is None else {"scale": by, "change_scale": by}
+        if self.row.network is not None:
+            return {"scale": by, "change_scale": by}
+        return {"gain": 1.0 / by} if "gain" in self.row.parameters else {}
 
     def _in_multiples(self, found: dict[str, list[float]], plant: Sensitivity, limit: float, rate: str) -> None:
         """Learning rate and penalties where the Jacobian is 1 become those of the indirect scheme.

@@ -133,7 +133,7 @@ def oscillator(w: float, ratio: float, gain: float, rate: int = 60) -> DelayedLo
         np.zeros((1, 1)),
         np.zeros(1),
     )
-    proportional = Discrete(np.zeros((0, 0)), np.zeros(0), np.zeros((1, 0)), np.array([-gain]), 0, [0])
+    proportional = Discrete(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[-gain]]), [0], [0])
     return DelayedLoop(model, [proportional], rate, ["x", "v"], np.zeros((2, 0)))
 
 

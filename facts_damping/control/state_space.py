@@ -1,0 +1,112 @@
+"""An observer with state feedback, from frame to frame; compiled.
+
+    x(k|k-1) = A x(k-1|k-1) + B u(k-1)                  u as the devices follow it, within limit and rate
+    x(k|k) = x(k|k-1) + M (y(k) - C x(k|k-1))
+    u(k) = -K x(k|k)
+
+The filter form of the steady-state Kalman filter, in which the newest frame counts at once; with L = A M it is the
+predictor x+ = A x + B u + L (y - C x) (G. F. Franklin, J. D. Powell, M. Workman, Digital Control of Dynamic Systems,
+3rd ed. 1998, 8.2, 9.4). What setpoints on their way do is in A, B and C: delayed ones are states.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.compiling import compiled
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.control.neuro_fuzzy import Actuators
+
+MOST_MISSED = 600  # frames: after a longer gap the estimate begins anew
+
+
+class StateSpace(NamedTuple):
+    """Matrices from frame to frame; those of several controllers have a leading axis and zeros beyond their own."""
+
+    A: NDArray[np.float64]  # (states, states)
+    B: NDArray[np.float64]  # (states, devices)
+    C: NDArray[np.float64]  # (signals, states)
+    M: NDArray[np.float64]  # (states, signals)
+    K: NDArray[np.float64]  # (devices, states)
+
+
+def state_spaces(
+    designs: Sequence[StateSpace | None], signals: int, devices: int
+) -> tuple[StateSpace, NDArray[np.float64]]:
+    """Matrices of several controllers, none for one of another kind, and their estimates with room to step them."""
+    own = [one for one in designs if one is not None]
+    n, states = len(designs), max([len(one.A) for one in own], default=0)
+    shapes = ((states, states), (states, devices), (signals, states), (states, signals), (devices, states))
+    made = StateSpace(*(np.zeros((n, *shape)) for shape in shapes))
+    for c, design in enumerate(designs):
+        for whole, part in zip(made, design or (), strict=False):
+            whole[c, : part.shape[0], : part.shape[1]] = part
+    return made, np.zeros((n, 2, max(states, signals) if own else 0))
+
+
+@compiled
+def step(
+    own: StateSpace,
+    x: NDArray[np.float64],
+    signals: NDArray[np.float64],
+    count: int,
+    actuators: Actuators,
+    issued: NDArray[np.float64],
+    applied: NDArray[np.float64],
+    unlimited: NDArray[np.float64],
+    dt: float,
+    frames: int,
+) -> None:
+    """The estimate by `frames` predictions and the newest of `count` signals, then setpoints before limits, p.u.
+
+    `x[0]` is the estimate, `x[1]` room; `issued`: the setpoints of the frame before, which stood since; `applied`: how
+    far the devices followed; `dt`: s since the frame before, and 0 frames at the first.
+    """
+    n = own.A.shape[0]
+    if frames == 0 or frames > MOST_MISSED:
+        x[:] = 0.0
+    else:
+        for _ in range(frames):
+            _predict(own, x, actuators, issued, applied, dt / frames)
+    for i in range(count):
+        x[1, i] = signals[i]
+        for j in range(n):
+            x[1, i] -= own.C[i, j] * x[0, j]
+    for j in range(n):
+        for i in range(count):
+            x[0, j] += own.M[j, i] * x[1, i]
+    for d in range(own.K.shape[0]):
+        unlimited[d] = 0.0
+        for j in range(n):
+            unlimited[d] -= own.K[d, j] * x[0, j]
+
+
+@compiled
+def _predict(
+    own: StateSpace,
+    x: NDArray[np.float64],
+    actuators: Actuators,
+    issued: NDArray[np.float64],
+    applied: NDArray[np.float64],
+    dt: float,
+) -> None:
+    """The estimate a frame on, while the devices follow the setpoints at their rates."""
+    n = own.A.shape[0]
+    for d in range(own.K.shape[0]):
+        reach = actuators.rate[d] * dt
+        applied[d] = min(max(issued[d], applied[d] - reach), applied[d] + reach)
+    for j in range(n):
+        x[1, j] = 0.0
+        for i in range(n):
+            x[1, j] += own.A[j, i] * x[0, i]
+        for d in range(own.K.shape[0]):
+            x[1, j] += own.B[j, d] * applied[d]
+    for j in range(n):
+        x[0, j] = x[1, j]

@@ -1,0 +1,42 @@
+"""The linear plant from frame to frame, and the motions of all its rotors that nothing answers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import expm
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+NEAR = 1e-6  # of what cancels, and of the largest derivative: a motion that changes less changes nothing
+
+
+def held_for(
+    A: NDArray[np.float64], B: NDArray[np.float64], seconds: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Phi = exp(A t) and Gamma = int_0^t exp(A s) ds B: how states go on from themselves, and from held inputs."""
+    n, inputs = B.shape
+    rows = np.block([[A, B], [np.zeros((inputs, n + inputs))]])
+    whole = expm(rows * seconds)
+    return whole[:n, :n], whole[:n, n:]
+
+
+def rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:
+    """All rotors turned alike, and all speeds raised alike, where neither the plant nor a signal answers to it.
+
+    Such motions, (states, 0 to 2), orthonormal, have eigenvalues of zero, which round-off takes to either side.
+    """
+    found = np.zeros((len(A), 0))
+    whole = np.vstack([A, C])
+    for end in (".delta", ".omega"):
+        motion = np.array([float(name.endswith(end)) for name in names])
+        answer = whole @ motion
+        answer[: len(A)] -= found @ (found.T @ answer[: len(A)])  # all speeds raised turn all rotors
+        cancelled = np.abs(whole) @ motion + np.abs(whole).max(axis=1)
+        if motion.any() and (np.abs(answer) <= NEAR * cancelled).all():
+            found = np.column_stack([found, motion / np.linalg.norm(motion)])
+    return found
