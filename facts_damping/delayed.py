@@ -242,7 +242,7 @@ def _continuous(c: Discrete, period: float) -> Matrices:
     scale = 2.0 / np.sqrt(period)
     A = 2.0 / period * inverse @ (c.A - np.eye(len(c.A)))
     B = scale * inverse @ c.B
-    return A, B, scale * c.C @ inverse, c.D[:, None] - c.C @ inverse @ c.B
+    return A, B, scale * c.C @ inverse, c.D - c.C @ inverse @ c.B
 
 
 def pade(delay: float, order: int) -> Matrices:

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from facts_damping.sensitivity import Sensitivity
 
 DECAYS = 1e-2  # 1/s: what decays more slowly, or grows, is not truncated
+DRIFTS = 1e-3  # 1/s: a mode as slow as this stands still
 KEPT = 1e-3  # of the largest Hankel singular value: what has less is truncated
 STILL = 1e-6  # p.u. or rad per p.u.: a signal that moves less beside the speed differences does not swing
 
@@ -76,6 +77,11 @@ def design(plant: Sensitivity | None, system: System, controller: Controller, he
         _check(plant, system, controller, size, here)
         limits = np.array([system.device(name).v_max for name in controller.devices])
         small = reduced(whole, plant.names, limits, size)
+        if np.abs(np.linalg.eigvals(small.A)).min() < DRIFTS:
+            raise InputError(
+                f"{here}.signals: {', '.join(controller.signals)} given, which see a motion that nothing brings back "
+                "(all speeds raised alike); allowed: for LQG differences of speeds, or signals with a washout"
+            )
         step = sampled(small, plant.frame_rate, controller.number("lag"))
         effort, noise = controller.number("effort"), np.array(controller.parameters["noise"]) * size
         try:

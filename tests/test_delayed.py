@@ -41,6 +41,8 @@ SETS = {
         "controllers.0.signals=[voltage]",
         "controllers.0.parameters.gain=0.5",
     ],
+    "LQG": ["controllers.0.name=LQG"],
+    "LQG, two signals": ["controllers.0.name=LQG", "controllers.0.signals=[power_rate, w13]"],
     "two, each over its own link": [
         "devices=[sssc, statcom]",
         "controllers.0.signals=[speed]",
@@ -111,21 +113,24 @@ def followed(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Signals (ticks, signals) and setpoints (ticks, controllers) from a state of the plant on.
 
-    At the first frame a controller gives nothing, and its first memory is the signal: that is frame 1's state.
+    At the first frame a lead-lag gives nothing, and its first memory is the signal: that is frame 1's state. An LQG
+    acts at once, and the memory of a washout is the signal.
     """
     matrix, model = sampled(linear, delay), linear.model
     state = np.zeros(len(matrix))
     state[: len(x)] = x
     signals, setpoints = np.zeros((ticks, len(model.C))), np.zeros((ticks, len(linear.controllers)))
     signals[0] = model.C @ x
-    free = sampled(linear._replace(controllers=[]), 0.0)
-    state[: len(x)] = free @ x
+    first = 0 if "LQG" in linear.names[len(x)] else 1
+    if first:
+        state[: len(x)] = sampled(linear._replace(controllers=[]), 0.0) @ x
     memories = np.cumsum([len(x), *(len(c.A) for c in linear.controllers)])
     waiting = [to_ns(delay + c.lag) * linear.frame_rate // NANOSECONDS + 1 for c in linear.controllers]
     oldest = memories[-1] + np.cumsum(waiting) - 1  # places of the setpoints in force
     for c, at in zip(linear.controllers, memories, strict=False):
-        state[at] = signals[0, c.signals[0]]
-    for k in range(1, ticks):
+        if first or linear.model.washout[c.signals[0]] > 0.0:
+            state[at] = signals[0, c.signals[0]]
+    for k in range(first, ticks):
         signals[k] = model.C @ state[: len(x)]
         for c, at in zip(linear.controllers, oldest, strict=True):
             signals[k] += model.D[:, c.devices[0]] * state[at]
@@ -262,7 +267,8 @@ def test_pade_terms_without_delay_are_one() -> None:
     assert (A.shape, B.shape, C.shape, D.tolist()) == ((0, 0), (0, 1), (1, 0), [[1.0]])
 
 
-@pytest.mark.parametrize("which", SETS)
+# With a delay that it does not reckon with the LQG of two signals swings at 12 Hz, for which a term of order 6 is none.
+@pytest.mark.parametrize("which", [which for which in SETS if which != "LQG, two signals"])
 def test_pade_loops_near_the_sampled_ones(which: str) -> None:
     """Order 6, the hold as half a frame, at 100 ms: growth to 2e-3 1/s."""
     linear = linear_of(which)

@@ -35,6 +35,7 @@ RUNS = [
 ]
 MIMO = [
     ("LLC", None, "large", "ideal"),
+    ("LQG", None, "large", "delay_100ms"),
     ("ANFTSC", "indirect", "large", "delay_100ms"),
     ("ANFFsC", "direct", "multiple", "ideal"),
     ("ANFTrMoC", "indirect", "small", "ideal"),
@@ -43,6 +44,22 @@ MIMO = [
     ("HBsWC", "indirect", "small", "ideal"),
 ]
 HBSWC = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "scenario=large"]
+
+
+# The matrices of an LQG are made in each process; with a part of a frame of delay, and over a link that loses frames.
+LINKS = {"delay": "link.up=[{delay: 0.0712}]", "loss": "link.up=[{delay: 0.05}, {model: bernoulli, loss: 0.1}]"}
+
+
+@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("system", [["system=two_area", "scenario=large"], ["system=smib", "scenario=heavy"]])
+def test_a_graph_with_an_lqg_is_the_in_process_run_bit_for_bit(
+    domain: int, tmp_path: Path, system: list[str], link: str
+) -> None:
+    case = load_case(None, [*system, "controllers.0.name=LQG", LINKS[link], "duration=4"])
+    graph.run(case, "lockstep", tmp_path, quiet)
+    recorded, computed = load(tmp_path / "recording"), loop.run(case)
+    assert np.abs(computed.applied["value"]).max() > 0.01
+    assert_same(recorded, computed)
 
 
 @pytest.mark.parametrize(("name", "scheme", "scenario", "link"), RUNS, ids=[f"{n}-{s}" for n, s, _, _ in RUNS])

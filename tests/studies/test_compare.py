@@ -34,7 +34,7 @@ def test_all_controllers_are_there_in_both_schemes_on_all_scenarios(rows: list[d
     scenarios = {(row["system"], row["scenario"]) for row in rows}
     assert len(scenarios) == 7
     wanted: set[tuple[str, str | None]] = {(name, scheme) for name in networks for scheme in ("direct", "indirect")}
-    wanted |= {("none", None), ("LLC", None), ("LLC-tuned", None)}
+    wanted |= {("none", None), ("LLC", None), ("LLC-tuned", None), ("LQG", None)}
     for one in scenarios:
         assert {(r["controller"], r["scheme"]) for r in rows if (r["system"], r["scenario"]) == one} == wanted
 
@@ -46,6 +46,13 @@ def test_none_leaves_its_limits(rows: list[dict[str, Any]]) -> None:
 
 def test_every_adaptive_controller_damps_every_scenario_but_the_findings(rows: list[dict[str, Any]]) -> None:
     assert {place(row) for row in rows if row["scheme"] and not row["damped"]} == NOT_DAMPED
+
+
+def test_the_lqg_damps_every_scenario_and_has_less_of_the_squares_than_lead_lags(rows: list[dict[str, Any]]) -> None:
+    for system, scenario in {(row["system"], row["scenario"]) for row in rows}:
+        own = {r["controller"]: r for r in rows if (r["system"], r["scenario"]) == (system, scenario)}
+        assert own["LQG"]["damped"]
+        assert own["LQG"]["indices"]["ISE"] < own["LLC"]["indices"]["ISE"]
 
 
 def test_every_adaptive_controller_beats_no_control_but_the_findings(rows: list[dict[str, Any]]) -> None:

@@ -42,7 +42,7 @@ def test_every_controller_is_tuned_by_the_same_command(system: str) -> None:
     assert found.scenario == "training"
     assert [(row.name, row.scheme) for row in found.controllers] == rows([])
     assert {name for name, _ in rows([])} == set(CONTROLLERS) - {"LLC"}
-    assert len(tuned(system)) == 23
+    assert len(tuned(system)) == 24
 
 
 @pytest.mark.parametrize(("system", "row"), ROWS, ids=[f"{s}-{r.name}-{r.scheme}" for s, r in ROWS])
@@ -52,7 +52,9 @@ def test_what_was_chosen_reaches_in_training_what_its_row_says(system: str, row:
     assert reached == pytest.approx(row.objective, rel=0.02)
 
 
-@pytest.mark.parametrize(("name", "scheme"), [("LLC-tuned", None), ("HBsWC", "direct"), ("ANFTSC", "indirect")])
+@pytest.mark.parametrize(
+    ("name", "scheme"), [("LLC-tuned", None), ("LQG", None), ("HBsWC", "direct"), ("ANFTSC", "indirect")]
+)
 def test_the_space_is_within_what_parameters_may_be(name: str, scheme: Any) -> None:
     row, random = kind(name), np.random.default_rng(1)
     trainer = Trainer(Job(task("two_area"), name, scheme))
