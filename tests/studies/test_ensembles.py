@@ -20,7 +20,7 @@ SYSTEMS = ("smib", "two_area")
 def test_there_is_one_a_scenario() -> None:
     """Of both systems of the thesis."""
     wanted = [name.replace("/", "_") for name in shipped("scenarios") if name.split("/")[0] in SYSTEMS]
-    assert ENSEMBLES == sorted(f"ensemble_{name}" for name in wanted)
+    assert sorted(f"ensemble_{name}" for name in wanted) == ENSEMBLES
 
 
 @pytest.mark.parametrize("name", ENSEMBLES)
@@ -35,7 +35,7 @@ def test_every_draw_starts_from_an_equilibrium_of_its_own(name: str) -> None:
         assert len({point.columns[column] for point in plan.points}) == len(plan.points), column
     rated = {m.name: m.rating for m in load_system(name.removeprefix("ensemble_").rpartition("_")[0]).machines}
     for case in cases:
-        assert all(m.P is None or m.P <= rated[m.name] for m in case.system.machines)
+        assert all((m.P or 0.0) < 1.001 * rated[m.name] for m in case.system.machines)
 
 
 @pytest.mark.parametrize("name", ENSEMBLES)
