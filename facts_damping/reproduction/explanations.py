@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from facts_damping.configuration import tuned
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.reproduction import agreement, ranking
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from facts_damping.control.table import Value
     from facts_damping.reproduction.agreement import Figures
     from facts_damping.reproduction.printed import Cell, Who
+    from facts_damping.reproduction.ranking import Ranking
 
     More = Callable[[str, Who], dict[str, Any]]
 
@@ -44,6 +47,7 @@ class Told(NamedTuple):
     table: str
     signs: float  # share of the improvements with the thesis's sign
     rho: float | None  # mean rank correlation with the thesis
+    rho_own: float | None  # the same with our own orders in the set-up of the tables
     same_best: int
     rankings: int
     unstable: int  # runs without figures
@@ -143,14 +147,25 @@ TABLE = (
 )
 
 
-def told(variant: str, cells: Sequence[Cell], figures: Figures) -> list[Told]:
-    """Agreement of a variant's figures with the tables of improvements among the cells."""
+def told(variant: str, cells: Sequence[Cell], figures: Figures, base: Figures) -> list[Told]:
+    """Agreement of a variant's figures with the tables of improvements among the cells, and with `base`, ours."""
     found = []
     for table in dict.fromkeys(cell.table for cell in cells if cell.against is not None):
-        compared = agreement.compare([cell for cell in cells if cell.table == table], figures)
+        own = [cell for cell in cells if cell.table == table]
+        compared = agreement.compare(own, figures)
         signs = agreement.signs(agreement.statements(compared))[0]
-        ranks = ranking.totals(ranking.rankings(compared))[0]
-        own = {agreement.Run(c.cell.system, c.cell.scenario, c.cell.who) for c in compared}
-        unstable = sum(figures[run] is None for run in own)
-        found.append(Told(variant, table, signs.share, ranks.mean_rho, ranks.same_best, ranks.rankings, unstable))
+        ranked = ranking.rankings(compared)
+        ranks = ranking.totals(ranked)[0]
+        before = {one[:4]: _places(one) for one in ranking.rankings(agreement.compare(own, base))}
+        like = [ranking.correlation(_places(one), before[one[:4]])[0] for one in ranked]
+        known = [one for one in like if one is not None]
+        unstable = sum(figures[run] is None for run in {agreement.Run(c.system, c.scenario, c.who) for c in own})
+        rho_own = float(np.mean(known)) if known else None
+        told = (signs.share, ranks.mean_rho, rho_own, ranks.same_best, ranks.rankings, unstable)
+        found.append(Told(variant, table, *told))
     return found
+
+
+def _places(order: Ranking) -> list[float]:
+    """Our places, in the order of the controllers' names."""
+    return [place for _, place in sorted(zip(order.controllers, order.ours, strict=True))]

@@ -12,12 +12,11 @@ from markdown_it import MarkdownIt
 from pyarrow import csv
 
 from facts_damping import __version__, files
-from facts_damping.analysis.indices import INDICES
-from facts_damping.reproduction import charts, side_by_side
+from facts_damping.reproduction import charts, extracts, side_by_side
 from facts_damping.reproduction.agreement import flat, markdown, name
 from facts_damping.reproduction.ensembles import Interval
 from facts_damping.reproduction.results import LINK, TITLES
-from facts_damping.studies.pages import heads, line, save
+from facts_damping.studies.pages import save
 from facts_damping.studies.results import table
 
 if TYPE_CHECKING:
@@ -116,56 +115,12 @@ def _page(results: Results, findings: Findings, command: str, pictures: Sequence
         loader=PackageLoader("facts_damping.reproduction", "."), autoescape=False, undefined=StrictUndefined,  # noqa: S701 (Markdown)
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    kinds = {"markdown": markdown, "medians": medians, "beaten": beaten, "reached": reached}
+    functions = {one.__name__: one for one in extracts.ALL}
     text = templates.get_template("page.md").render(
         results=results, findings=findings, command=command, pictures=pictures, link=LINK, titles=TITLES,
-        whole=len(results.tables) == len(TITLES), version=__version__, **kinds,
+        whole=len(results.tables) == len(TITLES), version=__version__, markdown=markdown, **functions,
     )  # fmt: skip
     return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
-
-
-def medians(findings: Findings, system: str, link: str) -> str:
-    """Over the ensembles: median improvement of the four indices over LLC-tuned, with intervals, every controller."""
-    kept = [one for one in findings.spreads if (one.system, one.link) == (system, link) and one.quantity in INDICES]
-    scenarios, whos = (list(dict.fromkeys(getattr(one, field) for one in kept)) for field in ("scenario", "who"))
-    at = {(one.scenario, one.who, one.quantity): one for one in kept}
-    columns = [f"{scenario} {index}" for scenario in scenarios for index in INDICES]
-    rows = [
-        line([who, *(_over(at[scenario, who, index].over_tuned) for scenario in scenarios for index in INDICES)])
-        for who in whos
-    ]
-    return "\n".join([*heads(["controller"], columns), *rows])
-
-
-def _over(value: Interval) -> str:
-    return f"{value.median:.1f} ({value.low:.1f} to {value.high:.1f})"
-
-
-def beaten(findings: Findings, system: str, link: str, who: str) -> dict[str, list[str]]:
-    """In which scenario and index the median of a controller is below that of LLC-tuned, and in which it is not."""
-    kept = {
-        (one.scenario, one.quantity, one.who): one.figure.median
-        for one in findings.spreads
-        if (one.system, one.link) == (system, link)
-    }
-    found: dict[str, list[str]] = {"yes": [], "no": []}
-    for (scenario, quantity, whose), value in kept.items():
-        if whose == who and quantity in INDICES:
-            tuned = kept[scenario, quantity, "MISO LLC-tuned"]
-            found["yes" if value < tuned else "no"].append(f"{scenario} {quantity}")
-    return found
-
-
-def reached(findings: Findings, system: str) -> str:
-    """How much of the way from LLC to the bound every controller comes, %, in the scenarios as they are."""
-    kept = [one for one in findings.reached if one.system == system and one.quantity in ("ITAE", "ISE")]
-    columns = list(dict.fromkeys((one.scenario, one.quantity) for one in kept))
-    at = {(one.who, one.scenario, one.quantity): one.share for one in kept}
-    rows = [
-        line([who, *("-" if (share := at[who, one[0], one[1]]) is None else f"{share:.0f}" for one in columns)])
-        for who in dict.fromkeys(one.who for one in kept)
-    ]
-    return "\n".join([*heads(["controller"], [" ".join(one) for one in columns]), *rows])
 
 
 def _html(text: str, folder: Path) -> str:

@@ -68,7 +68,7 @@ def gather(tables: Sequence[str], draws: int | None, folder: Path, jobs: int) ->
             ensembles[place] = runs.carry_out(runs.ensemble(system, scenario, whos, draws), title, journals, jobs)
             study = runs.ensemble(system, scenario, few, draws, link=LINK)
             delayed[place] = runs.carry_out(study, f"{title}-{LINK}", journals, jobs)
-    told = _variants([one for one in asked if one in VARIANT_TABLES], journals, jobs)
+    told = _variants([one for one in asked if one in VARIANT_TABLES], figures, journals, jobs)
     drawn = _pictures(systems, folder, jobs, mimo="6.2" in asked or "6.1" in asked)
     return Results(asked, draws, counted, own, figures, ensembles, delayed, told, drawn)
 
@@ -79,8 +79,8 @@ def _rivals(whos: Sequence[Who]) -> list[Who]:
     return [one for one in wanted if one in whos]
 
 
-def _variants(tables: Sequence[str], journals: Path, jobs: int) -> list[Told]:
-    """The tables of improvements with other set-ups."""
+def _variants(tables: Sequence[str], base: dict[Run, dict[str, float] | None], journals: Path, jobs: int) -> list[Told]:
+    """The tables of improvements with other set-ups; `base`: figures of the set-up of the tables."""
     found = []
     own = cells(tables)
     for variant in explanations.TABLE if tables else ():
@@ -92,7 +92,7 @@ def _variants(tables: Sequence[str], journals: Path, jobs: int) -> list[Told]:
             title = f"{system}-{variant.name.replace(' ', '-').replace('/', '-')}"
             rows = runs.carry_out(runs.nominal(system, whos, more, **variant.fields), title, journals, jobs)
             figures |= runs.figures(rows, whos)
-        found += explanations.told(variant.name, kept, figures)
+        found += explanations.told(variant.name, kept, figures, base)
     return found
 
 

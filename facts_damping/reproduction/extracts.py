@@ -1,0 +1,116 @@
+"""What the page takes from the findings: figures in sentences, and tables in Markdown."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from facts_damping.analysis.indices import INDICES
+from facts_damping.reproduction.explanations import TABLE
+from facts_damping.reproduction.results import LINK
+from facts_damping.studies.pages import heads, line
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from facts_damping.reproduction.ensembles import Interval
+    from facts_damping.reproduction.findings import Agreement, Findings
+    from facts_damping.reproduction.results import Results
+
+JUDGED = ("ITAE", "ISE")  # of the way to the bound: one that weighs late deviations, one that the bound is made for
+TUNED = "MISO LLC-tuned"
+
+
+def share(found: Agreement, over: str) -> str:
+    """How many of the improvements over a controller have the thesis's sign: `66 of 100 (66.0 %)`."""
+    signs = [one for one in found.signs_by_reference if (one.table, one.what) == ("all", f"improvement over {over}")]
+    return f"{signs[0].agree} of {signs[0].statements} ({100 * signs[0].share:.1f} %)" if signs else "none"
+
+
+def rho(found: Agreement) -> str:
+    """Mean rank correlation over all orders."""
+    value = found.totals[-1].mean_rho if found.totals else None
+    return "-" if value is None else f"{value:.2f}"
+
+
+def firm(findings: Findings) -> str:
+    """How firm orders are, by system and scheme: a row each, over scenarios and quantities."""
+    rows = []
+    for key in dict.fromkeys((one.system, one.scheme) for one in findings.firmness):
+        own = [one for one in findings.firmness if (one.system, one.scheme) == key]
+        same = sum(one.first == one.first_of_medians for one in own)
+        first = np.array([one.first_in_draws for one in own])
+        known = [one.rho for one in own if one.rho is not None]
+        spread = f"{100 * first.mean():.0f} ({100 * first.min():.0f} to {100 * first.max():.0f})"
+        drawn = float(np.mean([one.rho_in_draws for one in own]))
+        rows.append(line([*key, f"{same} of {len(own)}", spread, f"{np.mean(known):.2f}", f"{drawn:.2f}"]))
+    titles = ["first is first by medians", "share of draws in which it is first [%]", "rho, medians", "rho, draws"]
+    return "\n".join([*heads(["system", "scheme"], titles), *rows])
+
+
+def decided(findings: Findings) -> str:
+    """Who has the best mean place over the scenarios, and which single scenario decides it."""
+    rows = [
+        line([one.system, one.scheme, one.quantity, one.first, ", ".join(one.deciding) or "none"])
+        for one in findings.decided
+    ]
+    return "\n".join([*heads(["system", "scheme", "quantity", "best mean place", "decided by"], []), *rows])
+
+
+def medians(findings: Findings, system: str, link: str) -> str:
+    """Median improvement of the indices over LLC-tuned, %, with intervals: those that also ran behind the link."""
+    kept = [one for one in findings.spreads if one.system == system and one.quantity in INDICES]
+    whos = [who for who in dict.fromkeys(one.who for one in kept if one.link == LINK) if who != TUNED]
+    scenarios = dict.fromkeys(one.scenario for one in kept)
+    at = {(one.scenario, one.who, one.quantity): one.over_tuned for one in kept if one.link == link}
+    columns = [(scenario, index) for scenario in scenarios for index in INDICES]
+    rows = [line([who, *(_interval(at[scenario, who, index]) for scenario, index in columns)]) for who in whos]
+    return "\n".join([*heads(["controller"], [" ".join(one) for one in columns]), *rows])
+
+
+def _interval(value: Interval) -> str:
+    return f"{value.median:.1f} ({value.low:.1f} to {value.high:.1f})"
+
+
+def beaten(findings: Findings, system: str, link: str, who: str) -> str:
+    """Where the median of a controller is not below that of LLC-tuned, and of how many: `none of 12`."""
+    kept = [one for one in findings.spreads if (one.system, one.link) == (system, link) and one.quantity in INDICES]
+    middle = {(one.scenario, one.quantity, one.who): one.figure.median for one in kept}
+    own = [place[:2] for place in middle if place[2] == who]
+    lost = [" ".join(place) for place in own if not middle[(*place, who)] < middle[(*place, TUNED)]]
+    return f"{', '.join(lost) or 'none'} of {len(own)}"
+
+
+def reached(findings: Findings, system: str) -> str:
+    """How much of the way from LLC to the bound every controller comes, %, in the scenarios as they are."""
+    kept = [one for one in findings.reached if one.system == system and one.quantity in JUDGED]
+    columns = list(dict.fromkeys((one.scenario, one.quantity) for one in kept))
+    at = {(one.who, one.scenario, one.quantity): one.share for one in kept}
+    rows = []
+    for who in dict.fromkeys(one.who for one in kept):
+        shares = [at[who, scenario, quantity] for scenario, quantity in columns]
+        rows.append(line([who, *("-" if one is None else f"{one:.0f}" for one in shares)]))
+    return "\n".join([*heads(["controller"], [" ".join(one) for one in columns]), *rows])
+
+
+def setups(results: Results) -> str:
+    """Every set-up: agreement with the thesis by table, signs and mean rank correlation; and with our own orders."""
+    tables = list(dict.fromkeys(one.table for one in results.told))
+    at = {(one.variant, one.table): one for one in results.told}
+    rows = []
+    for variant in TABLE:
+        own = [at.get((variant.name, table)) for table in tables]
+        if any(own):
+            cells = [
+                "" if one is None else f"{100 * one.signs:.0f}; {_two(one.rho)}; {_two(one.rho_own)}" for one in own
+            ]
+            rows.append(line([variant.name, variant.what, *cells]))
+    return "\n".join([*heads(["set-up", "what is changed"], [f"table {table}" for table in tables]), *rows])
+
+
+def _two(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+ALL: tuple[Callable[..., str], ...] = (share, rho, firm, decided, medians, beaten, reached, setups)
