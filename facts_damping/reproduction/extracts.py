@@ -77,8 +77,8 @@ def beaten(findings: Findings, system: str, link: str, who: str) -> str:
     """Where the median of a controller is not below that of LLC-tuned, and of how many: `none of 12`."""
     kept = [one for one in findings.spreads if (one.system, one.link) == (system, link) and one.quantity in INDICES]
     middle = {(one.scenario, one.quantity, one.who): one.figure.median for one in kept}
-    own = [place[:2] for place in middle if place[2] == who]
-    lost = [" ".join(place) for place in own if not middle[(*place, who)] < middle[(*place, TUNED)]]
+    own = [(scenario, index) for scenario, index, whose in middle if whose == who]
+    lost = [f"{one} {index}" for one, index in own if not middle[one, index, who] < middle[one, index, TUNED]]
     return f"{', '.join(lost) or 'none'} of {len(own)}"
 
 
