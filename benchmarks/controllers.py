@@ -94,6 +94,8 @@ def main() -> None:
     print(f"| controller | {' | '.join([*heads, *Operations._fields])} |")
     print(f"| --- |{' --: |' * (len(heads) + len(Operations._fields))}")
     print(f"| LLC | {lead_lag:.2f} | | 1.0 | {both:.2f} | |{' |' * len(Operations._fields)}")
+    lqg, centralised = step_us("LQG", None), step_us("LQG", None, *MIMO, "controllers.0.signals=[speed, power]")
+    print(f"| LQG | {lqg:.2f} | | {lqg / lead_lag:.1f} | {centralised:.2f} | |{' |' * len(Operations._fields)}")
     for name in VARIANTS:
         direct, indirect = step_us(name, "direct"), step_us(name, "indirect")
         more = [*MIMO, "controllers.0.signals=[speed, power]"]

@@ -260,15 +260,15 @@ def _filled(
     if row.network is None and controller.scheme is not None:
         raise InputError(f"{where('scheme')}: '{controller.scheme}' given; allowed: none for {controller.name}")
     scheme = None if row.network is None else controller.scheme or "indirect"
-    if controller.compensation in OF_IDENTIFIERS and scheme != "indirect":
-        raise InputError(
-            f"{where('compensation')}: '{controller.compensation}' given; allowed: {', '.join(COMPENSATIONS)} for "
-            f"{controller.name}{f' {scheme}' if scheme else ''}, or an indirect controller, whose identifier predicts"
-        )
     if row.code == STATE_SPACE and controller.compensation != "none":
         raise InputError(
             f"{where('compensation')}: '{controller.compensation}' given; allowed: none for {controller.name}, which "
             "reckons with its lag by itself"
+        )
+    if controller.compensation in OF_IDENTIFIERS and scheme != "indirect":
+        raise InputError(
+            f"{where('compensation')}: '{controller.compensation}' given; allowed: {', '.join(COMPENSATIONS)} for "
+            f"{controller.name}{f' {scheme}' if scheme else ''}, or an indirect controller, whose identifier predicts"
         )
     counts = {"signal": len(controller.signals), "device": len(controller.devices)}
     for name, value in controller.parameters.items():

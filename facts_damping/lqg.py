@@ -210,7 +210,7 @@ def optimal(
 
     torque = np.vstack([step.torque, np.zeros((len(pole), step.torque.shape[1]))])
     M = np.zeros((ends[-1], len(noise)))
-    rest = np.linalg.solve(np.eye(own) - after[:own, :own], torque)  # by a step of each torque
+    rest = np.asarray(np.linalg.solve(np.eye(own) - after[:own, :own], torque), np.float64)  # by a step of each torque
     M[:own] = _filter(after[:own, :own], rest, y[:, :own], noise)
     K = _regulator(step, small.Z, limits, effort) @ np.vstack([ahead, sent[1]])
     n = ends[-1]

@@ -250,6 +250,7 @@ def test_against_a_changed_plant_no_setpoint_is_held(which: str) -> None:
     [
         (["controllers.0.scheme=direct"], r"controllers.0.scheme: 'direct' given; allowed: none for LQG"),
         (["controllers.0.compensation=lead"], r"controllers.0.compensation: 'lead' given; allowed: none for LQG"),
+        (["controllers.0.compensation=prediction"], r"'prediction' given; allowed: none for LQG"),
         (["controllers.0.parameters.gain=1"], r"'gain' given; allowed: effort, noise, lag"),
         (
             ["controllers.0.parameters.noise=[0.1, 0.1]"],
@@ -264,8 +265,8 @@ def test_against_a_changed_plant_no_setpoint_is_held(which: str) -> None:
             r"controllers.0.signals: w given, which see a motion that nothing brings back .*; allowed: for LQG",
         ),
         (
-            ["system=smib", "scenario=nominal", "system.machines.0.H=200000"],
-            r"allowed: ",
+            ["system=smib", "scenario=nominal", "controllers.0.signals=[power]"],
+            r"signals.0: 'power' given, which does not",
         ),
     ],
 )
@@ -273,3 +274,11 @@ def test_what_cannot_be_is_refused_in_one_line(sets: list[str], said: str) -> No
     with pytest.raises(InputError, match=said) as raised:
         build_control(load_case(None, [*LQG, *sets]))
     assert "\n" not in str(raised.value)
+
+
+def test_a_plant_that_does_not_swing_is_refused() -> None:
+    case = case_of("smib")
+    with pytest.raises(
+        InputError, match=r"controllers.0.name: 'LQG' given, but the plant has no swing mode; allowed: LLC"
+    ):
+        design(None, case.system, case.controllers[0], "controllers.0")

@@ -43,7 +43,7 @@ LEAD_LAG = {
     "T4": Range(0.01, 1.0, logarithmic=True),
 }
 LQG = {"effort": Range(1e-10, 1e-2, logarithmic=True)}
-NOISE = Range(1e-5, 1e3, logarithmic=True)  # of an LQG, each signal's
+NOISE = Range(1e-3, 1e3, logarithmic=True)  # of an LQG, each signal's; at least what a PMU may err by
 NEURO_FUZZY = {
     "scale": Range(0.001, 0.05, logarithmic=True),
     "change_scale": Range(1e-4, 0.01, logarithmic=True),
