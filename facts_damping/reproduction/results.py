@@ -25,8 +25,13 @@ if TYPE_CHECKING:
 OPERATIONS = "3.1"
 TITLES = {OPERATIONS: COMPLEXITY, **{number: table.title for number, table in TABLES.items()}}
 LINK = "pdci_100ms"
-# What the search found without and with delay (docs/search.md), as run files.
-FOUND = {system: tuple(Who(runs.FILE, f"best_{system}{link}", None) for link in ("", "_pdci")) for system in SCENARIOS}
+# What the search found without and with delay (docs/search.md), as run files; lead-lags beside, by the same search.
+FOUND = {
+    system: tuple(
+        Who(runs.FILE, f"{one}_{system}{link}", None) for one in ("best", "lead_lag") for link in ("", "_pdci")
+    )
+    for system in SCENARIOS
+}
 VARIANT_TABLES = ("4.1", "4.2", "5.1", "5.3")
 
 

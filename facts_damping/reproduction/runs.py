@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 # Devices and signals of each; what takes fewer signals is given the first ones.
 ARCHITECTURES = {"MISO": (["sssc"], ["speed"]), "MIMO": (["sssc", "statcom"], ["speed", "power"])}
-FILE = "file"  # in the place of an architecture: a run file's controllers
+FILE = "run"  # in the place of an architecture: the controllers of a run file
 NONE = "none"
 BOUND = "LQG"
 BASELINES = tuple(Who("MISO", one, None) for one in (NONE, "LLC", "LLC-tuned", BOUND))

@@ -1,0 +1,129 @@
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from facts_damping.reproduction import ensembles
+from facts_damping.reproduction.agreement import Run, name
+from facts_damping.reproduction.printed import DIRECT, LLC, SCENARIOS, VARIANTS, Who, cells
+from facts_damping.reproduction.runs import BASELINES, FIGURES
+
+NETWORKS = [Who("MISO", one, "direct") for one in VARIANTS]
+EVERYBODY = [*BASELINES, *NETWORKS]
+
+
+def rows(system: str, scenario: str, draws: int, seed: int) -> list[dict[str, Any]]:
+    """Made-up rows of an ensemble; a run now and then is unstable, another fails."""
+    random = np.random.default_rng(seed)
+    found = []
+    for draw in range(draws):
+        for who in EVERYBODY:
+            bad = random.random() < 0.03
+            row = {"system": system, "scenario": scenario, "who": name(who), "draw": draw}
+            row |= {"stable": not bad, "error": "why" if random.random() < 0.01 else None}
+            found.append({**row, **{one: None if bad else float(random.lognormal()) for one in FIGURES}})
+    return found
+
+
+@pytest.mark.parametrize("n", [6, 25, 100])
+def test_the_interval_of_a_median_is_that_of_order_statistics(n: int) -> None:
+    random = np.random.default_rng(n)
+    for _ in range(20):
+        x = random.standard_cauchy(n)
+        told = stats.quantile_test(x, p=0.5).confidence_interval(0.95)
+        assert ensembles.median(x) == pytest.approx((np.median(x), told.low, told.high))
+
+
+def test_the_interval_of_a_median_covers_it() -> None:
+    random = np.random.default_rng(1)
+    found = [ensembles.median(random.exponential(size=100)) for _ in range(4000)]
+    covered = np.mean([one.low <= np.log(2.0) <= one.high for one in found])
+    assert 0.95 <= covered <= 0.975  # discrete: never less than asked for
+
+
+def test_too_few_values_have_no_interval() -> None:
+    assert ensembles.median(np.array([3.0, 1.0, 2.0])) == (2.0, -np.inf, np.inf)
+
+
+def test_improvement_draw_by_draw() -> None:
+    inf = np.inf
+    found = ensembles.improvements(np.array([2.0, 2.0, inf, inf, 4.0]), np.array([1.0, 3.0, 1.0, inf, inf]))
+    assert list(found) == [50.0, -50.0, 100.0, 0.0, -inf]
+
+
+def test_spreads_are_what_numpy_says_of_the_draws() -> None:
+    made = rows("smib", "light", 40, 2)
+    found = {(one.who, one.quantity): one for one in ensembles.spreads(made, "ideal")}
+    assert len(found) == len(EVERYBODY) * len(FIGURES)
+    for who in EVERYBODY:
+        own = [row for row in made if row["who"] == name(who)]
+        llc = [row for row in made if row["who"] == name(LLC)]
+        good = np.array([row["ISE"] if row["stable"] and not row["error"] else np.inf for row in own])
+        reference = np.array([row["ISE"] if row["stable"] and not row["error"] else np.inf for row in llc])
+        one = found[name(who), "ISE"]
+        assert one.unstable == np.isinf(good).sum()
+        assert one.figure.median == np.median(good)
+        both = np.isfinite(good) & np.isfinite(reference)
+        over = np.where(np.isinf(reference), np.where(np.isinf(good), 0.0, 100.0), -np.inf)
+        over[both] = 100.0 * (reference[both] - good[both]) / reference[both]
+        assert one.over_llc.median == pytest.approx(np.median(over))
+    assert sum(found[name(who), "IAE"].best for who in EVERYBODY) == pytest.approx(1.0)
+
+
+def test_cells_by_medians() -> None:
+    tables = [cell for cell in cells(("4.1",)) if cell.scenario == "light"]
+    made = {("smib", "light"): rows("smib", "light", 31, 3)}
+    for c in ensembles.compare(tables, made):
+        own, over = (
+            [row for row in made["smib", "light"] if row["who"] == name(who)] for who in (c.cell.who, c.cell.against)
+        )
+        pairs = [
+            100.0 * (b[c.cell.quantity] - a[c.cell.quantity]) / b[c.cell.quantity]
+            for a, b in zip(own, over, strict=True)
+            if a["stable"] and b["stable"] and not a["error"] and not b["error"]
+        ]
+        assert min(pairs) <= c.ours <= max(pairs)
+        assert c.difference == c.ours - c.cell.corrected
+
+
+def figures(order: Callable[[str, int], float]) -> dict[Run, dict[str, float] | None]:
+    """Figures of networks by a function of scenario and place."""
+    return {
+        Run("smib", scenario, who): dict.fromkeys(FIGURES, float(order(scenario, i)))
+        for scenario in SCENARIOS["smib"].values()
+        for i, who in enumerate(NETWORKS)
+    }
+
+
+def test_a_ranking_that_one_scenario_decides_is_said_to_be_so() -> None:
+    same = figures(lambda _, i: i)
+    assert {(one.first, one.deciding) for one in ensembles.decided(same)} == {(name(DIRECT), ())}
+    # The second is a place behind in three scenarios; in the light one the first is last.
+    turned = figures(lambda scenario, i: 20 if scenario == "light" and i == 0 else i)
+    assert {(one.first, one.deciding) for one in ensembles.decided(turned)} == {(name(NETWORKS[1]), ("light",))}
+
+
+def test_firm_and_loose_orders() -> None:
+    plain, random = figures(lambda _, i: i + 1.0), np.random.default_rng(4)
+    firm, loose = [], []
+    for _ in range(60):
+        for i, who in enumerate(NETWORKS):
+            row = {"system": "smib", "scenario": "light", "who": name(who), "stable": True, "error": None}
+            firm.append({**row, **dict.fromkeys(FIGURES, i + 1.0)})
+            loose.append({**row, **dict.fromkeys(FIGURES, float(random.random()))})
+    for one in ensembles.firmness(plain, {("smib", "light"): firm}):
+        assert (one.first_in_draws, one.rho, one.rho_in_draws) == pytest.approx((1.0, 1.0, 1.0))
+        assert one.first == one.first_of_medians == name(DIRECT)
+    for one in ensembles.firmness(plain, {("smib", "light"): loose}):
+        assert one.first_in_draws < 0.4
+        assert abs(one.rho_in_draws) < 0.2
+
+
+def test_rank_correlation_is_scipys() -> None:
+    random = np.random.default_rng(5)
+    for _ in range(20):
+        a, b = random.integers(0, 6, 11).astype(float), random.integers(0, 6, 11).astype(float)
+        assert ensembles.rho(a, b) == pytest.approx(stats.spearmanr(a, b).statistic)
+    assert ensembles.rho(np.ones(4), np.arange(4.0)) is None

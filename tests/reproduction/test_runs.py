@@ -1,0 +1,101 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from facts_damping.configuration import load_case
+from facts_damping.reproduction import explanations
+from facts_damping.reproduction.agreement import Run, name
+from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, Who, cells
+from facts_damping.reproduction.results import FOUND
+from facts_damping.reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
+from facts_damping.studies import architectures, axes, compare
+from facts_damping.studies.batch import Base, make
+
+
+def test_a_run_of_the_tables_is_that_of_compare_and_of_architectures(tmp_path: Path) -> None:
+    asked = [LLC, Who("MISO", "HBsWC", "direct"), Who("MIMO", "ANFTSC", "indirect")]
+    rows = carry_out(nominal("two_area", asked, duration=4), "some", tmp_path, 1)
+    found = figures(rows, asked)
+    own = compare.everybody("two_area", [])
+    for scenario in SCENARIOS["two_area"].values():
+        for who in asked[:2]:
+            row = compare.one_run("two_area", ["duration=4"], own, (scenario, who.controller, who.scheme))
+            ours = found[Run("two_area", scenario, who)]
+            assert ours == {**row["indices"], "smoothness": row["smoothness"]}
+        one = architectures.Contender(scenario, "centralised", "ANFTSC", "indirect")
+        row = architectures.one_run(["duration=4"], one)
+        assert found[Run("two_area", scenario, asked[2])] == {**row["indices"], "smoothness": row["smoothness"]}
+
+
+def test_the_baselines_are_beside_every_table() -> None:
+    for table, one in TABLES.items():
+        found = whos(cells([table]), one.system)
+        assert found[: len(BASELINES)] == list(BASELINES)
+        assert {cell.who for cell in cells([table])} <= set(found)
+        assert len(found) == len(set(found))
+        assert (Who("MIMO", "LQG", None) in found) == (table in ("6.1", "6.2"))
+
+
+@pytest.mark.parametrize("system", SCENARIOS)
+def test_every_controller_runs_in_every_ensemble(system: str) -> None:
+    asked = [*whos(cells(), system), *FOUND[system]]
+    for scenario in SCENARIOS[system].values():
+        study = ensemble(system, scenario, asked, draws=2, link="pdci_100ms")
+        points = axes.points(study)
+        assert [point.columns["who"] for point in points[: len(asked)]] == [name(who) for who in asked]
+        assert len(points) == 2 * len(asked)
+        base = Base({"system": system, "scenario": scenario}, "here", {**study.set}, modes=False)
+        for point in (points[0], points[-1]):
+            case = make(base, point.changes)
+            assert case.link.up[-1].model == "noise"
+            assert case.links[0].up[-1].std == point.columns["noise_std_pu"]
+
+
+@pytest.mark.parametrize("variant", explanations.TABLE, ids=lambda variant: variant.name)
+def test_every_set_up_can_be_run_and_differs_from_that_of_the_tables(variant: explanations.Variant) -> None:
+    for system in variant.systems:
+        asked = [who for who in whos(cells(("4.1", "4.2", "5.1", "5.3")), system) if who == LLC or who.scheme]
+        base = Base({"system": system, "scenario": SCENARIOS[system]["I"]}, "here", {}, modes=False)
+        different = set()
+        for who in asked:
+            more = variant.more(system, who) if variant.more else {}
+            plain, other = make(base, changes(who)), make(base, {**changes(who), **variant.fields, **more})
+            if {**plain.document(), "asked": None} != {**other.document(), "asked": None}:
+                different.add(who)
+        assert bool(different) == (variant.name != explanations.BASE)
+        assert LLC not in different or variant.fields
+        if variant.name == "interpolated control points":
+            assert {who.controller for who in different} == set(explanations.INTERPOLATED)
+
+
+def test_the_set_up_of_the_tables_agrees_with_itself() -> None:
+    system, tables = "smib", cells(("4.1",))
+    asked = [who for who in whos(tables, system) if who == LLC or who.scheme]
+    made = {
+        Run(system, scenario, who): dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE", "smoothness"), 1.0 + i * 7 % 12)
+        for scenario in SCENARIOS[system].values()
+        for i, who in enumerate(asked)
+    }
+    (told,) = explanations.told("x", tables, made, made)
+    assert told.rho_own == pytest.approx(1.0)
+    assert told.unstable == 0
+    lost = {run: None if run.who.controller == "HBsWC" else one for run, one in made.items()}
+    (told,) = explanations.told("x", tables, lost, made)
+    assert told.unstable == len(SCENARIOS[system])
+    assert told.rho_own < 1.0
+
+
+def test_the_way_to_the_bound() -> None:
+    place = ("smib", "light")
+    made = {Run(*place, who): {"ITAE": value} for who, value in zip(BASELINES, (9.0, 5.0, 2.0, 1.0), strict=True)}
+    made[Run(*place, Who("MISO", "HBsWC", "direct"))] = None
+    assert [reached(made, Run(*place, who), "ITAE") for who in BASELINES] == [-100.0, 0.0, 75.0, 100.0]
+    assert reached(made, Run(*place, Who("MISO", "HBsWC", "direct")), "ITAE") is None
+
+
+@pytest.mark.parametrize("who", [one for found in FOUND.values() for one in found], ids=name)
+def test_what_the_search_found_is_a_run_that_anybody_can_start(who: Who) -> None:
+    case = load_case(who.controller, ["duration=1"])
+    assert json.loads(json.dumps(changes(who)["devices"])) == case.run.devices
+    assert [c.name for c in case.controllers] == [c["name"] for c in changes(who)["controllers"]]
