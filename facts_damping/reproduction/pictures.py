@@ -13,7 +13,7 @@ from facts_damping.analysis.recorded import recorded
 from facts_damping.analysis.time_frequency import BAND, analyse
 from facts_damping.errors import InputError
 from facts_damping.reproduction.agreement import name
-from facts_damping.reproduction.printed import LLC, SCENARIOS, Who
+from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, Who
 from facts_damping.reproduction.runs import BASELINES, changes
 from facts_damping.studies.batch import Base, closed_loop, make
 from facts_damping.studies.pages import save
@@ -35,34 +35,36 @@ BOTH = (LLC, Who("MIMO", "LLC", None), *CENTRAL)
 
 
 class Kind(NamedTuple):
-    """A kind of picture: its title, what of a record is shown (`PICTURES`, or signals), and of whom."""
+    """A kind of picture: its title, what of a record is shown (`PICTURES`), of whom, with which tables it goes."""
 
     stem: str
     title: str
     parts: tuple[str, ...]
     whos: tuple[Who, ...]
-    systems: tuple[str, ...] = tuple(SCENARIOS)
+    tables: tuple[str, ...]
     columns: bool = False  # a column a controller instead of curves over each other
 
 
+ALONE, LEARNT, TOGETHER = ("4.1", "4.2", "5.1", "5.2", "5.3", "5.4"), ("5.1", "5.2", "5.3", "5.4"), ("6.1", "6.2")
 RESPONSES = ("differences", "tie_power", "injected_voltage", "centre_of_angle")
 KINDS = (
-    Kind("responses", "Responses", RESPONSES, SINGLE),
-    Kind("indices", "Performance indices as they grow", ("indices",), SINGLE),
-    Kind("jacobian", "Identified Jacobian", ("jacobian",), INDIRECT),
-    Kind("rates", "Learning rates", ("learning_rate",), INDIRECT, columns=True),
-    Kind("mimo_responses", "Responses with SSSC and STATCOM", RESPONSES, BOTH, ("two_area",)),
-    Kind("mimo_jacobian", "Identified Jacobian, SSSC and STATCOM", ("jacobian",), CENTRAL, ("two_area",)),
-    Kind("mimo_rates", "Learning rates, SSSC and STATCOM", ("learning_rate",), CENTRAL, ("two_area",), columns=True),
+    Kind("responses", "Responses", RESPONSES, SINGLE, ALONE),
+    Kind("indices", "Performance indices as they grow", ("indices",), SINGLE, ALONE),
+    Kind("jacobian", "Identified Jacobian", ("jacobian",), INDIRECT, LEARNT),
+    Kind("rates", "Learning rates", ("learning_rate",), INDIRECT, LEARNT, columns=True),
+    Kind("spwvd", "SPWVD", (), SINGLE[1:], ALONE),
+    Kind("mimo_responses", "Responses with SSSC and STATCOM", RESPONSES, BOTH, TOGETHER),
+    Kind("mimo_jacobian", "Identified Jacobian, SSSC and STATCOM", ("jacobian",), CENTRAL, TOGETHER),
+    Kind("mimo_rates", "Learning rates, SSSC and STATCOM", ("learning_rate",), CENTRAL, TOGETHER, columns=True),
+    Kind("mimo_spwvd", "SPWVD, SSSC and STATCOM", (), BOTH, TOGETHER),
 )
 # Signals of the distributions: local and interarea modes, control effort.
 EFFORT = "control effort"
 SIGNALS = {"two_area": ("w12", "w34", "w13", EFFORT), "smib": ("w1", EFFORT)}
-DISTRIBUTIONS = {"spwvd": SINGLE[1:], "mimo_spwvd": BOTH}
 
 
 class Picture(NamedTuple):
-    """One file to be drawn: a kind of picture (or of distributions) of a scenario."""
+    """One file to be drawn: a kind of picture of a scenario."""
 
     kind: str
     system: str
@@ -74,31 +76,28 @@ class Picture(NamedTuple):
         return f"{self.kind}_{self.system}_{self.scenario}.png"
 
 
-def wanted(systems: Sequence[str], *, mimo: bool) -> list[Picture]:
-    """The pictures of systems; with or without those of SSSC and STATCOM together."""
-    kinds = [(kind.stem, kind.systems) for kind in KINDS]
-    kinds += [("spwvd", tuple(SCENARIOS)), ("mimo_spwvd", ("two_area",))]
-    return [
-        Picture(stem, system, scenario)
-        for system in systems
-        for stem, own in kinds
-        if system in own and (mimo or not stem.startswith("mimo"))
+def wanted(tables: Sequence[str]) -> list[Picture]:
+    """The pictures that go with tables."""
+    found = [
+        Picture(kind.stem, system, scenario)
+        for kind in KINDS
+        for system in dict.fromkeys(TABLES[table].system for table in tables if table in kind.tables)
         for scenario in SCENARIOS[system].values()
     ]
+    return sorted(found, key=lambda picture: list(SCENARIOS).index(picture.system))
 
 
 def draw(folder: Path, picture: Picture) -> Path:
     """Run what a picture shows and draw it: its file."""
-    path = folder / picture.file
-    title = f"{picture.system}, {picture.scenario}"
-    if picture.kind in DISTRIBUTIONS:
-        shown = [(who, _run(picture, who)) for who in DISTRIBUTIONS[picture.kind]]
-        save(distributions(title, [one for one in shown if _whole(one[1])], SIGNALS[picture.system]), path)
-        return path
     kind = next(kind for kind in KINDS if kind.stem == picture.kind)
+    title = f"{kind.title}: {picture.system}, {picture.scenario}"
     records = [(who, _run(picture, who)) for who in kind.whos]
-    save((side_by_side if kind.columns else overlaid)(f"{kind.title}: {title}", kind.parts, records), path)
-    return path
+    if kind.parts:
+        figure = (side_by_side if kind.columns else overlaid)(title, kind.parts, records)
+    else:
+        figure = distributions(title, [one for one in records if _whole(one[1])], SIGNALS[picture.system])
+    save(figure, folder / picture.file)
+    return folder / picture.file
 
 
 def _run(picture: Picture, who: Who) -> Record:
@@ -173,7 +172,7 @@ def distributions(title: str, shown: Sequence[tuple[Who, Record]], signals: Sequ
         axis.set_title(name(who), fontsize="small")
     for axis in axes[-1]:
         axis.set_xlabel("t [s]")
-    figure.suptitle(f"SPWVD: {title}", fontweight="bold", fontsize="medium")
+    figure.suptitle(title, fontweight="bold", fontsize="medium")
     return figure
 
 

@@ -74,7 +74,7 @@ def gather(tables: Sequence[str], draws: int | None, folder: Path, jobs: int) ->
             study = runs.ensemble(system, scenario, few, draws, link=LINK)
             delayed[place] = runs.carry_out(study, f"{title}-{LINK}", journals, jobs)
     told = _variants([one for one in asked if one in VARIANT_TABLES], figures, journals, jobs)
-    drawn = _pictures(systems, folder, jobs, mimo="6.2" in asked or "6.1" in asked)
+    drawn = _pictures(asked, folder, jobs)
     return Results(asked, draws, counted, own, figures, ensembles, delayed, told, drawn)
 
 
@@ -101,10 +101,10 @@ def _variants(tables: Sequence[str], base: dict[Run, dict[str, float] | None], j
     return found
 
 
-def _pictures(systems: Sequence[str], folder: Path, jobs: int, *, mimo: bool) -> list[Path]:
+def _pictures(tables: Sequence[str], folder: Path, jobs: int) -> list[Path]:
     """Pictures of responses, distributions, and what is learnt, several at a time."""
     progress = Progress("pictures", "pictures")
     try:
-        return run_all(partial(pictures.draw, folder), pictures.wanted(systems, mimo=mimo), jobs, progress)
+        return run_all(partial(pictures.draw, folder), pictures.wanted(tables), jobs, progress)
     finally:
         progress.close()

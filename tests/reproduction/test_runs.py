@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from facts_damping.configuration import load_case
+from facts_damping.parameters.link import Noise
 from facts_damping.reproduction import explanations
 from facts_damping.reproduction.agreement import Run, name
 from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, Who, cells
@@ -11,6 +12,8 @@ from facts_damping.reproduction.results import FOUND
 from facts_damping.reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
 from facts_damping.studies import architectures, axes, compare
 from facts_damping.studies.batch import Base, make
+
+Made = dict[Run, dict[str, float] | None]
 
 
 def test_a_run_of_the_tables_is_that_of_compare_and_of_architectures(tmp_path: Path) -> None:
@@ -48,8 +51,9 @@ def test_every_controller_runs_in_every_ensemble(system: str) -> None:
         base = Base({"system": system, "scenario": scenario}, "here", {**study.set}, modes=False)
         for point in (points[0], points[-1]):
             case = make(base, point.changes)
-            assert case.link.up[-1].model == "noise"
-            assert case.links[0].up[-1].std == point.columns["noise_std_pu"]
+            last = case.link.up[-1]
+            assert isinstance(last, Noise)
+            assert last.std == point.columns["noise_std_pu"]
 
 
 @pytest.mark.parametrize("variant", explanations.TABLE, ids=lambda variant: variant.name)
@@ -72,7 +76,7 @@ def test_every_set_up_can_be_run_and_differs_from_that_of_the_tables(variant: ex
 def test_the_set_up_of_the_tables_agrees_with_itself() -> None:
     system, tables = "smib", cells(("4.1",))
     asked = [who for who in whos(tables, system) if who == LLC or who.scheme]
-    made = {
+    made: Made = {
         Run(system, scenario, who): dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE", "smoothness"), 1.0 + i * 7 % 12)
         for scenario in SCENARIOS[system].values()
         for i, who in enumerate(asked)
@@ -80,15 +84,16 @@ def test_the_set_up_of_the_tables_agrees_with_itself() -> None:
     (told,) = explanations.told("x", tables, made, made)
     assert told.rho_own == pytest.approx(1.0)
     assert told.unstable == 0
-    lost = {run: None if run.who.controller == "HBsWC" else one for run, one in made.items()}
+    lost: Made = {run: None if run.who.controller == "HBsWC" else one for run, one in made.items()}
     (told,) = explanations.told("x", tables, lost, made)
     assert told.unstable == len(SCENARIOS[system])
+    assert told.rho_own is not None
     assert told.rho_own < 1.0
 
 
 def test_the_way_to_the_bound() -> None:
     place = ("smib", "light")
-    made = {Run(*place, who): {"ITAE": value} for who, value in zip(BASELINES, (9.0, 5.0, 2.0, 1.0), strict=True)}
+    made: Made = {Run(*place, who): {"ITAE": value} for who, value in zip(BASELINES, (9.0, 5.0, 2.0, 1.0), strict=True)}
     made[Run(*place, Who("MISO", "HBsWC", "direct"))] = None
     assert [reached(made, Run(*place, who), "ITAE") for who in BASELINES] == [-100.0, 0.0, 75.0, 100.0]
     assert reached(made, Run(*place, Who("MISO", "HBsWC", "direct")), "ITAE") is None

@@ -1,0 +1,80 @@
+"""The command as users type it, on a small table with few draws, and the page that it has made."""
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from facts_damping.cli import main
+from facts_damping.files import share_folder
+from facts_damping.reproduction.agreement import Run, compare
+from facts_damping.reproduction.printed import Who, cells
+from facts_damping.reproduction.results import TITLES
+from facts_damping.reproduction.runs import carry_out, figures, nominal, whos
+
+PAGE = share_folder() / "docs" / "reproduction"
+CHECKED = (("4.1", "light", "HBsWC"), ("5.3", "small", "ANFLeWC"), ("6.2", "multiple", "ANFTSC"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("reproduce") / "first"
+    assert main(["reproduce", "3.1", "6.1", "--draws", "3", "--jobs", "2", "--out", str(made)]) == 0
+    return made
+
+
+@pytest.mark.timeout(900)
+def test_two_runs_give_identical_tables(folder: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    told = tmp_path / "told.json"
+    options = ["--draws", "3", "--jobs", "1", "--out", str(again), "--json", str(told)]
+    assert main(["reproduce", "3.1", "6.1", *options]) == 0
+    names = sorted(path.name for path in folder.iterdir() if path.suffix in (".md", ".csv", ".html", ".png"))
+    assert {"reproduction.md", "tables.md", "cells.csv", "ensembles.csv", "complexity.csv"} <= set(names)
+    for name in names:
+        assert (folder / name).read_bytes() == (again / name).read_bytes(), name
+    content = json.loads(told.read_text())
+    assert content["tables"] == ["3.1", "6.1"]
+    with (again / "cells.csv").open() as file:
+        assert len(content["cells"]) == len(list(csv.DictReader(file))) == 33
+
+
+@pytest.mark.timeout(900)
+def test_what_is_written_holds_together(folder: Path) -> None:
+    page = "\n".join((folder / name).read_text() for name in ("reproduction.md", "tables.md"))
+    for picture in re.findall(r"\]\(([^)]+\.png)\)", page):
+        assert (folder / picture).is_file(), picture
+    web = (folder / "reproduction.html").read_text()
+    assert not re.search(r'(src|href)="https?:', web)
+    assert web.count("<table>") == len(re.findall(r"^\| ?-", page, re.MULTILINE))
+    assert web.count("data:image/png;base64,") == len(re.findall(r"!\[", page))
+    with (folder / "ensembles.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["draws"] for row in rows} == {"3"}
+    assert {row["link"] for row in rows} == {"ideal", "pdci_100ms"}
+    assert {"MISO LLC-tuned", "MISO LQG", "MIMO LQG"} <= {row["who"] for row in rows}
+
+
+def test_an_unknown_table_is_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["reproduce", "4.3", "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"facts-damping: TABLE: '4.3' given; allowed: {', '.join(TITLES)}\n"
+
+
+@pytest.mark.parametrize(("table", "scenario", "controller"), CHECKED)
+def test_cells_of_the_page_are_those_of_a_run(table: str, scenario: str, controller: str, tmp_path: Path) -> None:
+    own = [c for c in cells([table]) if (c.scenario, c.controller) == (scenario, controller)]
+    asked = whos(own, own[0].system)
+    made = figures(carry_out(nominal(own[0].system, asked), "some", tmp_path, 1), asked)
+    with (PAGE / "cells.csv").open() as file:
+        rows = [
+            row
+            for row in csv.DictReader(file)
+            if (row["table"], row["scenario"], row["controller"]) == (table, scenario, controller)
+        ]
+    assert len(rows) == len(own) > 0
+    for row, one in zip(rows, compare(own, made), strict=True):
+        assert float(row["ours"]) == pytest.approx(one.ours, rel=1e-6)
+        assert float(row["printed"]) == one.cell.printed
+    assert Run(own[0].system, scenario, Who("MISO", "LQG", None)) in made
