@@ -131,7 +131,8 @@ def _open_name(content: dict[str, Any], key: str) -> None:
         return
     if top == "scenario":
         system = content.get("system", Run.model_fields["system"].default)
-        within = system.get("name", "") if isinstance(system, dict) else load_system(str(system)).name
+        own = system if isinstance(system, dict) else read_table(find("systems", str(system)))
+        within = own.get("name", "")
         scenario = read_table(find("scenarios", named, f"{within}/"))
         content.setdefault("duration", scenario.get("duration", Scenario.model_fields["duration"].default))
         content[top] = scenario.get("events", [])

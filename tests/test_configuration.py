@@ -151,6 +151,7 @@ REFUSED = [
     (["link.up.0.delay=-0.1"], "link.up.0.delay: -0.1 given; allowed: greater than or equal to 0"),
     (["link.up.0.model=chaos"], "link.up.0.model: 'chaos' given; allowed: 'constant'"),
     (["link.up.7.delay=0.1"], "link.up.7: '7' given; allowed: an index from 0 to 0"),
+    (["link.up.-1.delay=0.1"], "link.up.-1: '-1' given; allowed: an index from 0 to 0"),
     (["controllers.0.link=wet_string"], "links: 'wet_string' given; allowed: csg, delay_100ms, fibre, ideal"),
     (["controllers.0.link=7"], "controllers.0.link: 7 given; allowed: "),
     (["controllers.0.link={up: [{delay: -1}]}"], "controllers.0.link.up.0.delay: -1 given; allowed: greater than"),
@@ -263,6 +264,15 @@ def test_set_below_a_name_changes_the_named_files_content() -> None:
     assert [mean_delay([stage]) for stage in case.link.up] == [0.02, 0.0734]
     assert case.scenario.events[0].change == -0.2  # type: ignore[union-attr]
     assert case.duration == 20.0
+
+
+@pytest.mark.parametrize("link", ["ideal", "delay_100ms", "pdci"])
+def test_a_row_is_put_behind_a_list_of_any_length_and_reached_there(link: str) -> None:
+    noise = "link.up.+={model: noise, std: 0}"
+    before = load_case(None, [f"link={link}"]).link
+    after = load_case(None, ["link.up.-1.std=0.5", noise, f"link={link}"]).link
+    assert after.up[:-1] == before.up
+    assert (after.up[-1].model, after.up[-1].std, after.down) == ("noise", 0.5, before.down)
 
 
 def test_extends_takes_what_it_does_not_say_from_the_other_file() -> None:

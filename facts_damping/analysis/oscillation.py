@@ -98,7 +98,7 @@ def _half_strip(t: NDArray[np.float64], x: NDArray[np.float64]) -> float:
     slope, reach = 0.0, 2 * height / length  # a steeper strip would be higher than the level one
     for _ in range(STRIP_ROUNDS):
         slopes = slope + reach * np.linspace(-1, 1, STRIP_SLOPES)
-        heights = np.ptp(x[:, np.newaxis] - t[:, np.newaxis] * slopes, axis=0)
+        heights = np.ptp(x - t * slopes[:, np.newaxis], axis=1)
         best = int(np.argmin(heights))
         slope, height, reach = float(slopes[best]), float(heights[best]), 2 * reach / (STRIP_SLOPES - 1)
     return height / 2

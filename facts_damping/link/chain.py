@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 # What a stage does. Chains are filled up with stages of zeros, which act on nothing.
-CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP = range(12)
+CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP, NOISE = range(13)
 MODELS = {
     "constant": CONSTANT,
     **dict.fromkeys(DRAWN_MODELS, DRAWN),
@@ -37,8 +37,9 @@ MODELS = {
     "bias": BIAS,
     "scale": SCALE,
     "ramp": RAMP,
+    "noise": NOISE,
 }
-NUMBER = {"bias": "bias", "scale": "factor", "ramp": "rate"}  # field of the number that a model needs
+NUMBER = {"bias": "bias", "scale": "factor", "ramp": "rate", "noise": "std"}  # field of the number that a model needs
 DELAY = {"constant": "delay", "wait": "wait", "playout": "delay", "spoof": "offset"}  # field of a time
 CHANCE = (DRAWN, DUPLICATE)  # codes of stages that need draws
 FOREVER = LOST
@@ -50,9 +51,9 @@ STAGE = np.dtype(
         ("until_ns", "i8"),  # and before then
         ("begin_ns", "i8"),  # the start as the file has it; a replay keeps its window before
         ("delay_ns", "i8"),  # delay, wait, age or offset of stamps
-        ("number", "f8"),  # bias, factor or rate
+        ("number", "f8"),  # bias, factor, rate or standard deviation
         ("measurement", "i8"),  # column of the values that it disturbs; -1: all
-        ("window", "i8"),  # entries of a replayed window
+        ("window", "i8"),  # entries of a replayed window, or draws of noise
         ("stamped", "i8"),  # 1: a wait counts from the time of sending
         ("complete", "i8"),  # 1: a wait ends once all are there
         ("hold", "i8"),  # 1: a missing entry is its last one
@@ -70,7 +71,7 @@ class Chain(NamedTuple):
     concerns: NDArray[np.bool_]  # (links, stages, channels): on whose entries a stage acts
     drawn: NDArray[np.int64]  # (links, stages, draws, copies, channels): delays in ns, LOST, or whether it is copied
     last_ns: NDArray[np.int64]  # (links, stages, channels): when the last one left; 1: something is kept
-    kept: NDArray[np.float64]  # (links, stages, window, channels, width): values of earlier entries
+    kept: NDArray[np.float64]  # (links, stages, window, channels, width): values of earlier entries, draws of noise
 
 
 class Packets(NamedTuple):
@@ -103,7 +104,7 @@ def chains(given: Sequence[Sequence[Any]], way: Way) -> tuple[Chain, Packets]:
     n, most, channels = len(given), max((len(own) for own in given), default=0), len(way.channels)
     draws = way.draws if any(code in CHANCE for code in codes) else 1
     copies = 2 if DUPLICATE in codes else 1
-    windows = [_window(stage, way) for stage in stages if stage.model == "replay"]
+    windows = [_window(stage, way) for stage in stages if stage.model in ("replay", "noise")]
     made = Chain(
         rows=np.zeros((n, most), STAGE),
         concerns=np.zeros((n, most, channels), np.bool_),
@@ -126,7 +127,9 @@ def chains(given: Sequence[Sequence[Any]], way: Way) -> tuple[Chain, Packets]:
 
 
 def _window(stage: Any, way: Way) -> int:
-    """Entries of a replayed window."""
+    """Entries of a replayed window; of noise its draws."""
+    if stage.model == "noise":
+        return max(1, way.draws)
     frames: int = round(stage.window * way.frame_rate)
     return max(1, frames)
 
@@ -141,16 +144,19 @@ def put(made: Chain, link: int, s: int, stage: Any, way: Way) -> None:
     row[s]["number"] = getattr(stage, NUMBER[stage.model]) if stage.model in NUMBER else 0.0
     measurement = getattr(stage, "measurement", None)
     row[s]["measurement"] = -1 if measurement is None else list(CHANNELS).index(measurement)
-    if code == REPLAY:
+    if code in (REPLAY, NOISE):
         row[s]["window"] = _window(stage, way)
     if code == WAIT:
         row[s]["stamped"], row[s]["hold"] = stage.reference == "stamp", stage.missing == "hold"
         row[s]["complete"] = stage.send == "complete"
     names = [one for name in stage.channels or way.channels for one in way.groups.get(name, [name])]
     made.concerns[link, s] = [name in names for name in way.channels]
+    seed, direction = way.seed
+    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(link, direction, s)))
+    if code == NOISE:
+        own = made.kept[link, s, : row[s]["window"]]
+        own[:] = random.standard_normal(own.shape)
     if code in CHANCE:
-        seed, direction = way.seed
-        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(link, direction, s)))
         made.drawn[link, s] = draw(stage, made.drawn.shape[2:], way.channels, random)
 
 
@@ -216,7 +222,7 @@ def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
     if row.model == SPOOF:
         p.stamp_ns[channel] += row.delay_ns
         return
-    place = p.number[channel] % row.window if row.model == REPLAY else 0
+    place = p.number[channel] % row.window if row.model in (REPLAY, NOISE) else 0
     keeps = sent_ns < row.begin_ns or (row.model == FREEZE and c.last_ns[s, channel] == 0)
     for j in range(p.values.shape[1]):
         if row.measurement >= 0 and row.measurement != j:
@@ -227,6 +233,8 @@ def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
             p.values[channel, j] *= row.number
         elif row.model == RAMP:
             p.values[channel, j] += row.number * (sent_ns - row.begin_ns) * 1e-9
+        elif row.model == NOISE:
+            p.values[channel, j] += row.number * c.kept[s, place, channel, j]
         elif keeps:
             c.kept[s, place, channel, j] = p.values[channel, j]
         else:

@@ -207,6 +207,13 @@ class Ramp(_Disturbance):
     rate: float = quantity(..., "p.u./s or rad/s", "growth", ge=-1e3, le=1e3)
 
 
+class Noise(_Disturbance):
+    """Values and normal white noise of mean zero: every value of every entry by itself."""
+
+    model: Literal["noise"] = "noise"
+    std: float = quantity(..., "p.u. or rad", "standard deviation", ge=0, le=1e3)
+
+
 class Spoof(_Stage):
     """Time stamps that are wrong by an offset."""
 
@@ -238,6 +245,7 @@ Stage = Annotated[
         | Bias
         | Scale
         | Ramp
+        | Noise
         | Spoof,
         Field(discriminator="model"),
     ],

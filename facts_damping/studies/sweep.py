@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 JOURNAL = "rows.jsonl"
 COPY = "study.yaml"
+NETWORK = ("system", "scenario", "devices")  # fields of a run that make its plant
 # Rows of a point by the value of the margin's field; None: there is no margin.
 Seen = dict[float | None, dict[str, Any]]
 Rows = list[dict[str, Any]]
@@ -108,12 +109,22 @@ def _seen(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[Seen]:
 
 
 def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[Task]:
-    """The runs that come next; none: the study is done."""
-    return [
+    """The runs that come next; none: the study is done. Those on the same network follow each other, to share it."""
+    found = [
         _task(made, i, value)
         for i, seen in enumerate(_seen(made, rows))
         for value in (_wanted(made.study.margin, seen) if made.study.margin else [None] if not seen else [])
     ]
+    networks: dict[str, list[Task]] = {}
+    for task in found:
+        networks.setdefault(_network(task), []).append(task)
+    return [task for own in networks.values() for task in own]
+
+
+def _network(task: Task) -> str:
+    """What a run sets of the network and its events, as text."""
+    own = {path: value for path, value in task.changes.items() if path.partition(".")[0] in NETWORK}
+    return json.dumps(own, default=str)
 
 
 def _task(made: Plan, i: int, value: float | None) -> Task:

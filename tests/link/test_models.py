@@ -288,6 +288,72 @@ def test_disturbed_data(
             np.testing.assert_allclose(found["values"][found["station"] == s][:, j], wanted(y) if struck else y)
 
 
+def added(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> NDArray[np.float64]:
+    """What stages add to values that are zero, (ticks, stations, channels)."""
+    own, found = made(stages, [], ticks, seed), np.zeros((ticks, STATIONS, len(CHANNELS)))
+    for k in range(ticks):
+        count = uplink(own, 0, k, tick_ns(k, RATE), tick_ns(k + 1, RATE), np.zeros(found.shape[1:]))
+        assert count == STATIONS
+        found[k, own.up.out[0, :count]["station"]] = own.up.out[0, :count]["values"]
+    return found
+
+
+def test_noise_is_normal_white_and_apart_in_every_value() -> None:
+    """Mean 0, the deviation, the distribution, and no correlation: within four standard errors, of 15 x 15 pairs."""
+    n, std = 10_000, 2.5
+    series = added([{"model": "noise", "std": std}], n).reshape(n, -1).T
+    assert np.abs(series.mean(axis=1)).max() < 4.0 * std / math.sqrt(n)
+    assert np.abs(series.std(axis=1) / std - 1.0).max() < 4.0 / math.sqrt(2.0 * n)
+    assert min(stats.kstest(own / std, "norm").pvalue for own in series) > 1e-4
+    assert np.abs(np.corrcoef(series)[np.triu_indices(len(series), 1)]).max() < 4.5 / math.sqrt(n)
+    for lag in (1, 2, 7):
+        later = [[np.corrcoef(a[lag:], b[:-lag])[0, 1] for a in series] for b in series]
+        assert np.abs(later).max() < 4.5 / math.sqrt(n)
+
+
+def test_noise_is_the_seeds_and_grows_with_its_deviation() -> None:
+    noise = {"model": "noise", "std": 1.0}
+    first = added([noise], 50, 7)
+    assert added([noise], 50, 7).tobytes() == first.tobytes()
+    np.testing.assert_array_equal(added([noise | {"std": 0.25}], 50, 7), 0.25 * first)
+    assert (added([noise], 50, 8) != first).all()
+    assert added([noise | {"std": 0.0}], 50, 7).tobytes() == np.zeros_like(first).tobytes()
+    both = added([noise, noise], 50, 7)  # another place, other draws
+    assert np.abs(np.corrcoef(first.ravel(), (both - first).ravel())[0, 1]) < 4.0 / math.sqrt(first.size)
+
+
+def test_noise_is_where_it_is_said_to_be() -> None:
+    """In its window, on its stations, in its measurement, and there it is what it is everywhere."""
+    within = {"start": 0.3, "duration": 0.2, "channels": ["both"], "measurement": "speed_deviation"}
+    whole, part = (added([{"model": "noise", "std": 1.0, **more}], 40) for more in ({}, within))
+    wanted = np.zeros_like(whole)
+    wanted[np.ix_(DURING, [0, 2], [SPEED])] = whole[np.ix_(DURING, [0, 2], [SPEED])]
+    np.testing.assert_array_equal(part, wanted)
+
+
+def test_setpoints_have_noise_of_their_own() -> None:
+    own, rows = made([], [{"model": "noise", "std": 0.1}], 400), np.zeros(DEVICES, SETPOINT)
+    rows["device"] = range(DEVICES)
+    found = np.zeros((400, DEVICES))
+    for k in range(400):
+        rows["issued_ns"] = tick_ns(k, RATE)
+        assert downlink(own, 0, k, tick_ns(k + 1, RATE), rows, DEVICES) == DEVICES
+        found[k, own.down.out[0, :DEVICES]["device"]] = own.down.out[0, :DEVICES]["value"]
+    assert np.abs(found.std(axis=0) / 0.1 - 1.0).max() < 4.0 / math.sqrt(800.0)
+    assert abs(np.corrcoef(found.T)[0, 1]) < 4.0 / 20.0
+
+
+def test_the_deviation_of_noise_may_be_changed() -> None:
+    """From then on, with the draws as they were."""
+    own = made([{"model": "noise", "std": 1.0}], [], 20)
+    whole, before = send(made([{"model": "noise", "std": 1.0}], [], 20), 20), send(own, 10)
+    more = changed(own.up, 0, 0, one_stage.validate_python({"model": "noise", "std": 3.0}), way_up(20))
+    found, plain = np.concatenate([before, send(own._replace(up=more), 10, 10)]), send(made([], [], 20), 20)
+    factor = np.where(plain["measured_ns"] < 10 * PERIOD_NS, 1.0, 3.0)[:, None]
+    noise = whole["values"] - plain["values"]
+    np.testing.assert_allclose(found["values"] - plain["values"], factor * noise, atol=1e-12)
+
+
 def test_time_stamps_may_be_wrong() -> None:
     found = send(made([{"model": "spoof", "offset": -0.5, "start": 0.1}], [], 10), 10)
     stamp = np.repeat(np.arange(10) * PERIOD_NS, STATIONS)
@@ -339,6 +405,7 @@ anything = st.one_of(
     stage("bias", bias=st.floats(-9.0, 9.0)),
     stage("scale", factor=st.floats(-9.0, 9.0)),
     stage("ramp", rate=st.floats(-9.0, 9.0)),
+    stage("noise", std=st.floats(0.0, 9.0)),
     stage("spoof", offset=st.floats(-1.0, 1.0)),
 )
 waits = stage(

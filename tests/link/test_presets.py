@@ -29,6 +29,7 @@ PRESETS: dict[str, tuple[float, float, float, float]] = {
     "ideal": (0.0, 0.0, 0.0, 0.0),
     "delay_100ms": (0.1, 0.1, 0.1, 0.0),
     "pdci": (0.069, 0.082, 0.15, 0.005 * math.sqrt(2.6)),
+    "pdci_100ms": (0.087, 0.1, 0.168, 0.005 * math.sqrt(2.6)),
     "csg": (0.11, 0.11, 0.11, 0.0),
     "fibre": (0.1, 0.125, 0.15, 0.05 / math.sqrt(12.0)),
     "plc": (0.15, 0.25, 0.35, 0.2 / math.sqrt(12.0)),

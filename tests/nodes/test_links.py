@@ -59,6 +59,7 @@ WRONG = {
         {"model": "spoof", "offset": 0.02, "start": 1.5, "channels": ["w13"]},
         {"model": "replay", "window": 0.3, "start": 2.0, "duration": 0.5},
         {"model": "ramp", "rate": 0.01, "start": 2.5},
+        {"model": "noise", "std": 1e-4, "measurement": "speed_deviation"},
     ],
     "down": [{"model": "bernoulli", "loss": 0.2}, {"model": "in_order"}, {"model": "playout", "delay": 0.1}],
 }
