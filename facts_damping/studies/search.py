@@ -19,7 +19,7 @@ from scipy.stats import qmc
 
 from facts_damping.configuration import load_system
 from facts_damping.studies.pool import run_all
-from facts_damping.studies.scoring import Draw, Score, draws, score
+from facts_damping.studies.scoring import Draw, Score, draws, ensemble, score
 from facts_damping.studies.structures import Choice, Structure, structures
 
 if TYPE_CHECKING:
@@ -111,6 +111,7 @@ def judge(against: Sequence[Draw], entry: Entry) -> Entry:
 
 def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
     """All structures, the best first."""
+    ensemble(task.system)  # whose message says which systems there are
     left, out = [Entry(one) for one in structures(load_system(task.system), names, task.devices)], list[Entry]()
     most = rungs(len(left))
     known = draws(task.system, task.link, 2 ** (most - 1) + FRESH)
