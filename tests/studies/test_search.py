@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from facts_damping.studies.scoring import Draw
+    from facts_damping.studies.tune import Scheme
 
 TINY = ["smib", "gaussian+sam", "--budget", "1", "--seed", "4", "--jobs", "1"]
 BEST = sorted(name for name in shipped("runs") if name.startswith(("best_", "lead_lag_")))
@@ -95,10 +96,8 @@ def test_every_pair_is_there_in_both_schemes_with_all_devices() -> None:
         ("b-spline+fourier", "indirect", ("sssc", "statcom")),
     ],
 )
-def test_what_is_chosen_is_within_what_parameters_may_be(
-    name: str, scheme: study.Structure, devices: tuple[str, ...]
-) -> None:
-    choice, random = Choice(Structure(name, scheme, devices), "two_area", delayed=True), np.random.default_rng(1)  # type: ignore[arg-type]
+def test_what_is_chosen_is_within_what_parameters_may_be(name: str, scheme: Scheme, devices: tuple[str, ...]) -> None:
+    choice, random = Choice(Structure(name, scheme, devices), "two_area", delayed=True), np.random.default_rng(1)
     row, seen = kind(name), set()
     for at in [np.zeros(choice.size), np.ones(choice.size), *random.random((30, choice.size))]:
         made = choice.controller(at)
