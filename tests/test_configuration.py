@@ -15,6 +15,7 @@ from facts_damping.configuration import load_case, load_system, make_case, tuned
 from facts_damping.errors import InputError
 from facts_damping.files import dump, read_table, shipped
 from facts_damping.link.draws import mean_delay
+from facts_damping.parameters.link import Noise
 from facts_damping.plant.build import build
 from facts_damping.plant.network import series_devices
 
@@ -272,7 +273,7 @@ def test_a_row_is_put_behind_a_list_of_any_length_and_reached_there(link: str) -
     before = load_case(None, [f"link={link}"]).link
     after = load_case(None, ["link.up.-1.std=0.5", noise, f"link={link}"]).link
     assert after.up[:-1] == before.up
-    assert (after.up[-1].model, after.up[-1].std, after.down) == ("noise", 0.5, before.down)
+    assert (after.up[-1], after.down) == (Noise(std=0.5), before.down)
 
 
 def test_extends_takes_what_it_does_not_say_from_the_other_file() -> None:

@@ -115,6 +115,25 @@ sweep:
         assert {name: row[name] for name in told["indices"]} == told["indices"]
 
 
+def test_runs_on_the_same_network_follow_each_other(tmp_path: Path) -> None:
+    """Whatever the order of the axes; the table has theirs."""
+    text = """
+run: {duration: 2}
+sweep:
+  - {field: controllers.0.parameters.gain, values: [5, 10, 20]}
+  - {field: scenario, values: [small, large]}
+  - {field: seed, values: [1, 2]}
+"""
+    path = study(tmp_path, text)
+    tasks = sweep._tasks(sweep.plan(str(path), []), {})
+    assert sorted(task.key for task in tasks) == sorted(map(str, range(12)))
+    assert [task.columns["scenario"] for task in tasks] == ["small"] * 6 + ["large"] * 6
+    rows = swept(tmp_path, path)["rows"]
+    assert [(row["controllers.0.parameters.gain"], row["scenario"], row["seed"]) for row in rows] == [
+        (gain, scenario, seed) for gain in (5, 10, 20) for scenario in ("small", "large") for seed in (1, 2)
+    ]
+
+
 def test_a_system_that_changes_between_two_sweeps_of_a_process_is_built_anew(tmp_path: Path) -> None:
     system, found = files.read_table(files.find("systems", "two_area")), {}
     path = study(tmp_path, f"run: {{system: {tmp_path / 'grid.yaml'}, duration: 3}}\n")

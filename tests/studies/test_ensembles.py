@@ -1,0 +1,93 @@
+"""The shipped ensembles: every draw can be run, noise is behind every link, and is in no figure but through control."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from facts_damping import loop
+from facts_damping.configuration import load_case, load_system
+from facts_damping.files import shipped
+from facts_damping.parts import build_plant
+from facts_damping.signals import CHANNELS
+from facts_damping.studies import sweep
+from facts_damping.studies.batch import make, one_run
+
+ENSEMBLES = [name for name in shipped("studies") if name.startswith("ensemble_")]
+SYSTEMS = ("smib", "two_area")
+
+
+def test_there_is_one_a_scenario() -> None:
+    """Of both systems of the thesis."""
+    wanted = [name.replace("/", "_") for name in shipped("scenarios") if name.split("/")[0] in SYSTEMS]
+    assert sorted(f"ensemble_{name}" for name in wanted) == ENSEMBLES
+
+
+@pytest.mark.parametrize("name", ENSEMBLES)
+def test_every_draw_starts_from_an_equilibrium_of_its_own(name: str) -> None:
+    """Also the limits of all controls admit it: the plant can be built. No two draws are alike in anything."""
+    plan = sweep.plan(name, [])
+    assert len(plan.points) == (8 if name.endswith("training") else 100)
+    cases = [make(plan.base, point.changes) for point in plan.points]
+    starts = {build_plant(case).state.x.tobytes() for case in cases}
+    assert len(starts) == len(plan.points)
+    for column in plan.points[0].columns:
+        assert len({point.columns[column] for point in plan.points}) == len(plan.points), column
+    rated = {m.name: m.rating for m in load_system(name.removeprefix("ensemble_").rpartition("_")[0]).machines}
+    for case in cases:
+        assert all((m.P or 0.0) < 1.001 * rated[m.name] for m in case.system.machines)
+
+
+@pytest.mark.parametrize("name", ENSEMBLES)
+def test_an_ensemble_holds_the_scenario_that_it_is_named_after(name: str) -> None:
+    """Each number of its events and each dispatched power lies within what is drawn; the kinds are the same."""
+    system, _, scenario = name.removeprefix("ensemble_").rpartition("_")
+    plan = sweep.plan(name, [])
+    own = load_case(None, [f"system={system}", f"scenario={scenario}"])
+    drawn = [make(plan.base, point.changes) for point in plan.points]
+    assert all(case.duration == own.duration and len(case.run.controllers) == 1 for case in drawn)
+    for i, event in enumerate(own.scenario.events):
+        for field, value in event.model_dump().items():
+            found = [case.scenario.events[i].model_dump()[field] for case in drawn]
+            if not isinstance(value, float):
+                assert set(found) == {value}
+            elif len(set(found)) > 1 and field != "location":  # places are drawn along a whole line
+                assert min(found) < value < max(found)
+            elif len(set(found)) == 1:
+                assert found[0] == value
+    for m, power in enumerate(one.P for one in own.system.machines):
+        if power is not None:
+            found = [float(case.system.machines[m].P or 0.0) for case in drawn]
+            assert min(found) < power <= 1.001 * max(found)
+
+
+@pytest.mark.parametrize("link", ["ideal", "delay_100ms", "pdci_100ms"])
+@pytest.mark.parametrize("name", ["ensemble_two_area_small", "ensemble_smib_heavy"])
+def test_noise_is_behind_any_link(name: str, link: str) -> None:
+    plan = sweep.plan(name, [f"link={link}"])
+    preset = load_case(None, [f"link={link}"]).link
+    for point in plan.points[:5]:
+        case = make(plan.base, point.changes)
+        assert (case.link.up[:-1], case.link.down) == (preset.up, preset.down)
+        noise = case.link.up[-1].model_dump()
+        assert (noise["model"], noise["measurement"], noise["channels"]) == ("noise", "speed_deviation", None)
+        assert noise["std"] == point.columns["noise_std_pu"]
+        assert 1e-7 <= noise["std"] <= 1e-5
+        assert case.run.seed == point.columns["seed"]
+
+
+def test_a_row_names_the_link_that_noise_was_put_behind() -> None:
+    plan = sweep.plan("ensemble_two_area_small", ["link=pdci_100ms", "duration=2"])
+    row = one_run(plan.base, sweep._tasks(plan, {})[0])[1]
+    assert (row["link"], row["scenario"], row["controller"], row["error"]) == ("pdci_100ms", "small", "LLC", None)
+
+
+def test_measured_speeds_are_noisy_for_controllers_alone() -> None:
+    """Without a controller the record's frames are those of a run without noise; what arrives differs by its std."""
+    noise = "link.up.+={model: noise, measurement: speed_deviation, std: 1e-5}"
+    plain, noisy = (loop.run(load_case(None, ["controllers=[]", "duration=5", *more])) for more in ([], [noise]))
+    assert noisy.frames.tobytes() == plain.frames.tobytes()
+    error = (noisy.delivered["values"] - plain.delivered["values"])[plain.delivered["station"] < 4]  # at machines
+    assert np.flatnonzero(np.nan_to_num(error).any(axis=0)).tolist() == [list(CHANNELS).index("speed_deviation")]
+    own = error[:, list(CHANNELS).index("speed_deviation")]
+    assert own.std() == pytest.approx(1e-5, rel=4.0 / np.sqrt(2.0 * len(own)))
