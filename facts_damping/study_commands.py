@@ -1,4 +1,4 @@
-"""What the commands that make many runs do: tune, compare, architectures, jacobian, portray, margin, reproduce."""
+"""What the commands that make many runs do: tune and search, compare, sweep, reproduce and others."""
 
 from __future__ import annotations
 
@@ -32,6 +32,35 @@ def tune(arguments: argparse.Namespace) -> None:
     for row in found.controllers:
         say(arguments, f"{row.name:<10} {row.scheme or '':<9} objective {row.objective:g}")
     say(arguments, text if arguments.out is None else f"parameters: {arguments.out}")
+
+
+def search(arguments: argparse.Namespace) -> None:
+    """Choose a controller and its parameters on draws of training alone: all pairs, schemes, devices, compensations."""
+    from facts_damping.studies import search as study
+    from facts_damping.studies import search_pages as pages
+
+    files.check_writable(arguments.out, "--out")
+    files.check_writable(arguments.lead_lag, "--lead-lag")
+    devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
+    task = study.Task(arguments.system, arguments.link, devices, arguments.budget, arguments.seed)
+    progress = Progress("search", "structures")
+    try:
+        found = study.search(task, arguments.controllers, arguments.jobs, progress)
+    finally:
+        progress.close()
+    command = task.command(arguments.controllers)
+    opponent = next(entry for entry in found if entry.structure.is_lead_lag)
+    told = {
+        path: pages.run_file(task, command, one)
+        for path, one in ((arguments.out, found[0]), (arguments.lead_lag, opponent))
+    }
+    for path, text in told.items():
+        if path is not None:
+            files.write_whole(Path(path), text)
+    write_json(arguments.json, {"command": command, "ranking": pages.rows(found)})
+    for line in pages.text(found):
+        say(arguments, line)
+    say(arguments, told[None] if arguments.out is None else f"run: {arguments.out}")
 
 
 def compare(arguments: argparse.Namespace) -> None:

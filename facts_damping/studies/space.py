@@ -64,6 +64,10 @@ INDIRECT = {
     "identifier_weight": Range(0.5, 4.0),
 }
 RATES = ("fixed", "lyapunov")  # searched too: a place below and above one half
+GUARDS = {  # of `search`, beside those of the profile
+    "dead_zone": Range(1e-4, 0.1, logarithmic=True),
+    "clip": Range(0.02, 2.0, logarithmic=True),
+}
 
 
 class Space(NamedTuple):

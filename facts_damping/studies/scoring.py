@@ -1,0 +1,143 @@
+"""How good a controller is on draws of a training ensemble, beside LLC-tuned on the same draws.
+
+    score = max_i mean_d log(I_id / I_id of LLC-tuned)          i: ITAE, IAE, ITSE, ISE (4.108); d: draws
+            + UNDAMPED (share of draws whose oscillation does not die)
+            + PRICE max(0, mean_d(effort - effort of LLC-tuned)),  effort = mean |u| / u_max
+
+0 is as good as LLC-tuned, and below 0 all four indices are better, as geometric means over the draws. A run that loses
+synchronism counts LOST and more, the earlier the more; then no further draw is run.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.analysis.indices import INDICES, performance_indices
+from facts_damping.analysis.measures import columns, event_times, setpoint_limits, speed_differences
+from facts_damping.analysis.oscillation import is_damped
+from facts_damping.configuration import make_case, tuned
+from facts_damping.errors import FactsDampingError, InputError, check_known
+from facts_damping.files import shipped
+from facts_damping.parameters.run import Controller
+from facts_damping.studies import sweep
+from facts_damping.studies.batch import closed_loop, make, names
+from facts_damping.studies.tune import SCENARIO
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from facts_damping.configuration import Case
+    from facts_damping.signals import Record
+
+LOST, UNDAMPED, PRICE = 10.0, 1.0, 0.1
+REFERENCE = "LLC-tuned"
+PREFIX = "search_"  # of the studies whose draws it is trained on
+
+
+class Figures(NamedTuple):
+    """What is judged of a run."""
+
+    lasted: float  # share of its duration in synchronism
+    indices: dict[str, float]
+    effort: float  # mean share of the devices' limits
+    damped: bool
+
+
+class Draw(NamedTuple):
+    """A run of the ensemble without controllers, everything inline, and the figures of LLC-tuned in it."""
+
+    content: dict[str, Any]
+    reference: Figures
+
+
+class Score(NamedTuple):
+    """A score and what it is made of; of a controller that loses synchronism the score alone."""
+
+    value: float
+    ratios: dict[str, float]  # geometric mean of an index over that of LLC-tuned
+    undamped: float  # share of draws
+
+
+def figures(record: Record) -> Figures:
+    """Figures of a run; of one that loses synchronism only how long it lasted."""
+    if not record.in_synchronism.all():
+        duration = float(record.configuration["duration"])
+        return Figures(min(float(record.time_s[-1]) / duration, 1.0 - 1e-9), {}, 0.0, damped=False)
+    t, deviations = record.time_s, columns(speed_differences(record))
+    limits = setpoint_limits(record.configuration)
+    share = np.abs(record.devices["setpoint"]) / np.array([limits[name] for name in record.device_names])
+    damped = is_damped(t, deviations, (event_times(record) or [0.0])[-1])
+    return Figures(1.0, performance_indices(t, deviations), float(share.mean()), damped)
+
+
+def draws(system: str, link: str | None, number: int) -> list[Draw]:
+    """The nominal run of training, then draws of `config/studies/search_<system>.yaml` in their order.
+
+    Draws in which LLC-tuned loses synchronism, or that have no power flow, are left out: there is nothing to count
+    from. `link`: instead of the ensemble's. Raises `InputError` where the system has no such ensemble, LLC-tuned is not
+    tuned, the ensemble has another scenario than that of training, or too few draws.
+    """
+    made = ensemble(system)
+    if (REFERENCE, None) not in tuned(system, ["speed"], ["sssc"]):
+        raise InputError(f"SYSTEM: '{system}' given, for which LLC-tuned is not tuned; allowed: one for which it is")
+    more = {} if link is None else {"link": link}
+    base = made.base._replace(set={**made.base.set, **more})
+    nominal = make(base._replace(set={"system": system, "scenario": SCENARIO, **more}, content={}), {})
+    found = [_draw(nominal)]
+    for point in made.points:
+        if len(found) >= number:
+            break
+        try:
+            found.append(_draw(make(base, point.changes)))
+        except FactsDampingError:
+            continue
+    if len(found) < number:
+        raise InputError(f"{made.base.source}: {len(found)} draws in synchronism given; allowed: at least {number}")
+    return found
+
+
+def ensemble(system: str) -> sweep.Plan:
+    """The draws of a system, of which none has another scenario than that of training."""
+    known = [name.removeprefix(PREFIX) for name in shipped("studies") if name.startswith(PREFIX)]
+    check_known("SYSTEM", system, known)
+    made = sweep.plan(f"{PREFIX}{system}", [])
+    for point in made.points:
+        told = names(made.base, point.changes)
+        if (told["system"], told["scenario"]) != (system, SCENARIO):
+            raise InputError(
+                f"{made.base.source}: scenario: '{told['scenario']}' given; allowed: {SCENARIO} of {system}"
+            )
+    return made
+
+
+def _draw(case: Case) -> Draw:
+    """A draw from its case. Raises `InputError` where LLC-tuned loses synchronism in it."""
+    content = {**case.document(), "asked": None}
+    found = run(content, Controller(name=REFERENCE))
+    if found.lasted < 1.0:
+        raise InputError(f"{REFERENCE} loses synchronism")
+    return Draw(content, found)
+
+
+def run(content: Mapping[str, Any], controller: Controller) -> Figures:
+    """The figures of a controller in a draw; its devices are those installed."""
+    own = {"devices": controller.devices, "controllers": [controller.model_dump()]}
+    return figures(closed_loop(make_case({**content, **own}, "search")))
+
+
+def score(controller: Controller, against: Sequence[Draw]) -> Score:
+    """The score of a controller on draws."""
+    found: list[Figures] = []
+    for draw in against:
+        one = run(draw.content, controller)
+        if one.lasted < 1.0:
+            return Score(LOST * (2.0 - (len(found) + one.lasted) / len(against)), {}, 1.0)
+        found.append(one)
+    pairs = list(zip(found, (draw.reference for draw in against), strict=True))
+    logs = {name: float(np.mean([np.log(a.indices[name] / b.indices[name]) for a, b in pairs])) for name in INDICES}
+    effort = float(np.mean([a.effort - b.effort for a, b in pairs]))
+    undamped = float(np.mean([not one.damped for one in found]))
+    value = max(logs.values()) + UNDAMPED * undamped + PRICE * max(0.0, effort)
+    return Score(value, {name: float(np.exp(log)) for name, log in logs.items()}, undamped)

@@ -1,0 +1,141 @@
+"""The search of a controller: successive halving over structures, differential evolution of each one's parameters.
+
+With n structures and a budget of B closed loops there are floor(log4 n) rungs, each with an equal share of B, divided
+among the structures that are left; the best quarter goes on (Jamieson and Talwalkar 2016, there half). In a rung every
+structure is searched by differential evolution (Storn and Price 1997, as SciPy has it), on twice as many draws of the
+training ensemble as in the rung before, and it goes on with its population. LLC-tuned is kept to the end. Of the last
+rung the best on draws that no rung has used is chosen.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.optimize import differential_evolution
+from scipy.stats import qmc
+
+from facts_damping.configuration import load_system
+from facts_damping.studies.pool import run_all
+from facts_damping.studies.scoring import Draw, Score, draws, ensemble, score
+from facts_damping.studies.structures import Choice, Structure, structures
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.run import Controller
+
+KEPT = 4  # of so many structures one goes on
+POPULATION = 16
+FRESH = 8  # draws of the last choice
+
+
+class Task(NamedTuple):
+    """What is searched for, with which budget of closed loops."""
+
+    system: str
+    link: str | None
+    devices: tuple[str, ...]  # none: with all that the system has
+    budget: int
+    seed: int
+
+    def command(self, names: Sequence[str]) -> str:
+        """The command that searches for it."""
+        link = [] if self.link is None else [f"--link {self.link}"]
+        devices = [f"--devices {','.join(self.devices)}"] if self.devices else []
+        words = ["facts-damping search", self.system, *names, *link, *devices]
+        return " ".join([*words, f"--budget {self.budget} --seed {self.seed}"])
+
+
+class Rung(NamedTuple):
+    """A rung: its number from 0, its draws, generations of each structure."""
+
+    number: int
+    draws: list[Draw]
+    generations: int
+
+
+class Entry(NamedTuple):
+    """How far the search of a structure is."""
+
+    structure: Structure
+    population: NDArray[np.float64] | None = None  # (points, coordinates)
+    controller: Controller | None = None
+    scores: tuple[Score, ...] = ()  # in each rung; after the last rung also on fresh draws
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """What it is sorted by: how many rungs it climbed, then the score of the last one."""
+        return -len(self.scores), self.scores[-1].value
+
+
+def rungs(count: int) -> int:
+    """How many rungs so many structures take."""
+    return max(1, int(math.log(count, KEPT) + 1e-9))
+
+
+@lru_cache(maxsize=4)
+def _choice(structure: Structure, system: str, *, delayed: bool) -> Choice:
+    return Choice(structure, system, delayed=delayed)
+
+
+def climb(task: Task, rung: Rung, entry: Entry) -> Entry:
+    """A structure after a rung."""
+    choice = _choice(entry.structure, task.system, delayed=task.link is not None)
+    random = np.random.default_rng([task.seed, rung.number])
+    start = entry.population
+    if start is None:
+        start = qmc.LatinHypercube(choice.size, rng=random).random(POPULATION)
+    found = differential_evolution(
+        lambda at: score(choice.controller(at), rung.draws).value,
+        [(0.0, 1.0)] * choice.size,
+        init=start,
+        maxiter=rung.generations - 1,
+        rng=random,
+        tol=0.0,
+        polish=False,
+    )
+    best = choice.controller(found.x)
+    return entry._replace(population=found.population, controller=best, scores=(*entry.scores, score(best, rung.draws)))
+
+
+def judge(against: Sequence[Draw], entry: Entry) -> Entry:
+    """A structure's best on draws that no rung has used."""
+    assert entry.controller is not None  # noqa: S101 (for the types: it has climbed)
+    return entry._replace(scores=(*entry.scores, score(entry.controller, against)))
+
+
+def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
+    """All structures, the best first."""
+    ensemble(task.system)  # whose message says which systems there are
+    left, out = [Entry(one) for one in structures(load_system(task.system), names, task.devices)], list[Entry]()
+    most = rungs(len(left))
+    known = draws(task.system, task.link, 2 ** (most - 1) + FRESH)
+    counts = [len(left)]
+    for _ in range(most - 1):
+        counts.append(_going_on(counts[-1], left))
+    counts.append(counts[-1])  # once more, on fresh draws
+    for number in range(most):
+        own = known[: 2**number]
+        loops = task.budget / (most * len(left) * len(own))
+        rung = Rung(number, own, max(1, round(loops / POPULATION)))
+        left = run_all(partial(climb, task, rung), left, jobs, _part(progress, counts, number))
+        ranked = sorted(left, key=lambda entry: (not entry.structure.is_lead_lag, *entry.rank))
+        left, out = ranked[: counts[number + 1]], [*out, *ranked[counts[number + 1] :]]
+    left = run_all(partial(judge, known[2 ** (most - 1) :]), left, jobs, _part(progress, counts, most))
+    return sorted([*left, *out], key=lambda entry: entry.rank)
+
+
+def _part(progress: Callable[[int, int], None], counts: Sequence[int], number: int) -> Callable[[int, int], None]:
+    """Progress of a rung as progress of the whole."""
+    return lambda done, _: progress(sum(counts[:number]) + done, sum(counts))
+
+
+def _going_on(count: int, entries: Sequence[Entry]) -> int:
+    """How many of so many structures go on: a quarter of the networks, and LLC-tuned."""
+    opponents = sum(entry.structure.is_lead_lag for entry in entries)
+    return math.ceil((count - opponents) / KEPT) + opponents

@@ -1,0 +1,75 @@
+"""What a search tells: the run of its winner, its ranking as rows, a table, JSON."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from facts_damping import files
+from facts_damping.parameters.run import Run
+from facts_damping.studies.pages import heads, line
+from facts_damping.studies.tune import SCENARIO
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping.studies.scoring import Score
+    from facts_damping.studies.search import Entry, Task
+
+
+def run_file(task: Task, command: str, entry: Entry) -> str:
+    """A run of an entry on the scenario of training, with the command and what it reached on top."""
+    made = Run(
+        system=task.system,
+        scenario=SCENARIO,
+        devices=list(entry.structure.devices),
+        controllers=[entry.controller] if entry.controller else [],
+        link=task.link or "ideal",
+    )
+    kept = made.model_dump(exclude={"duration", "asked"})
+    own = ("name", "scheme", "devices", "signals", "compensation", "parameters")
+    kept["controllers"] = [{key: one[key] for key in own if one[key] is not None} for one in kept["controllers"]]
+    reached, fresh = entry.scores[-2:]
+    head = [
+        f"# {command}",
+        f"# On the draws of training that chose its parameters: score {reached.value:.4f}; {_percent(reached)}.",
+        f"# On draws of training that none had seen: score {fresh.value:.4f}; {_percent(fresh)}.",
+        "# Percent: geometric mean of the index over that of LLC-tuned as shipped, less 1 (docs/search.md).",
+    ]
+    return "\n".join([*head, files.dump(kept)])
+
+
+def _percent(score: Score) -> str:
+    told = [f"{name} {100 * (ratio - 1):+.1f} %" for name, ratio in score.ratios.items()]
+    return ", ".join(told) or "synchronism lost"
+
+
+def rows(found: Sequence[Entry]) -> list[dict[str, Any]]:
+    """The ranking for JSON, the best first."""
+    return [
+        {
+            "rank": i,
+            "controller": entry.structure.name,
+            "scheme": entry.structure.scheme,
+            "devices": list(entry.structure.devices),
+            "signals": entry.structure.signals,
+            "compensation": entry.controller.compensation if entry.controller else None,
+            "scores": [one.value for one in entry.scores],
+            "ratios": [one.ratios for one in entry.scores],
+            "undamped": [one.undamped for one in entry.scores],
+            "parameters": entry.controller.parameters if entry.controller else {},
+        }
+        for i, entry in enumerate(found, 1)
+    ]
+
+
+def text(found: Sequence[Entry]) -> list[str]:
+    """The ranking in Markdown; the last column is on fresh draws."""
+    most = max(len(entry.scores) for entry in found)
+    titles = [*(f"rung {i}" for i in range(1, most)), "fresh"]
+    lines = heads(["controller", "scheme", "devices", "compensation"], titles)
+    for row in rows(found):
+        told = [f"{value:.3f}" for value in row["scores"]] + [""] * (most - len(row["scores"]))
+        lines.append(
+            line([row["controller"], row["scheme"] or "-", "+".join(row["devices"]), row["compensation"], *told])
+        )
+    return lines

@@ -1,0 +1,104 @@
+"""The controllers that `search` chooses among, and what it may choose of each."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
+
+from facts_damping.configuration import make_case
+from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
+from facts_damping.control.table import OFF_ON, kind
+from facts_damping.errors import InputError, check_known
+from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
+from facts_damping.parameters.run import Controller
+from facts_damping.parts import build_sensitivity
+from facts_damping.studies.scoring import REFERENCE
+from facts_damping.studies.space import GUARDS, Space
+from facts_damping.studies.tune import every_scheme
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.system import System
+    from facts_damping.studies.tune import Scheme
+
+# What a network is given with these devices; a lead-lag takes the first.
+PORTS: dict[tuple[str, ...], list[str]] = {("sssc",): ["speed"], ("sssc", "statcom"): ["speed", "power"]}
+
+
+class Structure(NamedTuple):
+    """What a controller is, before its parameters."""
+
+    name: str  # LLC-tuned, or antecedent+consequent
+    scheme: Scheme
+    devices: tuple[str, ...]
+
+    @property
+    def signals(self) -> list[str]:
+        """The signals that it is given."""
+        return PORTS[self.devices][: kind(self.name).signals]
+
+    @property
+    def is_lead_lag(self) -> bool:
+        """Whether it is the opponent."""
+        return self.scheme is None
+
+
+def structures(system: System, names: Sequence[str], devices: Sequence[str]) -> list[Structure]:
+    """LLC-tuned and every pair of antecedent and consequent (or those named), in both schemes, with all devices.
+
+    `devices`: only with these; none: with each row of `PORTS` that the system has.
+    """
+    if devices:
+        check_known("--devices", ",".join(devices), [",".join(row) for row in PORTS])
+    have = {device.name for device in system.devices}
+    rows = [row for row in PORTS if have.issuperset(row) and tuple(devices or row) == row]
+    if not rows:
+        raise InputError(f"--devices: '{','.join(devices)}' given; allowed: what {system.name} has, {', '.join(have)}")
+    pairs = list(names) or [f"{first}+{second}" for first, second in product(ANTECEDENTS, CONSEQUENTS)]
+    others = [name for name in pairs if name != REFERENCE]
+    if any(kind(name, "CONTROLLER").network is None for name in others):
+        raise InputError("CONTROLLER: 'LLC' given; allowed: a neuro-fuzzy controller (LLC-tuned is always there)")
+    return [Structure(name, scheme, row) for row in rows for name, scheme in every_scheme([REFERENCE, *others])]
+
+
+class Choice:
+    """What is chosen of a structure: a coordinate from 0 to 1 for each parameter, guard and word."""
+
+    def __init__(self, structure: Structure, system: str, *, delayed: bool) -> None:
+        """Linearise the plant once. `delayed`: compensation is chosen, too."""
+        self.structure = structure
+        content = {"system": system, "scenario": [], "devices": list(structure.devices), "controllers": []}
+        case = make_case(content, "search")
+        plant = build_sensitivity(case)
+        if plant is None:
+            raise InputError(f"SYSTEM: {system} has no swing mode; allowed: a system whose machines swing")
+        self.plant, self.limit = plant, case.system.device(structure.devices[0]).v_max
+        row = kind(structure.name)
+        self.space = Space(row, structure.scheme, structure.signals, structure.devices)
+        self.guards = {} if row.network is None else GUARDS
+        self.words: dict[str, tuple[str, ...]] = {} if row.network is None else {"anti_windup": OFF_ON}
+        of_identifier = tuple(OF_IDENTIFIERS) if structure.scheme == "indirect" else ()
+        self.words |= {"compensation": (*COMPENSATIONS, *of_identifier)} if delayed else {}
+
+    @property
+    def size(self) -> int:
+        """How many coordinates."""
+        return len(self.space.ranges) + len(self.guards) + len(self.words)
+
+    def controller(self, at: NDArray[np.float64]) -> Controller:
+        """The controller at a point."""
+        own, more = at[: len(self.space.ranges)], list(at[len(self.space.ranges) :])
+        values = self.space.parameters(own, self.plant, self.limit)
+        values |= {name: one.value(float(more.pop(0))) for name, one in self.guards.items()}
+        words = {name: some[min(int(more.pop(0) * len(some)), len(some) - 1)] for name, some in self.words.items()}
+        content = {
+            **self.structure._asdict(),
+            "signals": self.structure.signals,
+            "compensation": words.pop("compensation", "none"),
+            "parameters": {**values, **words},
+        }
+        return Controller.model_validate({**content, "devices": list(self.structure.devices)})

@@ -1,0 +1,238 @@
+"""The search of a controller: reproducible, on training alone, by its rules; the shipped runs are what it chose."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from facts_damping import files
+from facts_damping.cli import main
+from facts_damping.configuration import load_case, load_system
+from facts_damping.control.table import kind
+from facts_damping.errors import InputError
+from facts_damping.files import shipped
+from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
+from facts_damping.parameters.run import Controller
+from facts_damping.studies import scoring
+from facts_damping.studies import search as study
+from facts_damping.studies.scoring import LOST, REFERENCE, Score, draws, score
+from facts_damping.studies.search import FRESH, KEPT, Entry, Rung, Task, rungs, search
+from facts_damping.studies.structures import Choice, Structure, structures
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping.studies.scoring import Draw
+    from facts_damping.studies.tune import Scheme
+
+TINY = ["smib", "gaussian+sam", "--budget", "1", "--seed", "4", "--jobs", "1"]
+BEST = sorted(name for name in shipped("runs") if name.startswith(("best_", "lead_lag_")))
+
+
+def quiet(_done: int, _of: int) -> None:
+    """No progress."""
+
+
+@pytest.fixture(scope="module")
+def nominal() -> list[Draw]:
+    return draws("smib", None, 3)
+
+
+# The score
+
+
+def test_llc_tuned_is_as_good_as_itself(nominal: list[Draw]) -> None:
+    found = score(Controller(name=REFERENCE), nominal)
+    assert found == Score(0.0, dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE"), 1.0), 0.0)
+
+
+def test_without_control_all_is_worse(nominal: list[Draw]) -> None:
+    found = score(Controller(name="LLC", parameters={"gain": 0.0}), nominal)
+    assert found.value > 0.3
+    assert min(found.ratios.values()) > 1.0
+
+
+def test_a_score_is_the_worst_index_and_the_price_of_what_effort_is_more(nominal: list[Draw]) -> None:
+    weak = Controller(name="LLC", parameters={"gain": 1.0})
+    strong = Controller(name="LLC", parameters={"gain": 1000.0})
+    for controller, dearer in ((weak, False), (strong, True)):
+        told = [scoring.run(draw.content, controller) for draw in nominal]
+        spent = np.mean([one.effort - draw.reference.effort for one, draw in zip(told, nominal, strict=True)])
+        assert (spent > 0.0) == dearer
+        found = score(controller, nominal)
+        worst = max(np.log(ratio) for ratio in found.ratios.values())
+        priced = scoring.PRICE * max(0.0, float(spent)) + scoring.UNDAMPED * found.undamped
+        assert found.value == pytest.approx(worst + priced)
+
+
+def test_a_lost_run_counts_more_than_any_other_and_the_earlier_the_more(nominal: list[Draw]) -> None:
+    found = [
+        score(Controller(name="LLC", parameters={"gain": gain}), draws("two_area", None, 1)).value
+        for gain in (-20.0, -50.0)
+    ]
+    assert LOST < found[0] < found[1] < 2 * LOST
+
+
+# What is searched
+
+
+def test_every_pair_is_there_in_both_schemes_with_all_devices() -> None:
+    found = structures(load_system("two_area"), [], [])
+    assert len(found) == len(set(found)) == 2 * (1 + 2 * len(ANTECEDENTS) * len(CONSEQUENTS))
+    assert {one.devices for one in found} == {("sssc",), ("sssc", "statcom")}
+    assert {one.devices for one in structures(load_system("smib"), [], [])} == {("sssc",)}
+
+
+@pytest.mark.parametrize(
+    ("name", "scheme", "devices"),
+    [
+        ("LLC-tuned", None, ("sssc", "statcom")),
+        ("gaussian+morlet", "direct", ("sssc",)),
+        ("b-spline+fourier", "indirect", ("sssc", "statcom")),
+    ],
+)
+def test_what_is_chosen_is_within_what_parameters_may_be(name: str, scheme: Scheme, devices: tuple[str, ...]) -> None:
+    choice, random = Choice(Structure(name, scheme, devices), "two_area", delayed=True), np.random.default_rng(1)
+    row, seen = kind(name), set()
+    for at in [np.zeros(choice.size), np.ones(choice.size), *random.random((30, choice.size))]:
+        made = choice.controller(at)
+        seen.add(made.compensation)
+        for key, value in made.parameters.items():
+            p = row.parameters[key]
+            for one in value if isinstance(value, list) else [value]:
+                assert one in p.choices if p.choices else p.low <= float(str(one)) <= p.high, key
+    assert seen == {"none", "lead", "phasor", *(["prediction"] if scheme == "indirect" else [])}
+
+
+# The procedure
+
+
+def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scores of each rung from a hash of the structure: who is where follows by sorting."""
+    asked: list[tuple[int, int, int]] = []  # rung, draws, generations
+
+    def value(structure: Structure, number: int) -> float:
+        return float(np.random.default_rng([number, *map(ord, "".join(map(str, structure)))]).random())
+
+    def climb(_task: Task, rung: Rung, entry: Entry) -> Entry:
+        asked.append((rung.number, len(rung.draws), rung.generations))
+        made = Score(value(entry.structure, rung.number), {}, 0.0)
+        return entry._replace(controller=Controller(), scores=(*entry.scores, made))
+
+    def judge(against: Sequence[int], entry: Entry) -> Entry:
+        assert list(against) == list(range(2 ** (most - 1), 2 ** (most - 1) + FRESH))  # no rung had them
+        return entry._replace(scores=(*entry.scores, Score(value(entry.structure, 99), {}, 0.0)))
+
+    monkeypatch.setattr(study, "climb", climb)
+    monkeypatch.setattr(study, "judge", judge)
+    monkeypatch.setattr(study, "draws", lambda _system, _link, number: list(range(number)))
+    every = structures(load_system("smib"), [], [])
+    most = rungs(len(every))
+    found = search(Task("smib", None, (), 9600, 1), [], 1, quiet)
+    assert {entry.structure for entry in found} == set(every)
+    left = [one for one in every if not one.is_lead_lag]
+    assert [len(left) // KEPT**number for number in range(most)] == [64, 16, 4]
+    for number in range(most):
+        there = {entry.structure for entry in found if len(entry.scores) > number and not entry.structure.is_lead_lag}
+        assert there == set(left)
+        left = sorted(left, key=lambda one: value(one, number))[: len(left) // KEPT]
+    assert found[0].scores[-1].value == min(e.scores[-1].value for e in found if len(e.scores) == most + 1)
+    (opponent,) = [entry for entry in found if entry.structure.is_lead_lag]
+    assert len(opponent.scores) == most + 1
+    # An equal share of the budget a rung: 3200 runs of 65, 17 and 5 structures on 1, 2 and 4 draws, 16 a generation.
+    assert sorted(set(asked)) == [(0, 1, 3), (1, 2, 6), (2, 4, 10)]
+
+
+def test_the_same_seed_gives_the_same_for_any_jobs_and_another_another() -> None:
+    task, names = Task("smib", "pdci_100ms", (), 1, 4), ["gaussian+sam"]
+    found = [search(task, names, jobs, quiet) for jobs in (1, 2)]
+    told = [[(e.structure, e.controller, e.scores) for e in one] for one in found]
+    assert told[0] == told[1]
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one.population, other.population)
+    again = search(task._replace(seed=5), names, 1, quiet)
+    assert [(e.structure, e.controller, e.scores) for e in again] != told[0]
+
+
+def test_a_rung_goes_on_from_the_population_of_the_one_before(nominal: list[Draw]) -> None:
+    """On the same draws nothing is lost: the best is at least as good."""
+    task, entry = Task("smib", None, (), 1, 4), Entry(Structure("LLC-tuned", None, ("sssc",)))
+    first = study.climb(task, Rung(0, nominal[:1], 1), entry)
+    second = study.climb(task, Rung(1, nominal[:1], 2), first)
+    assert second.scores[1].value <= first.scores[0].value
+    assert second.scores[1] == score(second.controller or Controller(), nominal[:1])
+
+
+def test_no_scenario_but_training_is_read_and_the_written_run_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    read, plain = list[Path](), files.read_yaml
+
+    def recorded(path: Path) -> object:
+        read.append(path)
+        return plain(path)
+
+    monkeypatch.setattr(files, "read_yaml", recorded)
+    out, other, told = tmp_path / "best.yaml", tmp_path / "lead_lag.yaml", tmp_path / "told.json"
+    options = ["--link", "pdci_100ms", "--out", str(out), "--lead-lag", str(other), "--json", str(told)]
+    assert main(["search", *TINY, *options]) == 0
+    assert {path.stem for path in read if path.parent.parent.name == "scenarios"} == {"training"}
+    monkeypatch.undo()
+    assert f"run: {out}" in capsys.readouterr().out
+    ranking = json.loads(told.read_text())["ranking"]
+    assert [row["rank"] for row in ranking] == [1, 2, 3]
+    assert ranking[0]["scores"][-1] == min(row["scores"][-1] for row in ranking)
+    command = "facts-damping search smib gaussian+sam --link pdci_100ms --budget 1 --seed 4"
+    assert out.read_text().startswith(f"# {command}\n")
+    case = load_case(str(out))
+    assert (case.controllers[0].name, case.run.link) == (ranking[0]["controller"], "pdci_100ms")
+    assert score(case.run.controllers[0], draws("smib", "pdci_100ms", 1)).value == ranking[0]["scores"][0]
+    assert load_case(str(other)).controllers[0].name == REFERENCE
+    assert main(["simulate", str(out), "--set", "duration=2"]) == 0
+
+
+def test_draws_of_another_scenario_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scoring, "PREFIX", "ensemble_")
+    with pytest.raises(InputError, match=r"scenario: 'small' given; allowed: training"):
+        scoring.ensemble("two_area_small")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["kundur_12_6"], "SYSTEM: 'kundur_12_6' given; allowed: smib, two_area"),
+        (["smib", "PID"], "'PID' given; allowed: LLC"),
+        (["smib", "LLC"], "'LLC' given; allowed: a neuro-fuzzy controller"),
+        (["smib", "--devices", "svc"], "--devices: 'svc' given; allowed: sssc, sssc,statcom"),
+        (["smib", "--devices", "sssc,statcom"], "--devices: 'sssc,statcom' given; allowed: what smib has, sssc"),
+        (["smib", "--link", "telegraph"], "'telegraph' given; allowed:"),
+        (["smib", "--budget", "0"], "0 given; allowed: 1 to 1000000"),
+        (["smib", "--out", "/nowhere/best.yaml"], "--out /nowhere/best.yaml: cannot be written"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["search", *arguments]) == 2
+    errors = capsys.readouterr().err
+    assert said in errors
+    assert errors.count("\n") == 1
+
+
+# What is shipped
+
+
+@pytest.mark.parametrize("name", BEST)
+def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
+    text = shipped("runs")[name].read_text()
+    case = load_case(name)
+    said = re.search(r"none had seen: score (-?[\d.]+);", text)
+    assert said is not None
+    link = None if case.run.link == "ideal" else str(case.run.link)
+    every = structures(load_system(case.system.name), [], [])
+    first = 2 ** (rungs(len(every)) - 1)
+    found = score(case.run.controllers[0], draws(case.system.name, link, first + FRESH)[first:])
+    assert found.value == pytest.approx(float(said[1]), abs=0.02)
