@@ -78,7 +78,8 @@ def test_cells_by_medians() -> None:
     made = {("smib", "light"): rows("smib", "light", 31, 3)}
     for c in ensembles.compare(tables, made):
         own, over = (
-            [row for row in made["smib", "light"] if row["who"] == name(who)] for who in (c.cell.who, c.cell.against or LLC)
+            [row for row in made["smib", "light"] if row["who"] == name(who)]
+            for who in (c.cell.who, c.cell.against or LLC)
         )
         pairs = [
             100.0 * (b[c.cell.quantity] - a[c.cell.quantity]) / b[c.cell.quantity]
