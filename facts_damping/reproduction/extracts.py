@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.analysis.indices import INDICES
+from facts_damping.reproduction.agreement import name
 from facts_damping.reproduction.explanations import TABLE
 from facts_damping.reproduction.printed import LLC
 from facts_damping.reproduction.results import LINK
@@ -109,6 +110,30 @@ def better(found: Agreement, first: str, second: str) -> str:
     return f"{theirs} of {len(pairs)}, ours {ours}"
 
 
+def smoother(found: Agreement, what: str) -> str:
+    """In how many cases a statement about smoothness holds here, whatever the thesis says: `44 of 77`."""
+    own = [one for one in found.statements if one.what == what]
+    return f"{sum((one.ours or 0.0) > 0.0 for one in own)} of {len(own)}"
+
+
+def over_tuned(findings: Findings) -> str:
+    """In how many cases the networks of the tables are better than LLC-tuned by medians of the improvement."""
+    runs = {(c.cell.system, c.cell.scenario, name(c.cell.who)) for c in findings.plain.compared if c.cell.scheme}
+    own = [
+        one
+        for one in findings.spreads
+        if one.link == "ideal" and one.quantity in INDICES and (one.system, one.scenario, one.who) in runs
+    ]
+    return f"{sum(one.over_tuned.median > 0.0 for one in own)} of {len(own)}"
+
+
+def extremes(results: Results) -> str:
+    """The lowest and the highest mean rank correlation with the thesis among the set-ups, and where."""
+    known = sorted((one.rho, one.variant, one.table) for one in results.told if one.rho is not None)
+    low, high = (f"{one[0]:.2f} ({one[1]}, table {one[2]})" for one in (known[0], known[-1]))
+    return f"{low} to {high}"
+
+
 def setups(results: Results) -> str:
     """Every set-up: agreement with the thesis by table, signs and mean rank correlation; and with our own orders."""
     tables = list(dict.fromkeys(one.table for one in results.told))
@@ -128,4 +153,17 @@ def _two(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
 
 
-ALL: tuple[Callable[..., str], ...] = (share, rho, firm, decided, medians, beaten, reached, better, setups)
+ALL: tuple[Callable[..., str], ...] = (
+    share,
+    rho,
+    firm,
+    decided,
+    medians,
+    beaten,
+    reached,
+    better,
+    smoother,
+    over_tuned,
+    extremes,
+    setups,
+)
