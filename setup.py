@@ -41,7 +41,12 @@ setup(
     maintainer_email="maintainers@example.org",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={"": ["py.typed"], f"{NAME}.nodes": ["fastdds.xml"], f"{NAME}.report": ["page.*"], f"{NAME}.reproduction": ["page.*"]},
+    package_data={
+        "": ["py.typed"],
+        f"{NAME}.nodes": ["fastdds.xml"],
+        f"{NAME}.report": ["page.*"],
+        f"{NAME}.reproduction": ["*.md", "page.html"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

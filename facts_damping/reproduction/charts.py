@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from facts_damping.reproduction.ensembles import Spread
     from facts_damping.reproduction.explanations import Told
 
+SHOWN = "ITAE"  # of ensembles
 LEAST = -100.0  # %, worse improvements are drawn there
 MARKERS = "os^D"
 
@@ -59,12 +60,11 @@ def smoothness(title: str, compared: Sequence[Compared]) -> Figure:
     return figure
 
 
-def ensemble(system: str, spreads: Sequence[Spread], plain: Mapping[tuple[str, str, str], float | None]) -> Figure:
-    """Improvement of the ITAE over LLC of every controller: median over the draws and its interval, and as it is.
+def ensemble(system: str, kept: Sequence[Spread], plain: Mapping[tuple[str, str], float | None]) -> Figure:
+    """Improvement of an index (SHOWN) over LLC of every controller: median over the draws and its interval, and as it is.
 
-    `plain`: improvement in the scenario as it is, %, by scenario, controller and quantity.
+    `plain`: improvement in the scenario as it is, %, by scenario and controller.
     """
-    kept = [one for one in spreads if one.system == system and one.quantity == "ITAE"]
     scenarios, whos = (list(dict.fromkeys(getattr(one, field) for one in kept)) for field in ("scenario", "who"))
     whos = [who for who in whos if who not in ("MISO none", "MISO LLC")]
     figure = Figure(figsize=(3.4 * len(scenarios) + 1.5, 1.6 + 0.2 * len(whos)), layout="constrained")
@@ -75,10 +75,10 @@ def ensemble(system: str, spreads: Sequence[Spread], plain: Mapping[tuple[str, s
                 row, inner = whos.index(one.who), np.maximum(one.over_llc, LEAST)
                 axis.plot(inner[1:], [row, row], color=COLOURS[0], lw=2.5, alpha=0.6)
                 axis.plot(inner[0], row, "o", color=COLOURS[0], ms=4, label="median and its 95 % interval")
-                own = plain.get((scenario, one.who, "ITAE"))
+                own = plain.get((scenario, one.who))
                 if own is not None:
                     axis.plot(max(own, LEAST), row, "x", color=COLOURS[1], ms=5, label="the scenario as it is")
-        axis.set(title=scenario, xlabel="improvement of ITAE over LLC [%]")
+        axis.set(title=scenario, xlabel=f"improvement of {SHOWN} over LLC [%]")
         axis.grid(visible=True, color="0.92")
     axes[0, 0].set_yticks(range(len(whos)), whos, fontsize="small")
     axes[0, 0].invert_yaxis()

@@ -15,6 +15,7 @@ from facts_damping import __version__, files
 from facts_damping.reproduction import charts, extracts, side_by_side
 from facts_damping.reproduction.agreement import flat, markdown, name
 from facts_damping.reproduction.ensembles import Interval
+from facts_damping.reproduction.printed import LLC
 from facts_damping.reproduction.results import LINK, TITLES
 from facts_damping.studies.pages import save
 from facts_damping.studies.results import table
@@ -69,7 +70,7 @@ def _lists(results: Results, findings: Findings) -> dict[str, Sequence[Any]]:
 def _row(one: Any) -> dict[str, Any]:
     """A named tuple as scalars: an interval as three of them, names as one text."""
     found: dict[str, Any] = {}
-    for field, value in (one._asdict() | {}).items():
+    for field, value in one._asdict().items():
         if isinstance(value, Interval):
             found |= {f"{field}_{end}": number for end, number in value._asdict().items()}
         elif hasattr(value, "_asdict"):
@@ -92,16 +93,18 @@ def _charts(results: Results, findings: Findings, folder: Path) -> list[Path]:
     """Pictures of the agreement."""
     made: dict[str, Any] = {}
     for number in dict.fromkeys(cell.table for cell in results.cells):
-        own = [c for c in findings.plain.compared if c.cell.table == number]
-        made[f"table_{number.replace('.', '_')}"] = charts.of_table(number, TITLES[number], own)
-    over = {
-        (c.cell.scenario, name(c.cell.who), c.cell.quantity): c.ours
-        for c in findings.plain.compared
-        if c.cell.against and c.cell.against.controller == "LLC"
-    }
+        cells = [c for c in findings.plain.compared if c.cell.table == number]
+        made[f"table_{number.replace('.', '_')}"] = charts.of_table(number, TITLES[number], cells)
     for system in dict.fromkeys(one.system for one in findings.spreads):
-        ideal = [one for one in findings.spreads if one.link == "ideal"]
-        made[f"ensemble_{system}"] = charts.ensemble(system, ideal, over)
+        plain = {
+            (c.cell.scenario, name(c.cell.who)): c.ours
+            for c in findings.plain.compared
+            if (c.cell.system, c.cell.against, c.cell.quantity) == (system, LLC, charts.SHOWN)
+        }
+        own = [
+            one for one in findings.spreads if (one.system, one.link, one.quantity) == (system, "ideal", charts.SHOWN)
+        ]
+        made[f"ensemble_{system}"] = charts.ensemble(system, own, plain)
     if results.told:
         made["variants"] = charts.variants(results.told)
     for stem, figure in made.items():
@@ -112,8 +115,8 @@ def _charts(results: Results, findings: Findings, folder: Path) -> list[Path]:
 def _page(results: Results, findings: Findings, command: str, pictures: Sequence[str]) -> str:
     """The paper: its text with the figures in it."""
     templates = Environment(
-        loader=PackageLoader("facts_damping.reproduction", "."), autoescape=False, undefined=StrictUndefined,  # noqa: S701 (Markdown)
-        trim_blocks=True, lstrip_blocks=True,
+        loader=PackageLoader("facts_damping.reproduction", "."), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        autoescape=False,  # noqa: S701 (Markdown)
     )  # fmt: skip
     functions = {one.__name__: one for one in extracts.ALL}
     text = templates.get_template("page.md").render(
