@@ -61,7 +61,7 @@ def smoothness(title: str, compared: Sequence[Compared]) -> Figure:
 
 
 def ensemble(system: str, kept: Sequence[Spread], plain: Mapping[tuple[str, str], float | None]) -> Figure:
-    """Improvement of an index (SHOWN) over LLC of every controller: median over the draws and its interval, and as it is.
+    """Improvement of an index over LLC of every controller: median over the draws with its interval, and as it is.
 
     `plain`: improvement in the scenario as it is, %, by scenario and controller.
     """

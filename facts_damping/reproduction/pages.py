@@ -115,9 +115,12 @@ def _charts(results: Results, findings: Findings, folder: Path) -> list[Path]:
 def _page(results: Results, findings: Findings, command: str, pictures: Sequence[str]) -> str:
     """The paper: its text with the figures in it."""
     templates = Environment(
-        loader=PackageLoader("facts_damping.reproduction", "."), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        loader=PackageLoader("facts_damping.reproduction", "."),
         autoescape=False,  # noqa: S701 (Markdown)
-    )  # fmt: skip
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     functions = {one.__name__: one for one in extracts.ALL}
     text = templates.get_template("page.md").render(
         results=results, findings=findings, command=command, pictures=pictures, link=LINK, titles=TITLES,
