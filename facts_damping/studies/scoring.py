@@ -72,14 +72,14 @@ def figures(record: Record) -> Figures:
     return Figures(1.0, performance_indices(t, deviations), float(share.mean()), damped)
 
 
-def draws(system: str, link: str | None, number: int) -> list[Draw]:
-    """The nominal run of training, then draws of `config/studies/search_<system>.yaml` in their order.
+def draws(system: str, link: str | None, number: int, study: str | None = None) -> list[Draw]:
+    """The nominal run of training, then draws of a study in their order; none: `config/studies/search_<system>.yaml`.
 
     Draws in which LLC-tuned loses synchronism, or that have no power flow, are left out: there is nothing to count
     from. `link`: instead of the ensemble's. Raises `InputError` where the system has no such ensemble, LLC-tuned is not
     tuned, the ensemble has another scenario than that of training, or too few draws.
     """
-    made = ensemble(system)
+    made = ensemble(system, study)
     if (REFERENCE, None) not in tuned(system, ["speed"], ["sssc"]):
         raise InputError(f"SYSTEM: '{system}' given, for which LLC-tuned is not tuned; allowed: one for which it is")
     more = {} if link is None else {"link": link}
@@ -98,11 +98,12 @@ def draws(system: str, link: str | None, number: int) -> list[Draw]:
     return found
 
 
-def ensemble(system: str) -> sweep.Plan:
+def ensemble(system: str, study: str | None = None) -> sweep.Plan:
     """The draws of a system, of which none has another scenario than that of training."""
-    known = [name.removeprefix(PREFIX) for name in shipped("studies") if name.startswith(PREFIX)]
-    check_known("SYSTEM", system, known)
-    made = sweep.plan(f"{PREFIX}{system}", [])
+    known = [name for name in shipped("systems") if f"{PREFIX}{name}" in shipped("studies")]
+    if study is None:
+        check_known("SYSTEM", system, known)
+    made = sweep.plan(study or f"{PREFIX}{system}", [])
     for point in made.points:
         told = names(made.base, point.changes)
         if (told["system"], told["scenario"]) != (system, SCENARIO):

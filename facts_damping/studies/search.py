@@ -42,12 +42,16 @@ class Task(NamedTuple):
     devices: tuple[str, ...]  # none: with all that the system has
     budget: int
     seed: int
+    draws: int = 1  # of the first rung
+    study: str | None = None  # whose draws they are; none: search_<system>
 
     def command(self, names: Sequence[str]) -> str:
         """The command that searches for it."""
         link = [] if self.link is None else [f"--link {self.link}"]
         devices = [f"--devices {','.join(self.devices)}"] if self.devices else []
-        words = ["facts-damping search", self.system, *names, *link, *devices]
+        draws = [f"--draws {self.draws}"] if self.draws > 1 else []
+        study = [] if self.study is None else [f"--study {self.study}"]
+        words = ["facts-damping search", self.system, *names, *link, *devices, *study, *draws]
         return " ".join([*words, f"--budget {self.budget} --seed {self.seed}"])
 
 
@@ -111,22 +115,23 @@ def judge(against: Sequence[Draw], entry: Entry) -> Entry:
 
 def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
     """All structures, the best first."""
-    ensemble(task.system)  # whose message says which systems there are
+    ensemble(task.system, task.study)  # whose message says which systems there are
     left, out = [Entry(one) for one in structures(load_system(task.system), names, task.devices)], list[Entry]()
     most = rungs(len(left))
-    known = draws(task.system, task.link, 2 ** (most - 1) + FRESH)
+    last = task.draws * 2 ** (most - 1)
+    known = draws(task.system, task.link, last + FRESH, task.study)
     counts = [len(left)]
     for _ in range(most - 1):
         counts.append(_going_on(counts[-1], left))
     counts.append(counts[-1])  # once more, on fresh draws
     for number in range(most):
-        own = known[: 2**number]
+        own = known[: task.draws * 2**number]
         loops = task.budget / (most * len(left) * len(own))
         rung = Rung(number, own, max(1, round(loops / POPULATION)))
         left = run_all(partial(climb, task, rung), left, jobs, _part(progress, counts, number))
         ranked = sorted(left, key=lambda entry: (not entry.structure.is_lead_lag, *entry.rank))
         left, out = ranked[: counts[number + 1]], [*out, *ranked[counts[number + 1] :]]
-    left = run_all(partial(judge, known[2 ** (most - 1) :]), left, jobs, _part(progress, counts, most))
+    left = run_all(partial(judge, known[last:]), left, jobs, _part(progress, counts, most))
     return sorted([*left, *out], key=lambda entry: entry.rank)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from facts_damping import files
-from facts_damping.cli import main
+from facts_damping.cli import main, parser
 from facts_damping.configuration import load_case, load_system
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
@@ -130,7 +130,7 @@ def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.M
 
     monkeypatch.setattr(study, "climb", climb)
     monkeypatch.setattr(study, "judge", judge)
-    monkeypatch.setattr(study, "draws", lambda _system, _link, number: list(range(number)))
+    monkeypatch.setattr(study, "draws", lambda _system, _link, number, _study: list(range(number)))
     every = structures(load_system("smib"), [], [])
     most = rungs(len(every))
     found = search(Task("smib", None, (), 9600, 1), [], 1, quiet)
@@ -211,6 +211,8 @@ def test_draws_of_another_scenario_are_refused(monkeypatch: pytest.MonkeyPatch) 
         (["smib", "--devices", "svc"], "--devices: 'svc' given; allowed: sssc, sssc,statcom"),
         (["smib", "--devices", "sssc,statcom"], "--devices: 'sssc,statcom' given; allowed: what smib has, sssc"),
         (["smib", "--link", "telegraph"], "'telegraph' given; allowed:"),
+        (["smib", "--study", "monte_carlo"], "scenario: 'small' given; allowed: training of smib"),
+        (["smib", "--draws", "0"], "0 given; allowed: 1 to 1000"),
         (["smib", "--budget", "0"], "0 given; allowed: 1 to 1000000"),
         (["smib", "--out", "/nowhere/best.yaml"], "--out /nowhere/best.yaml: cannot be written"),
     ],
@@ -231,8 +233,9 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     case = load_case(name)
     said = re.search(r"none had seen: score (-?[\d.]+);", text)
     assert said is not None
-    link = None if case.run.link == "ideal" else str(case.run.link)
-    every = structures(load_system(case.system.name), [], [])
-    first = 2 ** (rungs(len(every)) - 1)
-    found = score(case.run.controllers[0], draws(case.system.name, link, first + FRESH)[first:])
+    asked = parser().parse_args(text.splitlines()[0].removeprefix("# facts-damping ").split())
+    assert (asked.system, asked.link or "ideal") == (case.system.name, case.run.link)
+    devices = asked.devices.split(",") if asked.devices else []
+    first = asked.draws * 2 ** (rungs(len(structures(load_system(asked.system), [], devices))) - 1)
+    found = score(case.run.controllers[0], draws(asked.system, asked.link, first + FRESH, asked.study)[first:])
     assert found.value == pytest.approx(float(said[1]), abs=0.02)
