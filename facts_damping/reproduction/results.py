@@ -9,29 +9,33 @@ from facts_damping import files
 from facts_damping.errors import check_known
 from facts_damping.reproduction import explanations, pictures, runs
 from facts_damping.reproduction.operations import complexity
-from facts_damping.reproduction.printed import COMPLEXITY, LLC, SCENARIOS, TABLES, Who, cells
+from facts_damping.reproduction.printed import COMPLEXITY, LLC, SCENARIOS, TABLES, Scheme, Who, cells
 from facts_damping.studies.pool import run_all
 from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from facts_damping.parameters.study import Study
     from facts_damping.reproduction.agreement import Run
     from facts_damping.reproduction.explanations import Told
     from facts_damping.reproduction.operations import Count
     from facts_damping.reproduction.printed import Cell
 
+    Row = dict[str, Any]
+
 OPERATIONS = "3.1"
 TITLES = {OPERATIONS: COMPLEXITY, **{number: table.title for number, table in TABLES.items()}}
 LINK = "pdci_100ms"
 # What the search found without and with delay (docs/search.md), as run files; lead-lags beside, by the same search.
-FOUND = {
-    system: tuple(
-        Who(runs.FILE, f"{one}_{system}{link}", None) for one in ("best", "lead_lag") for link in ("", "_pdci")
-    )
+FOUND: dict[str, list[Who]] = {
+    system: [Who(runs.FILE, f"{one}_{system}{link}", None) for one in ("best", "lead_lag") for link in ("", "_pdci")]
     for system in SCENARIOS
 }
+# Networks that they are held against behind the link.
+SCHEMES: tuple[Scheme, ...] = ("direct", "indirect")
+RIVALS = tuple(Who("MISO", one, scheme) for one in ("ANFTSC", "HBsWC") for scheme in SCHEMES)
 VARIANT_TABLES = ("4.1", "4.2", "5.1", "5.3")
 
 
@@ -43,8 +47,8 @@ class Results(NamedTuple):
     complexity: list[Count]
     cells: list[Cell]
     figures: dict[Run, dict[str, float] | None]
-    ensembles: dict[tuple[str, str], list[dict[str, Any]]]
-    delayed: dict[tuple[str, str], list[dict[str, Any]]]
+    ensembles: dict[tuple[str, str], list[Row]]
+    delayed: dict[tuple[str, str], list[Row]]
     told: list[Told]
     pictures: list[Path]
 
@@ -60,31 +64,35 @@ def gather(tables: Sequence[str], draws: int | None, folder: Path, jobs: int) ->
     own = cells([one for one in asked if one in TABLES])
     systems = list(dict.fromkeys(cell.system for cell in own))
     counted = complexity() if OPERATIONS in asked else []
-    journals = files.new_folder(folder / "runs")
     figures: dict[Run, dict[str, float] | None] = {}
-    ensembles, delayed = {}, {}
+    ensembles: dict[tuple[str, str], list[Row]] = {}
+    delayed: dict[tuple[str, str], list[Row]] = {}
+    rows = partial(_rows, files.new_folder(folder / "runs"), jobs)
     for system in systems:
-        whos = [*runs.whos(own, system), *FOUND[system]]
-        rows = runs.carry_out(runs.nominal(system, whos), system, journals, jobs)
-        figures |= runs.figures(rows, whos)
-        few = [*runs.BASELINES[1:], *_rivals(whos), *FOUND[system]]
+        whos, found = runs.whos(own, system), FOUND[system]
+        few = [*runs.BASELINES[1:], *(one for one in RIVALS if one in whos)]
+        plain = rows(system, {"": whos, "-found": found}, partial(runs.nominal, system))
+        figures |= runs.figures(plain, [*whos, *found])
         for scenario in SCENARIOS[system].values():
             place, title = (system, scenario), f"{system}-{scenario}"
-            ensembles[place] = runs.carry_out(runs.ensemble(system, scenario, whos, draws), title, journals, jobs)
-            study = runs.ensemble(system, scenario, few, draws, link=LINK)
-            delayed[place] = runs.carry_out(study, f"{title}-{LINK}", journals, jobs)
-    told = _variants([one for one in asked if one in VARIANT_TABLES], figures, journals, jobs)
+            make = partial(runs.ensemble, system, scenario, draws=draws)
+            ensembles[place] = rows(title, {"": whos, "-found": found}, make)
+            delayed[place] = rows(f"{title}-{LINK}", {"": few, "-found": found}, partial(make, link=LINK))
+    told = _variants([one for one in asked if one in VARIANT_TABLES], figures, rows)
     drawn = _pictures(asked, folder, jobs)
     return Results(asked, draws, counted, own, figures, ensembles, delayed, told, drawn)
 
 
-def _rivals(whos: Sequence[Who]) -> list[Who]:
-    """Networks that the found ones are held against behind a link, of those that are there."""
-    wanted = [Who("MISO", one, scheme) for one in ("ANFTSC", "HBsWC") for scheme in ("direct", "indirect")]
-    return [one for one in wanted if one in whos]
+def _rows(
+    journals: Path, jobs: int, title: str, groups: dict[str, list[Who]], make: Callable[[list[Who]], Study]
+) -> list[Row]:
+    """The rows of groups of controllers by the ends of their titles: a study each, so that one may change alone."""
+    return [row for end, own in groups.items() for row in runs.carry_out(make(own), title + end, journals, jobs)]
 
 
-def _variants(tables: Sequence[str], base: dict[Run, dict[str, float] | None], journals: Path, jobs: int) -> list[Told]:
+def _variants(
+    tables: Sequence[str], base: dict[Run, dict[str, float] | None], rows: Callable[..., list[Row]]
+) -> list[Told]:
     """The tables of improvements with other set-ups; `base`: figures of the set-up of the tables."""
     found = []
     own = cells(tables)
@@ -94,9 +102,9 @@ def _variants(tables: Sequence[str], base: dict[Run, dict[str, float] | None], j
         for system in dict.fromkeys(cell.system for cell in kept):
             whos = [who for who in runs.whos(kept, system) if who == LLC or who.scheme]
             more = None if variant.more is None else partial(variant.more, system)
+            make = partial(runs.nominal, system, more=more, **variant.fields)
             title = f"{system}-{variant.name.replace(' ', '-').replace('/', '-')}"
-            rows = runs.carry_out(runs.nominal(system, whos, more, **variant.fields), title, journals, jobs)
-            figures |= runs.figures(rows, whos)
+            figures |= runs.figures(rows(title, {"": whos}, make), whos)
         found += explanations.told(variant.name, kept, figures, base)
     return found
 
