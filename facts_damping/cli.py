@@ -138,6 +138,9 @@ def _studies(add: Add) -> None:
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which beside LLC-tuned; none: all pairs")
     command.add_argument("--link", metavar="NAME", help="name under config/links, or a YAML file; default: no delay")
     command.add_argument("--devices", metavar="NAME,...", help="commanded devices; none: each set that it knows")
+    text = "name under config/studies, or a YAML file, with the draws; default: search_SYSTEM"
+    command.add_argument("--study", metavar="STUDY", help=text)
+    command.add_argument("--draws", type=_whole(1, 1000), default=1, metavar="N", help="of the first rung; default: 1")
     command.add_argument("--budget", type=COUNT, default=10000, metavar="N", help="closed loops; default: 10000")
     command.add_argument("--seed", type=SEED, default=1, metavar="N", help="seed of the search; default: 1")
     _jobs(command)

@@ -42,7 +42,8 @@ def search(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.out, "--out")
     files.check_writable(arguments.lead_lag, "--lead-lag")
     devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
-    task = study.Task(arguments.system, arguments.link, devices, arguments.budget, arguments.seed)
+    more = (arguments.draws, arguments.study)
+    task = study.Task(arguments.system, arguments.link, devices, arguments.budget, arguments.seed, *more)
     progress = Progress("search", "structures")
     try:
         found = study.search(task, arguments.controllers, arguments.jobs, progress)
