@@ -196,10 +196,14 @@ def test_no_scenario_but_training_is_read_and_the_written_run_runs(
     assert main(["simulate", str(out), "--set", "duration=2"]) == 0
 
 
-def test_draws_of_another_scenario_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scoring, "PREFIX", "ensemble_")
-    with pytest.raises(InputError, match=r"scenario: 'small' given; allowed: training"):
-        scoring.ensemble("two_area_small")
+@pytest.mark.parametrize("name", [name for name in shipped("studies") if name.startswith("ensemble_two_area")])
+def test_draws_of_another_scenario_are_refused(name: str) -> None:
+    scenario = name.removeprefix("ensemble_two_area_")
+    if scenario == "training":
+        assert scoring.ensemble("two_area", name).points
+        return
+    with pytest.raises(InputError, match=f"scenario: '{scenario}' given; allowed: training"):
+        scoring.ensemble("two_area", name)
 
 
 @pytest.mark.parametrize(
