@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.reproduction.agreement import markdown, name
+from facts_damping.reproduction.agreement import Run, compare, markdown, name
 from facts_damping.reproduction.ensembles import drawn, median
 from facts_damping.reproduction.operations import WHY
 from facts_damping.reproduction.operations import markdown as operations
+from facts_damping.reproduction.printed import LLC, SMOOTHNESS
 from facts_damping.reproduction.results import OPERATIONS, TITLES
+from facts_damping.reproduction.runs import BASELINES
 from facts_damping.studies.pages import heads, line
 
 if TYPE_CHECKING:
@@ -18,14 +20,18 @@ if TYPE_CHECKING:
 
     from facts_damping.reproduction.agreement import Compared
     from facts_damping.reproduction.findings import Findings
+    from facts_damping.reproduction.printed import Cell, Who
     from facts_damping.reproduction.results import Results
 
 HEAD = """# The tables, side by side
 
-Made by `{command}`. In each cell: theirs; ours; the median of ours over the ensemble with its 95 % interval.
-Improvements (4.109) in %, smoothness (5.34) in p.u./s². `*`: the thesis contradicts itself; its printed figure stands
-struck through before the reading that fits. `-`: no figure, the run lost synchronism."""
+Made by `{command}`. In each cell: theirs; ours; ours less theirs; the median of ours over the ensemble with its 95 %
+interval. Improvements (4.109) in %, smoothness (5.34) in p.u./s². `*`: the thesis contradicts itself; its printed
+figure stands struck through before the reading that fits. `-`: no figure, the run lost synchronism. Beside the thesis's
+references, LLC and direct ANFTSC, are two that it does not have, the tuned lead-lag and the bound: ours; ours over the
+ensemble."""
 
+BESIDE = BASELINES[2:]  # LLC-tuned, and the bound
 ORDER = ("rho", "p", "best", "best_ours", "second", "second_ours", "far")
 STATED = ("scenario", "controller", "scheme", "what", "over", "quantity")
 
@@ -55,6 +61,11 @@ def _table(table: str, results: Results, findings: Findings) -> list[str]:
             kept = [c for c in own if c.cell.against == against]
             over = f"Improvement over {name(against)}:" if against else "Smoothness:"
             lines += [over, "", *_cells(kept, results), ""]
+        if own[0].cell.against is None:
+            lines += [_smooth_beside(own, results), ""]
+        for against in BESIDE if own[0].cell.against else ():
+            kept = [c for c in own if c.cell.against == LLC]
+            lines += [f"Improvement over {name(against)}:", "", *_beside(kept, against, results), ""]
         rankings = [r for r in findings.plain.rankings if (r.table, r.scenario) == (table, scenario)]
         lines += ["Orders:", "", *markdown(rankings, ["quantity", "scheme"], ORDER, ".2f"), ""]
     broken = [s for s in findings.plain.statements if s.table == table and not s.agrees]
@@ -78,6 +89,27 @@ def _cells(kept: Sequence[Compared], results: Results) -> list[str]:
     return [*heads(["controller"], columns), *made]
 
 
+def _beside(kept: Sequence[Compared], against: Who, results: Results) -> list[str]:
+    """A row a controller, a column an index: improvement over a reference that the thesis does not have."""
+    columns = list(dict.fromkeys(c.cell.quantity for c in kept))
+    rows: dict[str, list[str]] = {}
+    for c in kept:
+        other = c.cell._replace(against=against)
+        ours = compare([other], results.figures)[0].ours
+        told = "-" if ours is None else f"{ours:.4g}"
+        rows.setdefault(c.cell.controller, []).append(f"{told}; {_median(other, results)}")
+    return [*heads(["controller"], columns), *(line([who, *cells]) for who, cells in rows.items())]
+
+
+def _smooth_beside(own: Sequence[Compared], results: Results) -> str:
+    """The smoothness of the controllers that the thesis does not have, of the architectures in a table."""
+    (system, scenario), architectures = own[0].cell[1:3], dict.fromkeys(c.cell.architecture for c in own)
+    whos = [who._replace(architecture=one) for one in architectures for who in BESIDE]
+    found = {name(who): results.figures[Run(system, scenario, who)] for who in whos}
+    told = [f"{who} {'-' if one is None else format(one[SMOOTHNESS], '.4g')}" for who, one in found.items()]
+    return f"Ours alone: {', '.join(told)}."
+
+
 def _column(c: Compared, *, smooth: bool) -> str:
     return " ".join(filter(None, (c.cell.architecture, c.cell.scheme))) if smooth else c.cell.quantity
 
@@ -86,9 +118,14 @@ def _cell(c: Compared, results: Results) -> str:
     printed = f"{c.cell.corrected:g}"
     if c.cell.reason:
         printed = f"~~{c.cell.printed:g}~~ {printed}\\*"
-    ours = "-" if c.ours is None else f"{c.ours:.4g}"
-    middle, low, high = median(drawn(c.cell, results.ensembles)[1])
-    return f"{printed}; {ours}; {_number(middle)} ({_number(low)} to {_number(high)})"
+    ours = "-; -" if c.ours is None or c.difference is None else f"{c.ours:.4g}; {c.difference:+.4g}"
+    return f"{printed}; {ours}; {_median(c.cell, results)}"
+
+
+def _median(cell: Cell, results: Results) -> str:
+    """Median over the ensemble, and its interval."""
+    middle, low, high = median(drawn(cell, results.ensembles)[1])
+    return f"{_number(middle)} ({_number(low)} to {_number(high)})"
 
 
 def _number(value: float) -> str:
