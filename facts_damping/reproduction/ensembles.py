@@ -12,8 +12,9 @@ from scipy import stats
 from scipy.stats import rankdata
 
 from facts_damping.reproduction.agreement import Compared, Run, name
-from facts_damping.reproduction.printed import LLC, SCENARIOS, Who
-from facts_damping.reproduction.runs import FIGURES
+from facts_damping.reproduction.printed import LLC, SCENARIOS
+from facts_damping.reproduction.ranking import rho
+from facts_damping.reproduction.runs import FIGURES, TUNED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -21,13 +22,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.reproduction.agreement import Figures
-    from facts_damping.reproduction.printed import Cell
+    from facts_damping.reproduction.printed import Cell, Who
 
     Row = dict[str, Any]
     Ensembles = Mapping[tuple[str, str], Sequence[Row]]  # by system and scenario
 
 CONFIDENCE = 0.95
-TUNED = Who("MISO", "LLC-tuned", None)
 
 
 class Interval(NamedTuple):
@@ -187,12 +187,6 @@ def decided(figures: Figures, quantities: Sequence[str] = FIGURES) -> list[Decid
                 deciding = tuple(one for one, left in zip(names, without, strict=False) if np.argmin(left) != first)
                 found.append(Decided(system, quantity, label, name(group[first]), deciding))
     return found
-
-
-def rho(one: NDArray[np.float64], other: NDArray[np.float64]) -> float | None:
-    """Spearman's rank correlation; none where one of the two has no order."""
-    a, b = rankdata(one), rankdata(other)
-    return float(np.corrcoef(a, b)[0, 1]) if np.ptp(a) > 0.0 and np.ptp(b) > 0.0 else None
 
 
 def _groups(figures: Figures, system: str, scenario: str) -> dict[str, list[Who]]:

@@ -18,6 +18,8 @@ from facts_damping.reproduction.runs import ARCHITECTURES
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from numpy.typing import NDArray
+
     from facts_damping.control.table import Value
     from facts_damping.reproduction.agreement import Figures
     from facts_damping.reproduction.printed import Cell, Who
@@ -83,13 +85,17 @@ def _untuned_wide(system: str, who: Who) -> dict[str, Any]:
     return {**_untuned(system, who), **({f"{PARAMETERS}.dilation": 5.0} if wavelet else {})}
 
 
+def _searched(system: str, who: Who) -> dict[str, Value]:
+    """The parameters that the search has chosen for a controller."""
+    devices, signals = ARCHITECTURES[who.architecture]
+    return tuned(system, signals, devices)[who.controller, who.scheme]
+
+
 def _interpolated(system: str, who: Who) -> dict[str, Any]:
     """B-splines as curves, with the parameters that were searched for the nearest control point."""
     if who.controller not in INTERPOLATED:
         return {}
-    devices, signals = ARCHITECTURES[who.architecture]
-    found = tuned(system, signals, devices)[who.controller, who.scheme]
-    return {"controllers.0.name": INTERPOLATED[who.controller], PARAMETERS: found}
+    return {"controllers.0.name": INTERPOLATED[who.controller], PARAMETERS: _searched(system, who)}
 
 
 def _gain(factor: float) -> More:
@@ -98,8 +104,7 @@ def _gain(factor: float) -> More:
     def more(system: str, who: Who) -> dict[str, Any]:
         if not who.scheme:
             return {}
-        devices, signals = ARCHITECTURES[who.architecture]
-        found = tuned(system, signals, devices)[who.controller, who.scheme]
+        found = _searched(system, who)
         return {f"{PARAMETERS}.{one}": _divided(found[one], factor) for one in ("scale", "change_scale")}
 
     return more
@@ -157,7 +162,7 @@ def told(variant: str, cells: Sequence[Cell], figures: Figures, base: Figures) -
         ranked = ranking.rankings(compared)
         ranks = ranking.totals(ranked)[0]
         before = {one[:4]: _places(one) for one in ranking.rankings(agreement.compare(own, base))}
-        like = [ranking.correlation(_places(one), before[one[:4]])[0] for one in ranked]
+        like = [ranking.rho(_places(one), before[one[:4]]) for one in ranked]
         known = [one for one in like if one is not None]
         unstable = sum(figures[run] is None for run in {agreement.Run(c.system, c.scenario, c.who) for c in own})
         rho_own = float(np.mean(known)) if known else None
@@ -166,6 +171,6 @@ def told(variant: str, cells: Sequence[Cell], figures: Figures, base: Figures) -
     return found
 
 
-def _places(order: Ranking) -> list[float]:
+def _places(order: Ranking) -> NDArray[np.float64]:
     """Our places, in the order of the controllers' names."""
-    return [place for _, place in sorted(zip(order.controllers, order.ours, strict=True))]
+    return np.array([place for _, place in sorted(zip(order.controllers, order.ours, strict=True))])

@@ -11,6 +11,7 @@ from facts_damping.reproduction.agreement import name
 from facts_damping.reproduction.explanations import TABLE
 from facts_damping.reproduction.printed import LLC
 from facts_damping.reproduction.results import LINK
+from facts_damping.reproduction.runs import TUNED
 from facts_damping.studies.pages import heads, line
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from facts_damping.reproduction.results import Results
 
 JUDGED = ("ITAE", "ISE")  # of the way to the bound: one that weighs late deviations, one that the bound is made for
-TUNED = "MISO LLC-tuned"
 
 
 def share(found: Agreement, over: str) -> str:
@@ -63,7 +63,7 @@ def decided(findings: Findings) -> str:
 def medians(findings: Findings, system: str, link: str) -> str:
     """Median improvement of the indices over LLC-tuned, %, with intervals: those that also ran behind the link."""
     kept = [one for one in findings.spreads if one.system == system and one.quantity in INDICES]
-    whos = [who for who in dict.fromkeys(one.who for one in kept if one.link == LINK) if who != TUNED]
+    whos = [who for who in dict.fromkeys(one.who for one in kept if one.link == LINK) if who != name(TUNED)]
     scenarios = dict.fromkeys(one.scenario for one in kept)
     at = {(one.scenario, one.who, one.quantity): one.over_tuned for one in kept if one.link == link}
     columns = [(scenario, index) for scenario in scenarios for index in INDICES]
@@ -81,7 +81,7 @@ def beaten(findings: Findings, system: str, link: str, who: str) -> str:
     kept = [one for one in findings.spreads if (one.system, one.link) == (system, link) and one.quantity in INDICES]
     middle = {(one.scenario, one.quantity, one.who): one.figure.median for one in kept}
     own = [(scenario, index) for scenario, index, whose in middle if whose == who]
-    lost = [f"{one} {index}" for one, index in own if not middle[one, index, who] < middle[one, index, TUNED]]
+    lost = [f"{one} {index}" for one, index in own if not middle[one, index, who] < middle[one, index, name(TUNED)]]
     return f"{', '.join(lost) or 'none'} of {len(own)}"
 
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.analysis.indices import INDICES
 from facts_damping.reproduction import agreement, ensembles, ranking
 from facts_damping.reproduction.agreement import name
+from facts_damping.reproduction.printed import LLC
 from facts_damping.reproduction.results import LINK
-from facts_damping.reproduction.runs import BASELINES, reached
+from facts_damping.reproduction.runs import NOBODY, reached
 
 if TYPE_CHECKING:
     from facts_damping.reproduction.agreement import Compared, Signs, Statement
@@ -72,7 +73,7 @@ def _agreement(compared: list[Compared]) -> Agreement:
 
 
 def _reached(results: Results) -> list[Reached]:
-    runs = [run for run in results.figures if run.who not in (BASELINES[0], BASELINES[1])]
+    runs = [run for run in results.figures if run.who not in (NOBODY, LLC)]
     return [
         Reached(run.system, run.scenario, name(run.who), index, reached(results.figures, run, index))
         for run in runs

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import math
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.analysis.indices import INDICES
 from facts_damping.errors import InputError, check_known
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-Scheme = Literal["direct", "indirect"] | None
+    from facts_damping.studies.tune import Scheme
+
 SMOOTHNESS = "smoothness"
 SCENARIOS = {  # as the thesis numbers them, and their names here
     "smib": {"I": "nominal", "II": "light", "III": "heavy", "IV": "multiple"},

@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.stats import permutation_test, rankdata, spearmanr
+from scipy.stats import permutation_test, rankdata
 
 from facts_damping.reproduction.printed import LLC
 
@@ -104,15 +104,21 @@ def mean_ranks(found: Sequence[Ranking]) -> list[MeanRank]:
     return sorted(rows, key=lambda row: (order.index(row[:3]), row.theirs))
 
 
+def rho(one: NDArray[np.float64], other: NDArray[np.float64]) -> float | None:
+    """Spearman's rank correlation; none where one of the two has no order."""
+    a, b = rankdata(one), rankdata(other)
+    return float(np.corrcoef(a, b)[0, 1]) if np.ptp(a) > 0.0 and np.ptp(b) > 0.0 else None
+
+
 def correlation(theirs: Sequence[float], ours: Sequence[float], seed: int = 0) -> tuple[float | None, float | None]:
     """Spearman's rank correlation of two lists of places and its two-sided p; none where one of them is all equal.
 
     With so few controllers p is not taken from the t distribution but from permutations of `ours`: all of them up to
     seven controllers, otherwise 9999 drawn with the seed.
     """
-    if len(set(theirs)) < 2 or len(set(ours)) < 2:
+    found = rho(np.array(theirs), np.array(ours))
+    if found is None:
         return None, None
-    rho = float(spearmanr(theirs, ours).statistic)
     a = _standard(rankdata(theirs))
 
     def statistic(b: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
@@ -126,7 +132,7 @@ def correlation(theirs: Sequence[float], ours: Sequence[float], seed: int = 0) -
         n_resamples=RESAMPLES,
         rng=np.random.default_rng(seed),
     )
-    return rho, float(test.pvalue)
+    return found, float(test.pvalue)
 
 
 def _standard(x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,8 +9,9 @@ from facts_damping import files
 from facts_damping.errors import check_known
 from facts_damping.reproduction import explanations, pictures, runs
 from facts_damping.reproduction.operations import complexity
-from facts_damping.reproduction.printed import COMPLEXITY, LLC, SCENARIOS, TABLES, Scheme, Who, cells
+from facts_damping.reproduction.printed import COMPLEXITY, LLC, SCENARIOS, TABLES, Who, cells
 from facts_damping.studies.pool import run_all
+from facts_damping.studies.tune import every_scheme
 from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:
@@ -34,8 +35,7 @@ FOUND: dict[str, list[Who]] = {
     for system in SCENARIOS
 }
 # Networks that they are held against behind the link.
-SCHEMES: tuple[Scheme, ...] = ("direct", "indirect")
-RIVALS = tuple(Who("MISO", one, scheme) for one in ("ANFTSC", "HBsWC") for scheme in SCHEMES)
+RIVALS = tuple(Who("MISO", *one) for one in every_scheme(["ANFTSC", "HBsWC"]))
 VARIANT_TABLES = ("4.1", "4.2", "5.1", "5.3")
 
 
@@ -70,7 +70,7 @@ def gather(tables: Sequence[str], draws: int | None, folder: Path, jobs: int) ->
     rows = partial(_rows, files.new_folder(folder / "runs"), jobs)
     for system in systems:
         whos, found = runs.whos(own, system), FOUND[system]
-        few = [*runs.BASELINES[1:], *(one for one in RIVALS if one in whos)]
+        few = [*runs.LINEAR, *(one for one in RIVALS if one in whos)]
         plain = rows(system, {"": whos, "-found": found}, partial(runs.nominal, system))
         figures |= runs.figures(plain, [*whos, *found])
         for scenario in SCENARIOS[system].values():

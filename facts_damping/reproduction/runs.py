@@ -12,6 +12,8 @@ from facts_damping.parameters.study import Study
 from facts_damping.reproduction.agreement import Run, name
 from facts_damping.reproduction.printed import LLC, SCENARIOS, SMOOTHNESS, Who
 from facts_damping.studies import sweep
+from facts_damping.studies.compare import NONE
+from facts_damping.studies.structures import PORTS
 from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:
@@ -24,12 +26,11 @@ if TYPE_CHECKING:
     More = Callable[[Who], dict[str, Any]]  # fields of a run that differ for a controller
 
 # Devices and signals of each; what takes fewer signals is given the first ones.
-ARCHITECTURES = {"MISO": (["sssc"], ["speed"]), "MIMO": (["sssc", "statcom"], ["speed", "power"])}
+ARCHITECTURES = {one: (list(devices), PORTS[devices]) for one, devices in zip(("MISO", "MIMO"), PORTS, strict=True)}
 FILE = "run"  # in the place of an architecture: the controllers of a run file
-NONE = "none"
-BOUND = "LQG"
-BASELINES = tuple(Who("MISO", one, None) for one in (NONE, "LLC", "LLC-tuned", BOUND))
-MIMO_BASELINES = tuple(Who("MIMO", one, None) for one in ("LLC", "LLC-tuned", BOUND))
+NOBODY, TUNED, BOUND = (Who("MISO", one, None) for one in (NONE, "LLC-tuned", "LQG"))
+LINEAR = (LLC, TUNED, BOUND)
+BASELINES = (NOBODY, *LINEAR)
 FIGURES = (*INDICES, SMOOTHNESS)
 
 
@@ -37,7 +38,8 @@ def whos(cells: Iterable[Cell], system: str) -> list[Who]:
     """The controllers behind the cells of a system, after the baselines that are always beside them."""
     own = [cell for cell in cells if cell.system == system]
     asked = [who for cell in own for who in (cell.who, cell.against) if who is not None]
-    beside = MIMO_BASELINES if any(who.architecture == "MIMO" for who in asked) else ()
+    both = any(who.architecture == "MIMO" for who in asked)
+    beside = [who._replace(architecture="MIMO") for who in LINEAR] if both else []
     return list(dict.fromkeys([*(BASELINES if own else ()), *beside, *asked]))
 
 
@@ -100,7 +102,7 @@ def figures(rows: Iterable[Row], asked: Sequence[Who]) -> dict[Run, dict[str, fl
 
 def reached(figures: Mapping[Run, Mapping[str, float] | None], run: Run, index: str) -> float | None:
     """How much of the way from LLC to the bound a controller's index has come, %: 100 (LLC - own) / (LLC - bound)."""
-    own, llc, bound = (figures.get(run._replace(who=who)) for who in (run.who, LLC, BASELINES[-1]))
+    own, llc, bound = (figures.get(run._replace(who=who)) for who in (run.who, LLC, BOUND))
     if own is None or llc is None or bound is None or llc[index] == bound[index]:
         return None
     return 100 * (llc[index] - own[index]) / (llc[index] - bound[index])

@@ -12,7 +12,7 @@ from facts_damping.reproduction.operations import WHY
 from facts_damping.reproduction.operations import markdown as operations
 from facts_damping.reproduction.printed import LLC, SMOOTHNESS
 from facts_damping.reproduction.results import OPERATIONS, TITLES
-from facts_damping.reproduction.runs import BASELINES
+from facts_damping.reproduction.runs import BOUND, TUNED
 from facts_damping.studies.pages import heads, line
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ figure stands struck through before the reading that fits. `-`: no figure, the r
 references, LLC and direct ANFTSC, are two that it does not have, the tuned lead-lag and the bound: ours; ours over the
 ensemble."""
 
-BESIDE = BASELINES[2:]  # LLC-tuned, and the bound
+BESIDE = (TUNED, BOUND)
 ORDER = ("rho", "p", "best", "best_ours", "second", "second_ours", "far")
 STATED = ("scenario", "controller", "scheme", "what", "over", "quantity")
 

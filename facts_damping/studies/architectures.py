@@ -18,6 +18,7 @@ from facts_damping.studies import compare
 from facts_damping.studies.batch import INTERAREA_HZ
 from facts_damping.studies.pages import at, heads, line, save
 from facts_damping.studies.pool import run_all
+from facts_damping.studies.structures import PORTS
 from facts_damping.studies.tune import Scheme, every_scheme
 
 if TYPE_CHECKING:
@@ -25,8 +26,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SYSTEM = "two_area"
-SIGNALS = {"sssc": ["speed"], "statcom": ["speed", "power"]}  # what a controller of one device is given (chapters 4, 6)
-TOGETHER = ["speed", "power"]  # what that of both is given
+SIGNALS = {
+    "sssc": PORTS["sssc",],
+    "statcom": ["speed", "power"],
+}  # what a controller of one device is given (chapters 4, 6)
+TOGETHER = PORTS["sssc", "statcom"]  # what that of both is given
 # Devices that are installed, and those of each controller.
 ARCHITECTURES = {
     "centralised": [["sssc", "statcom"]],

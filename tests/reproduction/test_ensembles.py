@@ -9,6 +9,7 @@ from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.reproduction import ensembles
 from facts_damping.reproduction.agreement import Run, name
 from facts_damping.reproduction.printed import DIRECT, LLC, SCENARIOS, Who, cells
+from facts_damping.reproduction.ranking import rho
 from facts_damping.reproduction.runs import BASELINES, FIGURES
 
 NETWORKS = [Who("MISO", one, "direct") for one in VARIANTS]
@@ -127,5 +128,5 @@ def test_rank_correlation_is_scipys() -> None:
     random = np.random.default_rng(5)
     for _ in range(20):
         a, b = random.integers(0, 6, 11).astype(float), random.integers(0, 6, 11).astype(float)
-        assert ensembles.rho(a, b) == pytest.approx(stats.spearmanr(a, b).statistic)
-    assert ensembles.rho(np.ones(4), np.arange(4.0)) is None
+        assert rho(a, b) == pytest.approx(stats.spearmanr(a, b).statistic)
+    assert rho(np.ones(4), np.arange(4.0)) is None
