@@ -69,8 +69,9 @@ def assert_one_line(error: InputError) -> None:
 INLINE = load_case("two_area_multiple").document()
 NEURO = load_case("two_area_multiple", ["controllers.0.name=ANFTSC"]).document()
 NEURO["controllers"][0]["weights"] = {"name": "ANFTSC", "scheme": "indirect", "controller": [0.5] * 10}
-BASES = [(INLINE, path) for path in leaves(INLINE)]
-BASES += [(NEURO, ("controllers", *path)) for path in leaves(NEURO["controllers"])] * 4
+OF_RUN = [(INLINE, path) for path in leaves(INLINE)]
+OF_NETWORK = [(NEURO, ("controllers", *path)) for path in leaves(NEURO["controllers"])]
+BASES = OF_RUN + 4 * OF_NETWORK
 
 
 @settings(deadline=None, max_examples=250)
@@ -88,6 +89,27 @@ def test_random_mutation_is_refused_in_one_line_or_runs(base: Any, how: str, jun
         parts.build_control(case)
     except InputError as error:
         assert_one_line(error)
+
+
+@pytest.mark.parametrize("extreme", [5e-324, 1e-160, 1e160, -1e-160], ids=str)
+def test_every_number_at_an_extreme_is_refused_in_one_line_or_runs(extreme: float) -> None:
+    """Squares and quotients of what is let in do not overflow."""
+    tried = 0
+    for base, path in OF_RUN + OF_NETWORK:
+        here: Any = base
+        for key in path:
+            here = here[key]
+        if isinstance(here, bool) or not isinstance(here, int | float):
+            continue
+        tried += 1
+        try:
+            case = make_case(mutate(base, path, "replace", extreme), "mutated")
+            parts.build_plant(case)
+            parts.build_links(case)
+            parts.build_control(case)
+        except InputError as error:
+            assert_one_line(error)
+    assert tried > 300
 
 
 @settings(deadline=None, max_examples=100)

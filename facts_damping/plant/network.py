@@ -70,7 +70,7 @@ def line_section(line: Line, model: str, fraction: float = 1.0) -> NDArray[np.co
     """
     series = complex(line.r, line.x) * line.length * fraction
     shunt = 1j * line.b * line.length * fraction
-    if model == "distributed" and line.b > 0:
+    if model == "distributed" and series * shunt != 0.0:  # a vanishing charge is none
         gl = np.sqrt(series * shunt)
         series, shunt = series * np.sinh(gl) / gl, shunt * np.tanh(gl / 2) / (gl / 2)
     return two_port(series, shunt / 2, shunt / 2)
