@@ -141,10 +141,14 @@ def _studies(add: Add) -> None:
     text = "name under config/studies, or a YAML file, with the draws; default: search_SYSTEM"
     command.add_argument("--study", metavar="STUDY", help=text)
     command.add_argument("--draws", type=_whole(1, 1000), default=1, metavar="N", help="of the first rung; default: 1")
+    text = "first points: of a Latin hypercube, the default, or those that `tune` chose among them"
+    command.add_argument("--start", choices=("hypercube", "tuned"), default="hypercube", help=text)
+    text = "how many of the draws count: of each index the worst; default: 100, all"
+    command.add_argument("--worst", type=_whole(1, 100), default=100, metavar="PERCENT", help=text)
     command.add_argument("--budget", type=COUNT, default=10000, metavar="N", help="closed loops; default: 10000")
     command.add_argument("--seed", type=SEED, default=1, metavar="N", help="seed of the search; default: 1")
     _jobs(command)
-    command.add_argument("--out", metavar="RUN.yaml", help="the run of the best; none: standard output")
+    command.add_argument("--out", metavar="RUN.yaml", help="the run of the best network; none: standard output")
     command.add_argument("--lead-lag", metavar="RUN.yaml", help="also the run of LLC-tuned as the search tuned it")
     _common(command, sets=False, out=False)
     command = add("compare", study_commands.compare)

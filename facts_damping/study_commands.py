@@ -42,7 +42,7 @@ def search(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.out, "--out")
     files.check_writable(arguments.lead_lag, "--lead-lag")
     devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
-    more = (arguments.draws, arguments.study)
+    more = (arguments.draws, arguments.study, arguments.worst, arguments.start)
     task = study.Task(arguments.system, arguments.link, devices, arguments.budget, arguments.seed, *more)
     progress = Progress("search", "structures")
     try:
@@ -51,10 +51,11 @@ def search(arguments: argparse.Namespace) -> None:
         progress.close()
     command = task.command(arguments.controllers)
     opponent = next(entry for entry in found if entry.structure.is_lead_lag)
+    best = next((entry for entry in found if not entry.structure.is_lead_lag), opponent)
     told = {
-        path: pages.run_file(task, command, one)
-        for path, one in ((arguments.out, found[0]), (arguments.lead_lag, opponent))
-    }
+        path: pages.run_file(task, command, entry)
+        for path, entry in ((arguments.lead_lag, opponent), (arguments.out, best))
+    }  # without a file the best is told
     for path, text in told.items():
         if path is not None:
             files.write_whole(Path(path), text)

@@ -4,7 +4,7 @@ With n structures and a budget of B closed loops there are floor(log4 n) rungs, 
 among the structures that are left; the best quarter goes on (Jamieson and Talwalkar 2016, there half). In a rung every
 structure is searched by differential evolution (Storn and Price 1997, as SciPy has it), on twice as many draws of the
 training ensemble as in the rung before, and it goes on with its population. LLC-tuned is kept to the end. Of the last
-rung the best on draws that no rung has used is chosen.
+rung the best on draws that no rung has used, twice as many again, is chosen.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 KEPT = 4  # of so many structures one goes on
 POPULATION = 16
-FRESH = 8  # draws of the last choice
+GROWTH = 2  # how many times the draws of a rung the next one has
 
 
 class Task(NamedTuple):
@@ -44,6 +44,8 @@ class Task(NamedTuple):
     seed: int
     draws: int = 1  # of the first rung
     study: str | None = None  # whose draws they are; none: search_<system>
+    worst: int = 100  # how many of the draws count, %: of each index the worst
+    start: str = "hypercube"  # the first points of each structure; tuned: those where `tune` ended among them
 
     def command(self, names: Sequence[str]) -> str:
         """The command that searches for it."""
@@ -51,7 +53,9 @@ class Task(NamedTuple):
         devices = [f"--devices {','.join(self.devices)}"] if self.devices else []
         draws = [f"--draws {self.draws}"] if self.draws > 1 else []
         study = [] if self.study is None else [f"--study {self.study}"]
-        words = ["facts-damping search", self.system, *names, *link, *devices, *study, *draws]
+        start = [f"--start {self.start}"] if self.start != "hypercube" else []
+        worst = [f"--worst {self.worst}"] if self.worst < 100 else []
+        words = ["facts-damping search", self.system, *names, *link, *devices, *study, *draws, *worst, *start]
         return " ".join([*words, f"--budget {self.budget} --seed {self.seed}"])
 
 
@@ -94,8 +98,11 @@ def climb(task: Task, rung: Rung, entry: Entry) -> Entry:
     start = entry.population
     if start is None:
         start = qmc.LatinHypercube(choice.size, rng=random).random(POPULATION)
+        if task.start == "tuned":
+            known = choice.starts()[:POPULATION]
+            start[: len(known)] = known
     found = differential_evolution(
-        lambda at: score(choice.controller(at), rung.draws).value,
+        lambda at: score(choice.controller(at), rung.draws, task.worst).value,
         [(0.0, 1.0)] * choice.size,
         init=start,
         maxiter=rung.generations - 1,
@@ -104,13 +111,14 @@ def climb(task: Task, rung: Rung, entry: Entry) -> Entry:
         polish=False,
     )
     best = choice.controller(found.x)
-    return entry._replace(population=found.population, controller=best, scores=(*entry.scores, score(best, rung.draws)))
+    made = (*entry.scores, score(best, rung.draws, task.worst))
+    return entry._replace(population=found.population, controller=best, scores=made)
 
 
-def judge(against: Sequence[Draw], entry: Entry) -> Entry:
+def judge(task: Task, against: Sequence[Draw], entry: Entry) -> Entry:
     """A structure's best on draws that no rung has used."""
     assert entry.controller is not None  # noqa: S101 (for the types: it has climbed)
-    return entry._replace(scores=(*entry.scores, score(entry.controller, against)))
+    return entry._replace(scores=(*entry.scores, score(entry.controller, against, task.worst)))
 
 
 def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
@@ -118,20 +126,20 @@ def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int,
     ensemble(task.system, task.study)  # whose message says which systems there are
     left, out = [Entry(one) for one in structures(load_system(task.system), names, task.devices)], list[Entry]()
     most = rungs(len(left))
-    last = task.draws * 2 ** (most - 1)
-    known = draws(task.system, task.link, last + FRESH, task.study)
+    last = task.draws * GROWTH ** (most - 1)
+    known = draws(task.system, task.link, last + GROWTH * last, task.study)
     counts = [len(left)]
     for _ in range(most - 1):
         counts.append(_going_on(counts[-1], left))
     counts.append(counts[-1])  # once more, on fresh draws
     for number in range(most):
-        own = known[: task.draws * 2**number]
+        own = known[: task.draws * GROWTH**number]
         loops = task.budget / (most * len(left) * len(own))
         rung = Rung(number, own, max(1, round(loops / POPULATION)))
         left = run_all(partial(climb, task, rung), left, jobs, _part(progress, counts, number))
         ranked = sorted(left, key=lambda entry: (not entry.structure.is_lead_lag, *entry.rank))
         left, out = ranked[: counts[number + 1]], [*out, *ranked[counts[number + 1] :]]
-    left = run_all(partial(judge, known[last:]), left, jobs, _part(progress, counts, most))
+    left = run_all(partial(judge, task, known[last:]), left, jobs, _part(progress, counts, most))
     return sorted([*left, *out], key=lambda entry: entry.rank)
 
 

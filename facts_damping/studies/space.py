@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from facts_damping.control.table import STATE_SPACE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from facts_damping.control.table import Kind, Value
@@ -33,6 +35,13 @@ class Range(NamedTuple):
         if self.logarithmic:
             return _four(self.low * (self.high / self.low) ** at)
         return _four(self.low + at * (self.high - self.low))
+
+    def place(self, value: float) -> float:
+        """The place of a value, of one outside that of the nearest inside."""
+        inside = min(max(value, self.low), self.high)
+        if self.logarithmic:
+            return math.log(inside / self.low) / math.log(self.high / self.low)
+        return (inside - self.low) / (self.high - self.low)
 
 
 LEAD_LAG = {
@@ -119,8 +128,29 @@ class Space(NamedTuple):
             for name in ("scale", "change_scale"):
                 found[name].append(_four(found[name][0] * beside))
         if self.scheme == "indirect":
-            self._in_multiples(found, plant, limit, rate)
+            if "identifier_horizon" in found:
+                found["identifier_horizon"] = [float(round(found["identifier_horizon"][0]))]
+            for name, by in self._multiples(found, plant, limit, rate).items():
+                found[name] = [_four(one * by) for one in found[name]]
         return {**_plain(found), "rate": rate}
+
+    def place(self, values: Mapping[str, Value], plant: Sensitivity, limit: float) -> NDArray[np.float64]:
+        """The point of parameters, the inverse of `parameters`; what they do not name is in the middle of its range."""
+        found = {name: [float(one) for one in np.atleast_1d(some)] for name, some in values.items() if name != "rate"}
+        rate = str(values.get("rate", RATES[0]))
+        if self.row.network is not None:
+            if self.scheme == "indirect":
+                for name, by in self._multiples(found, plant, limit, rate).items():
+                    found[name] = [one / by for one in found[name]]
+            beside = [abs(plant.ratio(signal, self.signals[0])) for signal in self.signals[1:]]
+            found["share"] = [b / found["scale"][0] / a for a, b in zip(beside, found["scale"][1:], strict=True)]
+            found["rate"] = [(RATES.index(rate) + 0.5) / len(RATES)]
+        units, at = self._units(plant), []
+        for place, one in self.ranges.items():
+            name, _, i = place.partition(".")
+            some = found.get(name, [])[max(0, int(i or 0) - (name == "share")) :]
+            at.append(one.place(some[0] / units.get(name, 1.0)) if some else 0.5)
+        return np.array(at)
 
     def _units(self, plant: Sensitivity) -> dict[str, float]:
         """Factors of what has the first signal's unit: ranges are those of `speed`, others' as they swing beside it."""
@@ -129,19 +159,17 @@ class Space(NamedTuple):
             return {"scale": by, "change_scale": by}
         return {"gain": 1.0 / by} if "gain" in self.row.parameters else {}
 
-    def _in_multiples(self, found: dict[str, list[float]], plant: Sensitivity, limit: float, rate: str) -> None:
-        """Learning rate and penalties where the Jacobian is 1 become those of the indirect scheme.
+    def _multiples(
+        self, found: Mapping[str, list[float]], plant: Sensitivity, limit: float, rate: str
+    ) -> dict[str, float]:
+        """What learning rate and penalties where the Jacobian is 1 are multiplied by, in the indirect scheme.
 
         Its Jacobian is what the first device's limit does to the first signal over the identifier's horizon.
         """
-        horizon = found.get("identifier_horizon", [1.0])
-        horizon[0] = float(round(horizon[0]))
-        answer = plant.jacobian(self.signals[:1], self.devices[:1], int(horizon[0]))[0, 0]
+        horizon = int(found.get("identifier_horizon", [1.0])[0])
+        answer = plant.jacobian(self.signals[:1], self.devices[:1], horizon)[0, 0]
         jacobian = abs(float(answer)) * limit / found["scale"][0]
-        squared = rate == "lyapunov"
-        found["hbar"] = [_four(one * (jacobian**2 if squared else jacobian)) for one in found["hbar"]]
-        if not squared:
-            found["eta"] = [_four(found["eta"][0] / jacobian)]
+        return {"hbar": jacobian**2} if rate == "lyapunov" else {"hbar": jacobian, "eta": 1.0 / jacobian}
 
 
 def _plain(found: dict[str, list[float]]) -> dict[str, Value]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.configuration import make_case
+import numpy as np
+
+from facts_damping.configuration import make_case, tuned
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.table import OFF_ON, kind
 from facts_damping.errors import InputError, check_known
@@ -19,7 +21,6 @@ from facts_damping.studies.tune import every_scheme
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from facts_damping.parameters.system import System
@@ -70,7 +71,7 @@ class Choice:
 
     def __init__(self, structure: Structure, system: str, *, delayed: bool) -> None:
         """Linearise the plant once. `delayed`: compensation is chosen, too."""
-        self.structure = structure
+        self.structure, self.system = structure, system
         content = {"system": system, "scenario": [], "devices": list(structure.devices), "controllers": []}
         case = make_case(content, "search")
         plant = build_sensitivity(case)
@@ -88,6 +89,19 @@ class Choice:
     def size(self) -> int:
         """How many coordinates."""
         return len(self.space.ranges) + len(self.guards) + len(self.words)
+
+    def starts(self) -> list[NDArray[np.float64]]:
+        """Where `tune` ended with each controller of this scheme, signals and devices; guards as in `deployed`."""
+        own, parameters = self.structure, self.space.row.parameters
+        more = [one.place(float(parameters[name].deployed or 0.0)) for name, one in self.guards.items()]
+        for name, some in self.words.items():
+            usual = parameters[name].deployed if name in parameters else some[0]
+            more.append((some.index(str(usual)) + 0.5) / len(some))
+        return [
+            np.array([*self.space.place(values, self.plant, self.limit), *more])
+            for (name, scheme), values in tuned(self.system, own.signals, list(own.devices)).items()
+            if scheme == own.scheme and (scheme is not None or name == own.name)
+        ]
 
     def controller(self, at: NDArray[np.float64]) -> Controller:
         """The controller at a point."""

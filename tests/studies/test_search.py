@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from facts_damping import files
+from facts_damping.analysis.indices import INDICES
 from facts_damping.cli import main, parser
 from facts_damping.configuration import load_case, load_system
 from facts_damping.control.table import kind
@@ -21,7 +22,7 @@ from facts_damping.parameters.run import Controller
 from facts_damping.studies import scoring
 from facts_damping.studies import search as study
 from facts_damping.studies.scoring import LOST, REFERENCE, Score, draws, score
-from facts_damping.studies.search import FRESH, KEPT, Entry, Rung, Task, rungs, search
+from facts_damping.studies.search import GROWTH, KEPT, Entry, Rung, Task, rungs, search
 from facts_damping.studies.structures import Choice, Structure, structures
 
 if TYPE_CHECKING:
@@ -70,6 +71,20 @@ def test_a_score_is_the_worst_index_and_the_price_of_what_effort_is_more(nominal
         assert found.value == pytest.approx(worst + priced)
 
 
+@pytest.mark.parametrize(("worst", "counted"), [(1, 1), (33, 1), (34, 2), (100, 3)])
+def test_of_the_worst_draws_of_each_index_the_mean_counts(worst: int, counted: int, nominal: list[Draw]) -> None:
+    weak = Controller(name="LLC", parameters={"gain": 1.0})
+    told = [scoring.run(draw.content, weak).indices for draw in nominal]
+    each = [
+        [np.log(one[i] / draw.reference.indices[i]) for one, draw in zip(told, nominal, strict=True)] for i in INDICES
+    ]
+    assert len({round(one, 6) for one in each[0]}) == len(nominal)  # so that it matters which are counted
+    found, every = score(weak, nominal, worst), score(weak, nominal)
+    more = every.value - max(np.log(ratio) for ratio in every.ratios.values())  # of effort and what is not damped
+    assert found.value - more == pytest.approx(max(np.mean(sorted(row, reverse=True)[:counted]) for row in each))
+    assert (found.ratios, found.undamped) == (every.ratios, every.undamped)
+
+
 def test_a_lost_run_counts_more_than_any_other_and_the_earlier_the_more(nominal: list[Draw]) -> None:
     found = [
         score(Controller(name="LLC", parameters={"gain": gain}), draws("two_area", None, 1)).value
@@ -109,6 +124,34 @@ def test_what_is_chosen_is_within_what_parameters_may_be(name: str, scheme: Sche
     assert seen == {"none", "lead", "phasor", *(["prediction"] if scheme == "indirect" else [])}
 
 
+@pytest.mark.parametrize("devices", [("sssc",), ("sssc", "statcom")])
+@pytest.mark.parametrize(
+    ("name", "scheme"), [("LLC-tuned", None), ("gaussian+morlet", "direct"), ("b-spline+fourier", "indirect")]
+)
+def test_parameters_have_the_place_that_they_came_from(name: str, scheme: Scheme, devices: tuple[str, ...]) -> None:
+    choice, random = Choice(Structure(name, scheme, devices), "two_area", delayed=False), np.random.default_rng(2)
+    for at in random.random((20, len(choice.space.ranges))):
+        values = choice.space.parameters(at, choice.plant, choice.limit)
+        again = choice.space.parameters(
+            choice.space.place(values, choice.plant, choice.limit), choice.plant, choice.limit
+        )
+        assert again.pop("rate", None) == values.pop("rate", None)
+        assert again.keys() == values.keys()
+        for key, value in values.items():
+            np.testing.assert_allclose(np.array(again[key], float), np.array(value, float), rtol=2e-3, err_msg=key)
+
+
+@pytest.mark.parametrize("scheme", ["direct", "indirect"])
+def test_a_start_from_tuned_parameters_has_the_tuned_controller_among_its_points(scheme: Scheme) -> None:
+    tuned = Controller.model_validate({"name": "ANFBsC", "scheme": scheme})
+    same = Structure("b-spline+singleton", scheme, ("sssc",))
+    choice, one = Choice(same, "smib", delayed=False), draws("smib", None, 1)
+    found = min(score(choice.controller(at), one).value for at in choice.starts())
+    assert found <= score(tuned, one).value + 1e-4  # parameters have four digits
+    task = Task("smib", None, (), 1, 4, start="tuned")
+    assert study.climb(task, Rung(0, one, 1), Entry(same)).scores[0].value <= found
+
+
 # The procedure
 
 
@@ -124,8 +167,9 @@ def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.M
         made = Score(value(entry.structure, rung.number), {}, 0.0)
         return entry._replace(controller=Controller(), scores=(*entry.scores, made))
 
-    def judge(against: Sequence[int], entry: Entry) -> Entry:
-        assert list(against) == list(range(2 ** (most - 1), 2 ** (most - 1) + FRESH))  # no rung had them
+    def judge(_task: Task, against: Sequence[int], entry: Entry) -> Entry:
+        last = GROWTH ** (most - 1)
+        assert list(against) == list(range(last, last + GROWTH * last))  # no rung had them
         return entry._replace(scores=(*entry.scores, Score(value(entry.structure, 99), {}, 0.0)))
 
     monkeypatch.setattr(study, "climb", climb)
@@ -179,7 +223,18 @@ def test_no_scenario_but_training_is_read_and_the_written_run_runs(
 
     monkeypatch.setattr(files, "read_yaml", recorded)
     out, other, told = tmp_path / "best.yaml", tmp_path / "lead_lag.yaml", tmp_path / "told.json"
-    options = ["--link", "pdci_100ms", "--out", str(out), "--lead-lag", str(other), "--json", str(told)]
+    options = [
+        "--link",
+        "pdci_100ms",
+        "--worst",
+        "50",
+        "--out",
+        str(out),
+        "--lead-lag",
+        str(other),
+        "--json",
+        str(told),
+    ]
     assert main(["search", *TINY, *options]) == 0
     assert {path.stem for path in read if path.parent.parent.name == "scenarios"} == {"training"}
     monkeypatch.undo()
@@ -187,13 +242,27 @@ def test_no_scenario_but_training_is_read_and_the_written_run_runs(
     ranking = json.loads(told.read_text())["ranking"]
     assert [row["rank"] for row in ranking] == [1, 2, 3]
     assert ranking[0]["scores"][-1] == min(row["scores"][-1] for row in ranking)
-    command = "facts-damping search smib gaussian+sam --link pdci_100ms --budget 1 --seed 4"
+    command = "facts-damping search smib gaussian+sam --link pdci_100ms --worst 50 --budget 1 --seed 4"
     assert out.read_text().startswith(f"# {command}\n")
     case = load_case(str(out))
-    assert (case.controllers[0].name, case.run.link) == (ranking[0]["controller"], "pdci_100ms")
-    assert score(case.run.controllers[0], draws("smib", "pdci_100ms", 1)).value == ranking[0]["scores"][0]
+    best = next(row for row in ranking if row["controller"] != REFERENCE)
+    assert (case.controllers[0].name, case.run.link) == (best["controller"], "pdci_100ms")
+    assert score(case.run.controllers[0], draws("smib", "pdci_100ms", 1)).value == best["scores"][0]
     assert load_case(str(other)).controllers[0].name == REFERENCE
     assert main(["simulate", str(out), "--set", "duration=2"]) == 0
+
+
+def test_without_a_file_the_run_of_the_best_network_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    told = tmp_path / "told.json"
+    assert main(["search", *TINY, "--json", str(told)]) == 0
+    text = capsys.readouterr().out
+    path = tmp_path / "best.yaml"
+    path.write_text(text[text.index("# facts-damping search") :])
+    best = next(row for row in json.loads(told.read_text())["ranking"] if row["controller"] != REFERENCE)
+    case = load_case(str(path))
+    assert [(one.name, one.scheme, one.parameters) for one in case.run.controllers] == [
+        (best["controller"], best["scheme"], best["parameters"])
+    ]
 
 
 @pytest.mark.parametrize("name", [name for name in shipped("studies") if name.startswith("ensemble_two_area")])
@@ -217,6 +286,7 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
         (["smib", "--link", "telegraph"], "'telegraph' given; allowed:"),
         (["smib", "--study", "monte_carlo"], "scenario: 'small' given; allowed: training of smib"),
         (["smib", "--draws", "0"], "0 given; allowed: 1 to 1000"),
+        (["smib", "--worst", "0"], "0 given; allowed: 1 to 100"),
         (["smib", "--budget", "0"], "0 given; allowed: 1 to 1000000"),
         (["smib", "--out", "/nowhere/best.yaml"], "--out /nowhere/best.yaml: cannot be written"),
     ],
@@ -240,6 +310,7 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     asked = parser().parse_args(text.splitlines()[0].removeprefix("# facts-damping ").split())
     assert (asked.system, asked.link or "ideal") == (case.system.name, case.run.link)
     devices = asked.devices.split(",") if asked.devices else []
-    first = asked.draws * 2 ** (rungs(len(structures(load_system(asked.system), [], devices))) - 1)
-    found = score(case.run.controllers[0], draws(asked.system, asked.link, first + FRESH, asked.study)[first:])
+    first = asked.draws * GROWTH ** (rungs(len(structures(load_system(asked.system), [], devices))) - 1)
+    fresh = draws(asked.system, asked.link, first + GROWTH * first, asked.study)[first:]
+    found = score(case.run.controllers[0], fresh, asked.worst)
     assert found.value == pytest.approx(float(said[1]), abs=0.02)
