@@ -168,7 +168,7 @@ def test_setpoints_are_kept_for_as_long_as_they_are_needed(lag: float, rate: int
             continue
         observer.frame(k, 0.0)
         if k == before + 1:
-            until = observer.ns(before) + (observer.ns(k) - observer.ns(before)) // 2 - to_ns(lag)
+            until = observer.ns(k) - (observer.ns(k) - observer.ns(before)) // 2 - to_ns(lag)  # to the whole ns
             expected = next((value for measured, value in reversed(given) if measured <= until), 0.0)
             assert observer.paired[1] == pytest.approx(expected, abs=1e-15)
             checked += expected != 0
