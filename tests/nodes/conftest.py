@@ -37,25 +37,28 @@ def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
 @pytest.fixture
 def start(domain: int) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Starts executables by name with parameters; whatever still runs at the end is stopped."""
-    running: list[subprocess.Popen[str]] = []
+    """Starts executables by name with parameters; whatever still runs at the end is stopped, and told by a failure."""
+    running: list[tuple[str, subprocess.Popen[str]]] = []
 
     def start_one(executable: str, *options: str, **parameters: Any) -> subprocess.Popen[str]:
         arguments = [str(Path(sys.executable).parent / executable), "--ros-args", *options]
         for name, value in parameters.items():
             arguments += ["-p", f"{name}:={value}"]
-        running.append(subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
-        return running[-1]
+        popen = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        running.append((executable, popen))
+        return popen
 
     yield start_one
-    for popen in running:
-        if popen.poll() is None:
+    for executable, popen in running:
+        ended = popen.poll()
+        if ended is None:
             popen.terminate()
         try:
-            popen.communicate(timeout=10)
+            said = popen.communicate(timeout=10)
         except subprocess.TimeoutExpired:
             popen.kill()
-            popen.communicate()
+            said = popen.communicate()
+        print(f"{executable}: {'still ran' if ended is None else 'had ended'}, {popen.returncode}, said {said}")
 
 
 @pytest.fixture
