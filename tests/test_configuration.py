@@ -43,11 +43,15 @@ def leaves(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]
         yield from leaves(value, (*path, key))
 
 
+def at(content: Any, path: tuple[Any, ...]) -> Any:
+    for key in path:
+        content = content[key]
+    return content
+
+
 def mutate(content: Any, path: tuple[Any, ...], how: str, junk: Any) -> Any:
     made = copy.deepcopy(content)
-    here = made
-    for key in path[:-1]:
-        here = here[key]
+    here = at(made, path[:-1])
     if how == "replace":
         here[path[-1]] = junk
     elif how == "remove":
@@ -66,6 +70,16 @@ def assert_one_line(error: InputError) -> None:
     assert "allowed" in text or "must" in text or "needs" in text
 
 
+def assert_refused_in_one_line_or_built(content: Any) -> None:
+    try:
+        case = make_case(content, "mutated")
+        parts.build_plant(case)
+        parts.build_links(case)
+        parts.build_control(case)
+    except InputError as error:
+        assert_one_line(error)
+
+
 INLINE = load_case("two_area_multiple").document()
 NEURO = load_case("two_area_multiple", ["controllers.0.name=ANFTSC"]).document()
 NEURO["controllers"][0]["weights"] = {"name": "ANFTSC", "scheme": "indirect", "controller": [0.5] * 10}
@@ -82,34 +96,16 @@ BASES = OF_RUN + 4 * OF_NETWORK
 )
 def test_random_mutation_is_refused_in_one_line_or_runs(base: Any, how: str, junk: Any) -> None:
     """A mutated run, with everything it names inline, is either a run that can be built or a clear error."""
-    try:
-        case = make_case(mutate(base[0], base[1], how, junk), "mutated")
-        parts.build_plant(case)
-        parts.build_links(case)
-        parts.build_control(case)
-    except InputError as error:
-        assert_one_line(error)
+    assert_refused_in_one_line_or_built(mutate(base[0], base[1], how, junk))
 
 
 @pytest.mark.parametrize("extreme", [5e-324, 1e-160, 1e160, -1e-160], ids=str)
 def test_every_number_at_an_extreme_is_refused_in_one_line_or_runs(extreme: float) -> None:
     """Squares and quotients of what is let in do not overflow."""
-    tried = 0
-    for base, path in OF_RUN + OF_NETWORK:
-        here: Any = base
-        for key in path:
-            here = here[key]
-        if isinstance(here, bool) or not isinstance(here, int | float):
-            continue
-        tried += 1
-        try:
-            case = make_case(mutate(base, path, "replace", extreme), "mutated")
-            parts.build_plant(case)
-            parts.build_links(case)
-            parts.build_control(case)
-        except InputError as error:
-            assert_one_line(error)
-    assert tried > 300
+    numbers = [(base, path) for base, path in OF_RUN + OF_NETWORK if type(at(base, path)) in (int, float)]
+    assert len(numbers) > 300
+    for base, path in numbers:
+        assert_refused_in_one_line_or_built(mutate(base, path, "replace", extreme))
 
 
 @settings(deadline=None, max_examples=100)

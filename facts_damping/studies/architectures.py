@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SYSTEM = "two_area"
-SIGNALS = {
-    "sssc": PORTS["sssc",],
-    "statcom": ["speed", "power"],
-}  # what a controller of one device is given (chapters 4, 6)
+# What a controller of one device is given (chapters 4, 6).
+SIGNALS = {"sssc": PORTS["sssc",], "statcom": ["speed", "power"]}
 TOGETHER = PORTS["sssc", "statcom"]  # what that of both is given
 # Devices that are installed, and those of each controller.
 ARCHITECTURES = {
