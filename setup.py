@@ -55,6 +55,7 @@ setup(
     zip_safe=False,
     # Lower bounds: what runs on Python 3.10. Upper bounds: the next release that may break.
     install_requires=[
+        "cmaes>=0.11,<0.14",
         "control>=0.10.1,<0.11",  # before, its ERA was not there
         "bokeh>=3.6,<4",  # analyze --report
         "jinja2>=3.1,<4",

@@ -143,6 +143,8 @@ def _studies(add: Add) -> None:
     command.add_argument("--draws", type=_whole(1, 1000), default=1, metavar="N", help="of the first rung; default: 1")
     text = "first points: of a Latin hypercube, the default, or those that `tune` chose among them"
     command.add_argument("--start", choices=("hypercube", "tuned"), default="hypercube", help=text)
+    methods = ("differential-evolution", "cma-es")
+    command.add_argument("--method", choices=methods, default=methods[0], help="default: differential-evolution")
     text = "how many of the draws count: of each index the worst; default: 100, all"
     command.add_argument("--worst", type=_whole(1, 100), default=100, metavar="PERCENT", help=text)
     command.add_argument("--budget", type=COUNT, default=10000, metavar="N", help="closed loops; default: 10000")

@@ -42,7 +42,7 @@ def search(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.out, "--out")
     files.check_writable(arguments.lead_lag, "--lead-lag")
     devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
-    more = (arguments.draws, arguments.study, arguments.worst, arguments.start)
+    more = (arguments.draws, arguments.study, arguments.worst, arguments.start, arguments.method)
     task = study.Task(arguments.system, arguments.link, devices, arguments.budget, arguments.seed, *more)
     progress = Progress("search", "structures")
     try:
@@ -52,17 +52,15 @@ def search(arguments: argparse.Namespace) -> None:
     command = task.command(arguments.controllers)
     opponent = next(entry for entry in found if entry.structure.is_lead_lag)
     best = next((entry for entry in found if not entry.structure.is_lead_lag), opponent)
-    told = {
-        path: pages.run_file(task, command, entry)
-        for path, entry in ((arguments.lead_lag, opponent), (arguments.out, best))
-    }  # without a file the best is told
-    for path, text in told.items():
-        if path is not None:
-            files.write_whole(Path(path), text)
+    run = pages.run_file(task, command, best)
+    if arguments.out is not None:
+        files.write_whole(Path(arguments.out), run)
+    if arguments.lead_lag is not None:
+        files.write_whole(Path(arguments.lead_lag), pages.run_file(task, command, opponent))
     write_json(arguments.json, {"command": command, "ranking": pages.rows(found)})
     for line in pages.text(found):
         say(arguments, line)
-    say(arguments, told[None] if arguments.out is None else f"run: {arguments.out}")
+    say(arguments, run if arguments.out is None else f"run: {arguments.out}")
 
 
 def compare(arguments: argparse.Namespace) -> None:

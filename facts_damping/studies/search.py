@@ -1,10 +1,10 @@
-"""The search of a controller: successive halving over structures, differential evolution of each one's parameters.
+"""The search of a controller: successive halving over structures, an evolutionary search of each one's parameters.
 
 With n structures and a budget of B closed loops there are floor(log4 n) rungs, each with an equal share of B, divided
 among the structures that are left; the best quarter goes on (Jamieson and Talwalkar 2016, there half). In a rung every
-structure is searched by differential evolution (Storn and Price 1997, as SciPy has it), on twice as many draws of the
-training ensemble as in the rung before, and it goes on with its population. LLC-tuned is kept to the end. Of the last
-rung the best on draws that no rung has used, twice as many again, is chosen.
+structure is searched by differential evolution or CMA-ES (optimisers.py), on twice as many draws of the training
+ensemble as in the rung before, and it goes on with its population. LLC-tuned is kept to the end. Of the last rung the
+best on draws that no rung has used, twice as many again, is chosen.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from facts_damping.configuration import load_system
+from facts_damping.studies.optimisers import METHODS
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.scoring import Draw, Score, draws, ensemble, score
 from facts_damping.studies.structures import Choice, Structure, structures
@@ -46,16 +46,14 @@ class Task(NamedTuple):
     study: str | None = None  # whose draws they are; none: search_<system>
     worst: int = 100  # how many of the draws count, %: of each index the worst
     start: str = "hypercube"  # the first points of each structure; tuned: those where `tune` ended among them
+    method: str = "differential-evolution"  # of METHODS
 
     def command(self, names: Sequence[str]) -> str:
         """The command that searches for it."""
-        link = [] if self.link is None else [f"--link {self.link}"]
-        devices = [f"--devices {','.join(self.devices)}"] if self.devices else []
-        draws = [f"--draws {self.draws}"] if self.draws > 1 else []
-        study = [] if self.study is None else [f"--study {self.study}"]
-        start = [f"--start {self.start}"] if self.start != "hypercube" else []
-        worst = [f"--worst {self.worst}"] if self.worst < 100 else []
-        words = ["facts-damping search", self.system, *names, *link, *devices, *study, *draws, *worst, *start]
+        asked = {**self._asdict(), "devices": ",".join(self.devices) or None}
+        options = ("link", "devices", "study", "draws", "worst", "start", "method")
+        more = [f"--{name} {asked[name]}" for name in options if asked[name] != self._field_defaults.get(name)]
+        words = ["facts-damping search", self.system, *names, *more]
         return " ".join([*words, f"--budget {self.budget} --seed {self.seed}"])
 
 
@@ -101,16 +99,12 @@ def climb(task: Task, rung: Rung, entry: Entry) -> Entry:
         if task.start == "tuned":
             known = choice.starts()[:POPULATION]
             start[: len(known)] = known
-    found = differential_evolution(
-        lambda at: score(choice.controller(at), rung.draws, task.worst).value,
-        [(0.0, 1.0)] * choice.size,
-        init=start,
-        maxiter=rung.generations - 1,
-        rng=random,
-        tol=0.0,
-        polish=False,
-    )
-    best = choice.controller(found.x)
+
+    def objective(at: NDArray[np.float64]) -> float:
+        return score(choice.controller(at), rung.draws, task.worst).value
+
+    found = METHODS[task.method](objective, start, rung.generations, random)
+    best = choice.controller(found.best)
     made = (*entry.scores, score(best, rung.draws, task.worst))
     return entry._replace(population=found.population, controller=best, scores=made)
 

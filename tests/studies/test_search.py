@@ -21,6 +21,7 @@ from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.parameters.run import Controller
 from facts_damping.studies import scoring
 from facts_damping.studies import search as study
+from facts_damping.studies.optimisers import METHODS
 from facts_damping.studies.scoring import LOST, REFERENCE, Score, draws, score
 from facts_damping.studies.search import GROWTH, KEPT, Entry, Rung, Task, rungs, search
 from facts_damping.studies.structures import Choice, Structure, structures
@@ -223,18 +224,8 @@ def test_no_scenario_but_training_is_read_and_the_written_run_runs(
 
     monkeypatch.setattr(files, "read_yaml", recorded)
     out, other, told = tmp_path / "best.yaml", tmp_path / "lead_lag.yaml", tmp_path / "told.json"
-    options = [
-        "--link",
-        "pdci_100ms",
-        "--worst",
-        "50",
-        "--out",
-        str(out),
-        "--lead-lag",
-        str(other),
-        "--json",
-        str(told),
-    ]
+    written = ["--out", str(out), "--lead-lag", str(other), "--json", str(told)]
+    options = ["--link", "pdci_100ms", "--worst", "50", "--method", "cma-es", *written]
     assert main(["search", *TINY, *options]) == 0
     assert {path.stem for path in read if path.parent.parent.name == "scenarios"} == {"training"}
     monkeypatch.undo()
@@ -242,7 +233,7 @@ def test_no_scenario_but_training_is_read_and_the_written_run_runs(
     ranking = json.loads(told.read_text())["ranking"]
     assert [row["rank"] for row in ranking] == [1, 2, 3]
     assert ranking[0]["scores"][-1] == min(row["scores"][-1] for row in ranking)
-    command = "facts-damping search smib gaussian+sam --link pdci_100ms --worst 50 --budget 1 --seed 4"
+    command = "facts-damping search smib gaussian+sam --link pdci_100ms --worst 50 --method cma-es --budget 1 --seed 4"
     assert out.read_text().startswith(f"# {command}\n")
     case = load_case(str(out))
     best = next(row for row in ranking if row["controller"] != REFERENCE)
@@ -250,6 +241,10 @@ def test_no_scenario_but_training_is_read_and_the_written_run_runs(
     assert score(case.run.controllers[0], draws("smib", "pdci_100ms", 1)).value == best["scores"][0]
     assert load_case(str(other)).controllers[0].name == REFERENCE
     assert main(["simulate", str(out), "--set", "duration=2"]) == 0
+
+
+def test_every_method_can_be_asked_for() -> None:
+    assert [parser().parse_args(["search", "smib", "--method", name]).method for name in METHODS] == list(METHODS)
 
 
 def test_without_a_file_the_run_of_the_best_network_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -287,6 +282,7 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
         (["smib", "--study", "monte_carlo"], "scenario: 'small' given; allowed: training of smib"),
         (["smib", "--draws", "0"], "0 given; allowed: 1 to 1000"),
         (["smib", "--worst", "0"], "0 given; allowed: 1 to 100"),
+        (["smib", "--method", "simplex"], "argument --method: invalid choice: 'simplex'"),
         (["smib", "--budget", "0"], "0 given; allowed: 1 to 1000000"),
         (["smib", "--out", "/nowhere/best.yaml"], "--out /nowhere/best.yaml: cannot be written"),
     ],
