@@ -306,7 +306,7 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     asked = parser().parse_args(text.splitlines()[0].removeprefix("# facts-damping ").split())
     assert (asked.system, asked.link or "ideal") == (case.system.name, case.run.link)
     devices = asked.devices.split(",") if asked.devices else []
-    first = asked.draws * GROWTH ** (rungs(len(structures(load_system(asked.system), [], devices))) - 1)
+    first = asked.draws * GROWTH ** (rungs(len(structures(load_system(asked.system), asked.controllers, devices))) - 1)
     fresh = draws(asked.system, asked.link, first + GROWTH * first, asked.study)[first:]
     found = score(case.run.controllers[0], fresh, asked.worst)
     assert found.value == pytest.approx(float(said[1]), abs=0.02)
