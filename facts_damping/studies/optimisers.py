@@ -22,6 +22,7 @@ class Found(NamedTuple):
     """The best point of a search, and the points that another search may go on with."""
 
     best: NDArray[np.float64]  # (coordinates,)
+    value: float  # of the objective, there
     population: NDArray[np.float64]  # (points, coordinates); the best is one of them
 
 
@@ -38,7 +39,7 @@ def differential_evolution(
         tol=0.0,
         polish=False,
     )
-    return Found(found.x, found.population)
+    return Found(found.x, float(found.fun), found.population)
 
 
 def cma_es(
@@ -65,7 +66,7 @@ def cma_es(
         if values.min() < least:
             best, least = population[values.argmin()], values.min()
     population[values.argmax()] = best
-    return Found(best, population)
+    return Found(best, float(least), population)
 
 
 METHODS = {"differential-evolution": differential_evolution, "cma-es": cma_es}

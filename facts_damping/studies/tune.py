@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from scipy.optimize import differential_evolution
 
 from facts_damping import loop
 from facts_damping.analysis.indices import performance_indices
@@ -24,6 +23,7 @@ from facts_damping.errors import InputError
 from facts_damping.files import find
 from facts_damping.parameters.run import Controller, Tuned, TunedController
 from facts_damping.parts import build_sensitivity
+from facts_damping.studies.optimisers import differential_evolution
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.space import Space
 
@@ -128,18 +128,11 @@ def objective(case: Case, plant: Sensitivity) -> float:
 def search(job: Job) -> TunedController:
     """The best of a budget of runs, by differential evolution from a Latin hypercube."""
     trainer = Trainer(job)
-    size = len(trainer.space.ranges)
-    found = differential_evolution(
-        trainer.objective,
-        [(0.0, 1.0)] * size,
-        init=_population(size, job.task.seed),
-        maxiter=max(0, job.task.budget // POPULATION - 1),
-        rng=np.random.default_rng(job.task.seed),
-        tol=0.0,
-        polish=False,
-    )
-    reached = float(f"{found.fun:.5g}")
-    values = trainer.parameters(found.x)
+    start = _population(len(trainer.space.ranges), job.task.seed)
+    generations = max(1, job.task.budget // POPULATION)
+    found = differential_evolution(trainer.objective, start, generations, np.random.default_rng(job.task.seed))
+    reached = float(f"{found.value:.5g}")
+    values = trainer.parameters(found.best)
     return TunedController(name=job.name, scheme=job.scheme, objective=reached, parameters=values)
 
 

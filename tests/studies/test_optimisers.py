@@ -62,6 +62,7 @@ def test_what_is_asked_is_the_budget_within_the_cube_and_its_best_is_handed_on(
     assert 0.0 <= np.min(bowl.asked) <= np.max(bowl.asked) <= 1.0
     assert bowl.asked[:POINTS] == [tuple(at) for at in start(seed)]
     assert tuple(found.best) == bowl.asked[int(np.argmin(bowl.told))]
+    assert found.value == min(bowl.told)
     assert found.population.shape == (POINTS, SIZE)
     assert {tuple(found.best)} <= {tuple(at) for at in found.population} <= set(bowl.asked)
 
