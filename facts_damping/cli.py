@@ -144,6 +144,7 @@ def _studies(add: Add) -> None:
     text = "first points: of a Latin hypercube, the default, or those that `tune` chose among them"
     command.add_argument("--start", choices=("hypercube", "tuned"), default="hypercube", help=text)
     methods = ("differential-evolution", "cma-es")
+    command.add_argument("--scheme", choices=("direct", "indirect"), help="networks in this one only; default: in both")
     command.add_argument("--method", choices=methods, default=methods[0], help="default: differential-evolution")
     text = "how many of the draws count: of each index the worst; default: 100, all"
     command.add_argument("--worst", type=_whole(1, 100), default=100, metavar="PERCENT", help=text)

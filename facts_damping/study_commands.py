@@ -42,7 +42,7 @@ def search(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.out, "--out")
     files.check_writable(arguments.lead_lag, "--lead-lag")
     devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
-    more = (arguments.draws, arguments.study, arguments.worst, arguments.start, arguments.method)
+    more = (arguments.draws, arguments.study, arguments.worst, arguments.start, arguments.method, arguments.scheme)
     task = study.Task(arguments.system, arguments.link, devices, arguments.budget, arguments.seed, *more)
     progress = Progress("search", "structures")
     try:

@@ -34,7 +34,7 @@ T = TypeVar("T")
 
 INTERAREA_HZ = 0.9  # below it a mode of the ringdown is the interarea one
 QUANTILES = (0, 1, 5, 10, 25, 50, 75, 90, 95, 99, 100)  # %, of the latency
-MOST_SHARED = 16  # plants that a process keeps
+MOST_SHARED = 256  # plants that a process keeps; some kB each
 NAMED = ("system", "scenario", "link")
 IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
 

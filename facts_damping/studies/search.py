@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.run import Controller
+    from facts_damping.studies.tune import Scheme
 
 KEPT = 4  # of so many structures one goes on
 POPULATION = 16
@@ -47,11 +48,12 @@ class Task(NamedTuple):
     worst: int = 100  # how many of the draws count, %: of each index the worst
     start: str = "hypercube"  # the first points of each structure; tuned: those where `tune` ended among them
     method: str = "differential-evolution"  # of METHODS
+    scheme: Scheme = None  # networks only in this one; none: in both
 
     def command(self, names: Sequence[str]) -> str:
         """The command that searches for it."""
         asked = {**self._asdict(), "devices": ",".join(self.devices) or None}
-        options = ("link", "devices", "study", "draws", "worst", "start", "method")
+        options = ("link", "devices", "study", "draws", "worst", "start", "method", "scheme")
         more = [f"--{name} {asked[name]}" for name in options if asked[name] != self._field_defaults.get(name)]
         words = ["facts-damping search", self.system, *names, *more]
         return " ".join([*words, f"--budget {self.budget} --seed {self.seed}"])
@@ -118,7 +120,8 @@ def judge(task: Task, against: Sequence[Draw], entry: Entry) -> Entry:
 def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
     """All structures, the best first."""
     ensemble(task.system, task.study)  # whose message says which systems there are
-    left, out = [Entry(one) for one in structures(load_system(task.system), names, task.devices)], list[Entry]()
+    asked = structures(load_system(task.system), names, task.devices, task.scheme)
+    left, out = [Entry(one) for one in asked], list[Entry]()
     most = rungs(len(left))
     last = task.draws * GROWTH ** (most - 1)
     known = draws(task.system, task.link, last + GROWTH * last, task.study)

@@ -48,10 +48,10 @@ class Structure(NamedTuple):
         return self.scheme is None
 
 
-def structures(system: System, names: Sequence[str], devices: Sequence[str]) -> list[Structure]:
+def structures(system: System, names: Sequence[str], devices: Sequence[str], scheme: Scheme = None) -> list[Structure]:
     """LLC-tuned and every pair of antecedent and consequent (or those named), in both schemes, with all devices.
 
-    `devices`: only with these; none: with each row of `PORTS` that the system has.
+    `devices`: only with these; none: with each row of `PORTS` that the system has. `scheme`: networks only in this one.
     """
     if devices:
         check_known("--devices", ",".join(devices), [",".join(row) for row in PORTS])
@@ -63,7 +63,8 @@ def structures(system: System, names: Sequence[str], devices: Sequence[str]) -> 
     others = [name for name in pairs if name != REFERENCE]
     if any(kind(name, "CONTROLLER").network is None for name in others):
         raise InputError("CONTROLLER: 'LLC' given; allowed: a neuro-fuzzy controller (LLC-tuned is always there)")
-    return [Structure(name, scheme, row) for row in rows for name, scheme in every_scheme([REFERENCE, *others])]
+    found = [Structure(name, one, row) for row in rows for name, one in every_scheme([REFERENCE, *others])]
+    return [one for one in found if one.is_lead_lag or scheme in (None, one.scheme)]
 
 
 class Choice:

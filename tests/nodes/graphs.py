@@ -25,6 +25,7 @@ ARRAYS = (
     *("machines", "devices", "in_synchronism", "estimates", "learning"),
 )
 PATIENCE_S = 60.0
+SILENCE_S = 3.0  # a node that lives answers within it, on a loaded machine, too
 
 
 def quiet(_done: int, _of: int) -> None:
@@ -69,9 +70,7 @@ def nodes_left(folder: Path) -> list[str]:
     return found
 
 
-def assert_named(
-    sets: Sequence[str], folder: Path, started: dict[str, Any], node: str, number: int, said: str, timeout: float = 1.0
-) -> None:
+def assert_named(sets: Sequence[str], folder: Path, started: dict[str, Any], node: str, number: int, said: str) -> None:
     """A graph whose node gets a signal ends soon, says so by the node's name, and leaves no process."""
 
     def strike(done: int, _of: int) -> None:
@@ -80,6 +79,6 @@ def assert_named(
 
     began = time.monotonic()
     with pytest.raises(RunError, match=said):
-        graph.run(load_case(None, [*sets, "duration=1000"]), "lockstep", folder, strike, timeout)
+        graph.run(load_case(None, [*sets, "duration=1000"]), "lockstep", folder, strike, SILENCE_S)
     assert time.monotonic() - began < PATIENCE_S
     assert nodes_left(folder) == []

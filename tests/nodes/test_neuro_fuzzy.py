@@ -155,7 +155,7 @@ def test_inner_state_and_estimates_are_published_every_tick(domain: int, tmp_pat
 def test_dead_or_silent_identifier_is_named(
     domain: int, tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
 ) -> None:
-    assert_named(HBSWC, tmp_path, started, node, number, said, timeout=2.0)
+    assert_named(HBSWC, tmp_path, started, node, number, said)
 
 
 def test_real_time_with_identifier_loses_nothing(domain: int, tmp_path: Path) -> None:

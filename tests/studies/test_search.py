@@ -104,6 +104,14 @@ def test_every_pair_is_there_in_both_schemes_with_all_devices() -> None:
     assert {one.devices for one in structures(load_system("smib"), [], [])} == {("sssc",)}
 
 
+@pytest.mark.parametrize("scheme", ["direct", "indirect"])
+def test_networks_of_one_scheme_alone_are_searched_beside_llc_tuned(scheme: Scheme) -> None:
+    every = structures(load_system("two_area"), [], [])
+    found = structures(load_system("two_area"), [], [], scheme)
+    assert found == [one for one in every if one.scheme in (None, scheme)]
+    assert len(found) == 2 * (1 + len(ANTECEDENTS) * len(CONSEQUENTS))
+
+
 @pytest.mark.parametrize(
     ("name", "scheme", "devices"),
     [
@@ -225,16 +233,18 @@ def test_no_scenario_but_training_is_read_and_the_written_run_runs(
     monkeypatch.setattr(files, "read_yaml", recorded)
     out, other, told = tmp_path / "best.yaml", tmp_path / "lead_lag.yaml", tmp_path / "told.json"
     written = ["--out", str(out), "--lead-lag", str(other), "--json", str(told)]
-    options = ["--link", "pdci_100ms", "--worst", "50", "--method", "cma-es", *written]
+    options = ["--link", "pdci_100ms", "--worst", "50", "--method", "cma-es", "--scheme", "indirect", *written]
     assert main(["search", *TINY, *options]) == 0
     assert {path.stem for path in read if path.parent.parent.name == "scenarios"} == {"training"}
     monkeypatch.undo()
     assert f"run: {out}" in capsys.readouterr().out
     ranking = json.loads(told.read_text())["ranking"]
-    assert [row["rank"] for row in ranking] == [1, 2, 3]
+    assert [row["rank"] for row in ranking] == [1, 2]
+    found = {(row["controller"], row["scheme"]) for row in ranking}
+    assert found == {("LLC-tuned", None), ("gaussian+sam", "indirect")}
     assert ranking[0]["scores"][-1] == min(row["scores"][-1] for row in ranking)
-    command = "facts-damping search smib gaussian+sam --link pdci_100ms --worst 50 --method cma-es --budget 1 --seed 4"
-    assert out.read_text().startswith(f"# {command}\n")
+    asked = "--link pdci_100ms --worst 50 --method cma-es --scheme indirect --budget 1 --seed 4"
+    assert out.read_text().startswith(f"# facts-damping search smib gaussian+sam {asked}\n")
     case = load_case(str(out))
     best = next(row for row in ranking if row["controller"] != REFERENCE)
     assert (case.controllers[0].name, case.run.link) == (best["controller"], "pdci_100ms")
@@ -306,7 +316,8 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     asked = parser().parse_args(text.splitlines()[0].removeprefix("# facts-damping ").split())
     assert (asked.system, asked.link or "ideal") == (case.system.name, case.run.link)
     devices = asked.devices.split(",") if asked.devices else []
-    first = asked.draws * GROWTH ** (rungs(len(structures(load_system(asked.system), asked.controllers, devices))) - 1)
+    searched = structures(load_system(asked.system), asked.controllers, devices, asked.scheme)
+    first = asked.draws * GROWTH ** (rungs(len(searched)) - 1)
     fresh = draws(asked.system, asked.link, first + GROWTH * first, asked.study)[first:]
     found = score(case.run.controllers[0], fresh, asked.worst)
     assert found.value == pytest.approx(float(said[1]), abs=0.02)
