@@ -65,7 +65,7 @@ def rows(found: Sequence[Entry]) -> list[dict[str, Any]]:
 def text(found: Sequence[Entry]) -> list[str]:
     """The ranking in Markdown; the last column is on fresh draws."""
     most = max(len(entry.scores) for entry in found)
-    titles = [*(f"rung {i}" for i in range(1, most)), "fresh"]
+    titles = [*(f"rung {i}" for i in range(most - 1)), "fresh"]
     lines = heads(["controller", "scheme", "devices", "compensation"], titles)
     for row in rows(found):
         told = [f"{value:.3f}" for value in row["scores"]] + [""] * (most - len(row["scores"]))
