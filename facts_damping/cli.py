@@ -141,8 +141,10 @@ def _studies(add: Add) -> None:
     text = "name under config/studies, or a YAML file, with the draws; default: search_SYSTEM"
     command.add_argument("--study", metavar="STUDY", help=text)
     command.add_argument("--draws", type=_whole(1, 1000), default=1, metavar="N", help="of the first rung; default: 1")
-    text = "first points: of a Latin hypercube, the default, or those that `tune` chose among them"
-    command.add_argument("--start", choices=("hypercube", "tuned"), default="hypercube", help=text)
+    text = (
+        "first points: hypercube, the default; tuned: those that `tune` chose among them, or a run's: name or YAML file"
+    )
+    command.add_argument("--start", default="hypercube", metavar="START", help=text)
     methods = ("differential-evolution", "cma-es")
     command.add_argument("--scheme", choices=("direct", "indirect"), help="networks in this one only; default: in both")
     command.add_argument("--method", choices=methods, default=methods[0], help="default: differential-evolution")

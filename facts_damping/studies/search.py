@@ -17,10 +17,11 @@ import numpy as np
 from scipy.stats import qmc
 
 from facts_damping.configuration import load_system
+from facts_damping.errors import InputError
 from facts_damping.studies.optimisers import METHODS
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.scoring import Draw, Score, draws, ensemble, score
-from facts_damping.studies.structures import Choice, Structure, structures
+from facts_damping.studies.structures import Choice, Structure, started, structures
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -46,7 +47,7 @@ class Task(NamedTuple):
     draws: int = 1  # of the first rung
     study: str | None = None  # whose draws they are; none: search_<system>
     worst: int = 100  # how many of the draws count, %: of each index the worst
-    start: str = "hypercube"  # the first points of each structure; tuned: those where `tune` ended among them
+    start: str = "hypercube"  # the first points of each structure; tuned: where `tune` ended, or a run, among them
     method: str = "differential-evolution"  # of METHODS
     scheme: Scheme = None  # networks only in this one; none: in both
 
@@ -98,9 +99,8 @@ def climb(task: Task, rung: Rung, entry: Entry) -> Entry:
     start = entry.population
     if start is None:
         start = qmc.LatinHypercube(choice.size, rng=random).random(POPULATION)
-        if task.start == "tuned":
-            known = choice.starts()[:POPULATION]
-            start[: len(known)] = known
+        for i, known in enumerate(choice.starts(task.start)[:POPULATION]):
+            start[i] = known
 
     def objective(at: NDArray[np.float64]) -> float:
         return score(choice.controller(at), rung.draws, task.worst).value
@@ -121,6 +121,7 @@ def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int,
     """All structures, the best first."""
     ensemble(task.system, task.study)  # whose message says which systems there are
     asked = structures(load_system(task.system), names, task.devices, task.scheme)
+    _check_start(task, asked)
     left, out = [Entry(one) for one in asked], list[Entry]()
     most = rungs(len(left))
     last = task.draws * GROWTH ** (most - 1)
@@ -138,6 +139,15 @@ def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int,
         left, out = ranked[: counts[number + 1]], [*out, *ranked[counts[number + 1] :]]
     left = run_all(partial(judge, task, known[last:]), left, jobs, _part(progress, counts, most))
     return sorted([*left, *out], key=lambda entry: entry.rank)
+
+
+def _check_start(task: Task, asked: Sequence[Structure]) -> None:
+    """Raises `InputError` where what is to be started from has nothing for any structure."""
+    rows = {one.devices: one.signals for one in asked}
+    found = [started(task.start, task.system, signals, list(devices)) for devices, signals in rows.items()]
+    if task.start != "hypercube" and not any(found):
+        told = " or ".join(f"{'+'.join(devices)} with {'+'.join(signals)}" for devices, signals in rows.items())
+        raise InputError(f"--start: '{task.start}' given; allowed: one whose controllers command {told}")
 
 
 def _part(progress: Callable[[int, int], None], counts: Sequence[int], number: int) -> Callable[[int, int], None]:

@@ -136,7 +136,8 @@ class Space(NamedTuple):
 
     def place(self, values: Mapping[str, Value], plant: Sensitivity, limit: float) -> NDArray[np.float64]:
         """The point of parameters, the inverse of `parameters`; what they do not name is in the middle of its range."""
-        found = {name: [float(one) for one in np.atleast_1d(some)] for name, some in values.items() if name != "rate"}
+        numbers = {name: some for name, some in values.items() if not isinstance(some, str)}
+        found = {name: [float(one) for one in np.atleast_1d(some)] for name, some in numbers.items()}
         rate = str(values.get("rate", RATES[0]))
         if self.row.network is not None:
             if self.scheme == "indirect":

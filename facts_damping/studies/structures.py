@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.configuration import make_case, tuned
+from facts_damping.configuration import load_case, make_case, tuned
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.table import OFF_ON, kind
 from facts_damping.errors import InputError, check_known
@@ -19,10 +19,11 @@ from facts_damping.studies.space import GUARDS, Space
 from facts_damping.studies.tune import every_scheme
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.control.table import Value
     from facts_damping.parameters.system import System
     from facts_damping.studies.tune import Scheme
 
@@ -67,6 +68,28 @@ def structures(system: System, names: Sequence[str], devices: Sequence[str], sch
     return [one for one in found if one.is_lead_lag or scheme in (None, one.scheme)]
 
 
+def started(
+    start: str, system: str, signals: list[str], devices: list[str]
+) -> dict[tuple[str, str | None], dict[str, Value]]:
+    """Parameters to start from, by controller and scheme: none (`hypercube`), those that `tune` chose, or a run's.
+
+    Raises `InputError` where there is no such run, or it is of another system.
+    """
+    if start == "hypercube":
+        return {}
+    if start == "tuned":
+        return tuned(system, signals, devices)
+    try:
+        case = load_case(start)
+    except InputError as error:
+        raise InputError(f"--start: {error}; or hypercube, or tuned") from None
+    if case.system.name != system:
+        raise InputError(f"--start: '{start}' given, a run of {case.system.name}; allowed: one of {system}")
+    return {
+        (c.name, c.scheme): c.parameters for c in case.run.controllers if (c.signals, c.devices) == (signals, devices)
+    }
+
+
 class Choice:
     """What is chosen of a structure: a coordinate from 0 to 1 for each parameter, guard and word."""
 
@@ -91,18 +114,21 @@ class Choice:
         """How many coordinates."""
         return len(self.space.ranges) + len(self.guards) + len(self.words)
 
-    def starts(self) -> list[NDArray[np.float64]]:
-        """Where `tune` ended with each controller of this scheme, signals and devices; guards as in `deployed`."""
-        own, parameters = self.structure, self.space.row.parameters
-        more = [one.place(float(parameters[name].deployed or 0.0)) for name, one in self.guards.items()]
-        for name, some in self.words.items():
-            usual = parameters[name].deployed if name in parameters else some[0]
-            more.append((some.index(str(usual)) + 0.5) / len(some))
+    def starts(self, start: str) -> list[NDArray[np.float64]]:
+        """The points of what there is to start from with this scheme, these signals and devices."""
+        own = self.structure
         return [
-            np.array([*self.space.place(values, self.plant, self.limit), *more])
-            for (name, scheme), values in tuned(self.system, own.signals, list(own.devices)).items()
+            self._place(values)
+            for (name, scheme), values in started(start, self.system, own.signals, list(own.devices)).items()
             if scheme == own.scheme and (scheme is not None or name == own.name)
         ]
+
+    def _place(self, values: Mapping[str, Value]) -> NDArray[np.float64]:
+        """The point of parameters; guards that they do not name are as in `deployed`, compensation is none."""
+        usual = {name: one.deployed for name, one in self.space.row.parameters.items()} | dict(values)
+        guards = [one.place(float(str(usual[name] or 0.0))) for name, one in self.guards.items()]
+        words = [(some.index(str(usual.get(name, some[0]))) + 0.5) / len(some) for name, some in self.words.items()]
+        return np.array([*self.space.place(values, self.plant, self.limit), *guards, *words])
 
     def controller(self, at: NDArray[np.float64]) -> Controller:
         """The controller at a point."""

@@ -155,10 +155,25 @@ def test_a_start_from_tuned_parameters_has_the_tuned_controller_among_its_points
     tuned = Controller.model_validate({"name": "ANFBsC", "scheme": scheme})
     same = Structure("b-spline+singleton", scheme, ("sssc",))
     choice, one = Choice(same, "smib", delayed=False), draws("smib", None, 1)
-    found = min(score(choice.controller(at), one).value for at in choice.starts())
+    found = min(score(choice.controller(at), one).value for at in choice.starts("tuned"))
     assert found <= score(tuned, one).value + 1e-4  # parameters have four digits
     task = Task("smib", None, (), 1, 4, start="tuned")
     assert study.climb(task, Rung(0, one, 1), Entry(same)).scores[0].value <= found
+
+
+@pytest.mark.parametrize("name", BEST)
+def test_a_start_from_a_run_is_its_controller_guards_included(name: str) -> None:
+    case = load_case(name)
+    own = case.run.controllers[0]
+    choice = Choice(Structure(own.name, own.scheme, tuple(own.devices)), case.system.name, delayed=False)
+    (at,) = choice.starts(name)
+    again = choice.controller(at).parameters
+    assert again.keys() == own.parameters.keys()
+    for key, value in own.parameters.items():
+        if isinstance(value, str):
+            assert again[key] == value, key
+        else:
+            np.testing.assert_allclose(np.array(again[key], float), np.array(value, float), rtol=2e-3, err_msg=key)
 
 
 # The procedure
@@ -290,6 +305,15 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
         (["smib", "--devices", "sssc,statcom"], "--devices: 'sssc,statcom' given; allowed: what smib has, sssc"),
         (["smib", "--link", "telegraph"], "'telegraph' given; allowed:"),
         (["smib", "--study", "monte_carlo"], "scenario: 'small' given; allowed: training of smib"),
+        (["smib", "--start", "nothing"], "--start: runs: 'nothing' given; allowed: best_smib"),
+        (
+            ["smib", "--start", "best_two_area"],
+            "--start: 'best_two_area' given, a run of two_area; allowed: one of smib",
+        ),
+        (
+            ["two_area", "--devices", "sssc", "--start", "best_two_area"],
+            "allowed: one whose controllers command sssc with",
+        ),
         (["smib", "--draws", "0"], "0 given; allowed: 1 to 1000"),
         (["smib", "--worst", "0"], "0 given; allowed: 1 to 100"),
         (["smib", "--method", "simplex"], "argument --method: invalid choice: 'simplex'"),
