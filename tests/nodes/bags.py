@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from rosbags.highlevel import AnyReader
@@ -13,8 +14,8 @@ if TYPE_CHECKING:
 STORAGES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
 
-def copy(recording: Path, out: Path, storage: str, late: int = 0) -> Path:
-    """A bag in `out` of the messages of a recording, at their times of reception; the first `late` s are missing."""
+def copy(recording: Path, out: Path, storage: str, late: float = 0.0) -> Path:
+    """A bag in `out` of the messages of a recording, at their times of reception; a share of `late` is cut off."""
     with AnyReader([recording]) as reader, Writer(out, version=9, storage_plugin=STORAGES[storage]) as writer:
         made = {
             one.id: writer.add_connection(
@@ -25,8 +26,7 @@ def copy(recording: Path, out: Path, storage: str, late: int = 0) -> Path:
             )
             for one in reader.connections
         }
-        first = reader.start_time + late
-        for connection, log_ns, data in reader.messages():
-            if log_ns >= first:
-                writer.write(made[connection.id], log_ns, data)
+        missing = int(late * reader.message_count)
+        for connection, log_ns, data in islice(reader.messages(), missing, None):
+            writer.write(made[connection.id], log_ns, data)
     return out
