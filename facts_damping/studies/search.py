@@ -143,11 +143,10 @@ def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int,
 
 def _check_start(task: Task, asked: Sequence[Structure]) -> None:
     """Raises `InputError` where what is to be started from has nothing for any structure."""
-    rows = {one.devices: one.signals for one in asked}
-    found = [started(task.start, task.system, signals, list(devices)) for devices, signals in rows.items()]
-    if task.start != "hypercube" and not any(found):
-        told = " or ".join(f"{'+'.join(devices)} with {'+'.join(signals)}" for devices, signals in rows.items())
-        raise InputError(f"--start: '{task.start}' given; allowed: one whose controllers command {told}")
+    if task.start == "hypercube" or any(started(task.start, task.system, one) for one in asked):
+        return
+    told = dict.fromkeys(f"{'+'.join(s.devices)} with {'+'.join(s.signals)} ({s.scheme or s.name})" for s in asked)
+    raise InputError(f"--start: '{task.start}' given; allowed: one whose controllers command {', or '.join(told)}")
 
 
 def _part(progress: Callable[[int, int], None], counts: Sequence[int], number: int) -> Callable[[int, int], None]:

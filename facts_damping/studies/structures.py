@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.control.table import Value
+    from facts_damping.parameters.run import Run
     from facts_damping.parameters.system import System
     from facts_damping.studies.tune import Scheme
 
@@ -68,26 +69,35 @@ def structures(system: System, names: Sequence[str], devices: Sequence[str], sch
     return [one for one in found if one.is_lead_lag or scheme in (None, one.scheme)]
 
 
-def started(
-    start: str, system: str, signals: list[str], devices: list[str]
-) -> dict[tuple[str, str | None], dict[str, Value]]:
-    """Parameters to start from, by controller and scheme: none (`hypercube`), those that `tune` chose, or a run's.
+def started(start: str, system: str, structure: Structure) -> list[dict[str, Value]]:
+    """Parameters that a structure may start from: none (`hypercube`), those that `tune` chose, or a run's.
 
-    Raises `InputError` where there is no such run, or it is of another system.
+    They are of controllers of its scheme, signals and devices; a lead-lag's are its own. Raises `InputError` where
+    there is no such run, or it is of another system.
     """
     if start == "hypercube":
-        return {}
+        return []
+    signals, devices = structure.signals, list(structure.devices)
     if start == "tuned":
-        return tuned(system, signals, devices)
+        found = tuned(system, signals, devices)
+    else:
+        own = _run(start, system).controllers
+        found = {(c.name, c.scheme): c.parameters for c in own if (c.signals, c.devices) == (signals, devices)}
+    return [
+        values
+        for (name, scheme), values in found.items()
+        if scheme == structure.scheme and (scheme is not None or name == structure.name)
+    ]
+
+
+def _run(name: str, system: str) -> Run:
     try:
-        case = load_case(start)
+        case = load_case(name)
     except InputError as error:
         raise InputError(f"--start: {error}; or hypercube, or tuned") from None
     if case.system.name != system:
-        raise InputError(f"--start: '{start}' given, a run of {case.system.name}; allowed: one of {system}")
-    return {
-        (c.name, c.scheme): c.parameters for c in case.run.controllers if (c.signals, c.devices) == (signals, devices)
-    }
+        raise InputError(f"--start: '{name}' given, a run of {case.system.name}; allowed: one of {system}")
+    return case.run
 
 
 class Choice:
@@ -115,13 +125,8 @@ class Choice:
         return len(self.space.ranges) + len(self.guards) + len(self.words)
 
     def starts(self, start: str) -> list[NDArray[np.float64]]:
-        """The points of what there is to start from with this scheme, these signals and devices."""
-        own = self.structure
-        return [
-            self._place(values)
-            for (name, scheme), values in started(start, self.system, own.signals, list(own.devices)).items()
-            if scheme == own.scheme and (scheme is not None or name == own.name)
-        ]
+        """The points of what there is to start from."""
+        return [self._place(values) for values in started(start, self.system, self.structure)]
 
     def _place(self, values: Mapping[str, Value]) -> NDArray[np.float64]:
         """The point of parameters; guards that they do not name are as in `deployed`, compensation is none."""

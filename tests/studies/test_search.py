@@ -24,11 +24,12 @@ from facts_damping.studies import search as study
 from facts_damping.studies.optimisers import METHODS
 from facts_damping.studies.scoring import LOST, REFERENCE, Score, draws, score
 from facts_damping.studies.search import GROWTH, KEPT, Entry, Rung, Task, rungs, search
-from facts_damping.studies.structures import Choice, Structure, structures
+from facts_damping.studies.structures import Choice, Structure, started, structures
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    from facts_damping.control.table import Value
     from facts_damping.studies.scoring import Draw
     from facts_damping.studies.tune import Scheme
 
@@ -38,6 +39,16 @@ BEST = sorted(name for name in shipped("runs") if name.startswith(("best_", "lea
 
 def quiet(_done: int, _of: int) -> None:
     """No progress."""
+
+
+def assert_close(again: Mapping[str, Value], values: Mapping[str, Value]) -> None:
+    """The same parameters, numbers to their four digits."""
+    assert again.keys() == values.keys()
+    for key, value in values.items():
+        if isinstance(value, str):
+            assert again[key] == value, key
+        else:
+            np.testing.assert_allclose(np.array(again[key], float), np.array(value, float), rtol=2e-3, err_msg=key)
 
 
 @pytest.fixture(scope="module")
@@ -144,10 +155,7 @@ def test_parameters_have_the_place_that_they_came_from(name: str, scheme: Scheme
         again = choice.space.parameters(
             choice.space.place(values, choice.plant, choice.limit), choice.plant, choice.limit
         )
-        assert again.pop("rate", None) == values.pop("rate", None)
-        assert again.keys() == values.keys()
-        for key, value in values.items():
-            np.testing.assert_allclose(np.array(again[key], float), np.array(value, float), rtol=2e-3, err_msg=key)
+        assert_close(again, values)
 
 
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
@@ -168,12 +176,13 @@ def test_a_start_from_a_run_is_its_controller_guards_included(name: str) -> None
     choice = Choice(Structure(own.name, own.scheme, tuple(own.devices)), case.system.name, delayed=False)
     (at,) = choice.starts(name)
     again = choice.controller(at).parameters
-    assert again.keys() == own.parameters.keys()
-    for key, value in own.parameters.items():
-        if isinstance(value, str):
-            assert again[key] == value, key
-        else:
-            np.testing.assert_allclose(np.array(again[key], float), np.array(value, float), rtol=2e-3, err_msg=key)
+    assert_close(again, own.parameters)
+
+
+def test_a_lead_lag_of_both_devices_may_be_started_from() -> None:
+    """It takes fewer signals than the networks beside it."""
+    every = structures(load_system("two_area"), [], ["sssc", "statcom"])
+    assert [one.name for one in every if started("lead_lag_two_area", "two_area", one)] == ["LLC-tuned"]
 
 
 # The procedure
@@ -314,6 +323,7 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
             ["two_area", "--devices", "sssc", "--start", "best_two_area"],
             "allowed: one whose controllers command sssc with",
         ),
+        (["smib", "--scheme", "indirect", "--start", "best_smib"], "(LLC-tuned), or sssc with speed (indirect)"),
         (["smib", "--draws", "0"], "0 given; allowed: 1 to 1000"),
         (["smib", "--worst", "0"], "0 given; allowed: 1 to 100"),
         (["smib", "--method", "simplex"], "argument --method: invalid choice: 'simplex'"),
