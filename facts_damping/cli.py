@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import signal
 import sys
@@ -111,7 +112,7 @@ def _systems(add: Add) -> None:
     _common(command)
     command = add("margin", study_commands.margin)
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
-    takes, text = _seconds(0.01, 10.0), "longest delay; default: 1 s"
+    takes, text = _between(0.01, 10.0, " s"), "longest delay; default: 1 s"
     command.add_argument("--max-delay", type=takes, default=1.0, metavar="S", help=text)
     command.add_argument("--pade", type=_whole(1, 10), metavar="N", help="also with Pade terms of order N, 1 to 10")
     command.add_argument("--time-domain", action="store_true", help="also by runs of the nonlinear loop")
@@ -145,11 +146,16 @@ def _studies(add: Add) -> None:
         "first points: hypercube, the default; tuned: those that `tune` chose among them, or a run's: name or YAML file"
     )
     command.add_argument("--start", default="hypercube", metavar="START", help=text)
+    text = "of the other first points from those of --start, of a range of 1; default: they are of the hypercube"
+    command.add_argument("--deviation", type=_between(0.001, 0.5), metavar="D", help=text)
     methods = ("differential-evolution", "cma-es")
     command.add_argument("--scheme", choices=("direct", "indirect"), help="networks in this one only; default: in both")
     command.add_argument("--method", choices=methods, default=methods[0], help="default: differential-evolution")
     text = "how many of the draws count: of each index the worst; default: 100, all"
-    command.add_argument("--worst", type=_whole(1, 100), default=100, metavar="PERCENT", help=text)
+    counted = command.add_mutually_exclusive_group()
+    counted.add_argument("--worst", type=_whole(1, 100), default=100, metavar="PERCENT", help=text)
+    text = "the score is of medians, the largest of any group of draws; groups: what the axes not drawn say"
+    counted.add_argument("--medians", action="store_true", help=text)
     command.add_argument("--budget", type=COUNT, default=10000, metavar="N", help="closed loops; default: 10000")
     command.add_argument("--seed", type=SEED, default=1, metavar="N", help="seed of the search; default: 1")
     _jobs(command)
@@ -224,23 +230,23 @@ def _pair(text: str) -> tuple[float, float]:
     return first, second
 
 
-def _seconds(low: float, high: float) -> Callable[[str], float]:
-    """What takes a time within bounds, s."""
+def _between(low: float, high: float, unit: str = "") -> Callable[[str], float]:
+    """What takes a number within bounds."""
 
     def take(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
-            value = -1.0
+            value = math.nan
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} given; allowed: {low:g} to {high:g} s")
+            raise argparse.ArgumentTypeError(f"{text} given; allowed: {low:g} to {high:g}{unit}")
         return value
 
     return take
 
 
 MODES = ("matrix_pencil", "prony", "era")  # facts_damping.analysis.poles.METHODS, which takes long to load
-COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _seconds(0.05, 3600.0)
+COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _between(0.05, 3600.0, " s")
 
 
 def _jobs(command: argparse.ArgumentParser) -> None:

@@ -42,8 +42,8 @@ def search(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.out, "--out")
     files.check_writable(arguments.lead_lag, "--lead-lag")
     devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
-    more = (arguments.draws, arguments.study, arguments.worst, arguments.start, arguments.method, arguments.scheme)
-    task = study.Task(arguments.system, arguments.link, devices, arguments.budget, arguments.seed, *more)
+    asked = {name: value for name, value in vars(arguments).items() if name in study.Task._fields}
+    task = study.Task(**{**asked, "devices": devices})
     progress = Progress("search", "structures")
     try:
         found = study.search(task, arguments.controllers, arguments.jobs, progress)

@@ -6,8 +6,9 @@
 
 0 is as good as LLC-tuned, and below 0 all four indices are better, as geometric means over the draws. With a share of
 the draws the first mean is over the worst of each index alone (conditional value at risk, Rockafellar and Uryasev
-2000): much that is gained in a few draws makes up for nothing in others. A run that loses synchronism counts LOST and
-more, the earlier the more; then no further draw is run.
+2000): much that is gained in a few draws makes up for nothing in others. By medians the first term is instead the
+largest median of any index in any group of draws; a group has the same value of every axis of the study that is not
+drawn. A run that loses synchronism counts LOST and more, the earlier the more; then no further draw is run.
 """
 
 from __future__ import annotations
@@ -25,11 +26,14 @@ from facts_damping.errors import FactsDampingError, InputError, check_known
 from facts_damping.files import shipped
 from facts_damping.parameters.run import Controller
 from facts_damping.studies import sweep
+from facts_damping.studies.axes import drawn_columns
 from facts_damping.studies.batch import closed_loop, make, names
 from facts_damping.studies.tune import SCENARIO
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from facts_damping.configuration import Case
     from facts_damping.signals import Record
@@ -53,6 +57,7 @@ class Draw(NamedTuple):
 
     content: dict[str, Any]
     reference: Figures
+    group: tuple[Any, ...] = ()  # the values of the study's axes that are not drawn; the nominal run has none
 
 
 class Score(NamedTuple):
@@ -89,11 +94,13 @@ def draws(system: str, link: str | None, number: int, study: str | None = None) 
     base = made.base._replace(set={**made.base.set, **more})
     nominal = make(base._replace(set={"system": system, "scenario": SCENARIO, **more}, content={}), {})
     found = [_draw(nominal)]
+    drawn = {name for axis in made.study.sweep for name in drawn_columns(axis)}
     for point in made.points:
         if len(found) >= number:
             break
+        group = tuple(value for name, value in point.columns.items() if name not in drawn)
         try:
-            found.append(_draw(make(base, point.changes)))
+            found.append(_draw(make(base, point.changes), group))
         except FactsDampingError:
             continue
     if len(found) < number:
@@ -116,13 +123,13 @@ def ensemble(system: str, study: str | None = None) -> sweep.Plan:
     return made
 
 
-def _draw(case: Case) -> Draw:
+def _draw(case: Case, group: tuple[Any, ...] = ()) -> Draw:
     """A draw from its case. Raises `InputError` where LLC-tuned loses synchronism in it."""
     content = {**case.document(), "asked": None}
     found = run(content, Controller(name=REFERENCE))
     if found.lasted < 1.0:
         raise InputError(f"{REFERENCE} loses synchronism")
-    return Draw(content, found)
+    return Draw(content, found, group)
 
 
 def run(content: Mapping[str, Any], controller: Controller) -> Figures:
@@ -131,8 +138,11 @@ def run(content: Mapping[str, Any], controller: Controller) -> Figures:
     return figures(closed_loop(make_case({**content, **own}, "search")))
 
 
-def score(controller: Controller, against: Sequence[Draw], worst: int = 100) -> Score:
-    """The score of a controller on draws. `worst`: how many of them count, %: of each index the worst."""
+def score(controller: Controller, against: Sequence[Draw], worst: int = 100, *, medians: bool = False) -> Score:
+    """The score of a controller on draws.
+
+    `worst`: how many of them count, %: of each index the worst. `medians`: those of the groups count, instead of means.
+    """
     found: list[Figures] = []
     for draw in against:
         one = run(draw.content, controller)
@@ -141,9 +151,18 @@ def score(controller: Controller, against: Sequence[Draw], worst: int = 100) -> 
         found.append(one)
     pairs = list(zip(found, (draw.reference for draw in against), strict=True))
     logs = np.array([[np.log(a.indices[name] / b.indices[name]) for a, b in pairs] for name in INDICES])
-    counted = np.sort(logs)[:, -math.ceil(worst * len(pairs) / 100) :]
+    if medians:
+        counted = _medians(logs, [draw.group for draw in against])
+    else:
+        counted = np.sort(logs)[:, -math.ceil(worst * len(pairs) / 100) :].mean(axis=1)
     effort = float(np.mean([a.effort - b.effort for a, b in pairs]))
     undamped = float(np.mean([not one.damped for one in found]))
-    value = float(counted.mean(axis=1).max()) + UNDAMPED * undamped + PRICE * max(0.0, effort)
+    value = float(counted.max()) + UNDAMPED * undamped + PRICE * max(0.0, effort)
     ratios = np.exp(logs.mean(axis=1))
     return Score(value, {name: float(ratio) for name, ratio in zip(INDICES, ratios, strict=True)}, undamped)
+
+
+def _medians(logs: NDArray[np.float64], groups: Sequence[tuple[Any, ...]]) -> NDArray[np.float64]:
+    """Medians over the draws of each group, (indices, groups), of (indices, draws)."""
+    each = [[one == group for one in groups] for group in dict.fromkeys(groups)]
+    return np.column_stack([np.median(logs[:, chosen], axis=1) for chosen in each])

@@ -14,7 +14,7 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
+from scipy.stats import norm, qmc
 
 from facts_damping.configuration import load_system
 from facts_damping.errors import InputError
@@ -47,15 +47,18 @@ class Task(NamedTuple):
     draws: int = 1  # of the first rung
     study: str | None = None  # whose draws they are; none: search_<system>
     worst: int = 100  # how many of the draws count, %: of each index the worst
+    medians: bool = False  # of groups of draws count, instead of means
     start: str = "hypercube"  # the first points of each structure; tuned: where `tune` ended, or a run, among them
+    deviation: float | None = None  # of the other first points from those; none: they are of the hypercube
     method: str = "differential-evolution"  # of METHODS
     scheme: Scheme = None  # networks only in this one; none: in both
 
     def command(self, names: Sequence[str]) -> str:
         """The command that searches for it."""
         asked = {**self._asdict(), "devices": ",".join(self.devices) or None}
-        options = ("link", "devices", "study", "draws", "worst", "start", "method", "scheme")
+        options = ("link", "devices", "study", "draws", "worst", "start", "deviation", "method", "scheme")
         more = [f"--{name} {asked[name]}" for name in options if asked[name] != self._field_defaults.get(name)]
+        more += ["--medians"] if self.medians else []
         words = ["facts-damping search", self.system, *names, *more]
         return " ".join([*words, f"--budget {self.budget} --seed {self.seed}"])
 
@@ -96,25 +99,36 @@ def climb(task: Task, rung: Rung, entry: Entry) -> Entry:
     """A structure after a rung."""
     choice = _choice(entry.structure, task.system, delayed=task.link is not None)
     random = np.random.default_rng([task.seed, rung.number])
-    start = entry.population
-    if start is None:
-        start = qmc.LatinHypercube(choice.size, rng=random).random(POPULATION)
-        for i, known in enumerate(choice.starts(task.start)[:POPULATION]):
-            start[i] = known
+    start = _first(task, choice, random) if entry.population is None else entry.population
 
     def objective(at: NDArray[np.float64]) -> float:
-        return score(choice.controller(at), rung.draws, task.worst).value
+        return _score(task, choice.controller(at), rung.draws).value
 
     found = METHODS[task.method](objective, start, rung.generations, random)
     best = choice.controller(found.best)
-    made = (*entry.scores, score(best, rung.draws, task.worst))
+    made = (*entry.scores, _score(task, best, rung.draws))
     return entry._replace(population=found.population, controller=best, scores=made)
+
+
+def _first(task: Task, choice: Choice, random: np.random.Generator) -> NDArray[np.float64]:
+    """The first points of a structure."""
+    known = choice.starts(task.start)[:POPULATION]
+    made: NDArray[np.float64] = qmc.LatinHypercube(choice.size, rng=random).random(POPULATION)
+    if known and task.deviation is not None:
+        made = (np.resize(known, made.shape) + task.deviation * norm.ppf(made)).clip(0.0, 1.0)
+    for i, one in enumerate(known):
+        made[i] = one
+    return made
+
+
+def _score(task: Task, controller: Controller, against: Sequence[Draw]) -> Score:
+    return score(controller, against, task.worst, medians=task.medians)
 
 
 def judge(task: Task, against: Sequence[Draw], entry: Entry) -> Entry:
     """A structure's best on draws that no rung has used."""
     assert entry.controller is not None  # noqa: S101 (for the types: it has climbed)
-    return entry._replace(scores=(*entry.scores, score(entry.controller, against, task.worst)))
+    return entry._replace(scores=(*entry.scores, _score(task, entry.controller, against)))
 
 
 def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
@@ -143,7 +157,12 @@ def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int,
 
 def _check_start(task: Task, asked: Sequence[Structure]) -> None:
     """Raises `InputError` where what is to be started from has nothing for any structure."""
-    if task.start == "hypercube" or any(started(task.start, task.system, one) for one in asked):
+    if task.start == "hypercube":
+        if task.deviation is not None:
+            given = f"{task.deviation} given with --start hypercube"
+            raise InputError(f"--deviation: {given}; allowed: with tuned, or a run")
+        return
+    if any(started(task.start, task.system, one) for one in asked):
         return
     told = dict.fromkeys(f"{'+'.join(s.devices)} with {'+'.join(s.signals)} ({s.scheme or s.name})" for s in asked)
     raise InputError(f"--start: '{task.start}' given; allowed: one whose controllers command {', or '.join(told)}")

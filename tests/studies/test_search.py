@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from facts_damping import files
@@ -21,13 +24,15 @@ from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.parameters.run import Controller
 from facts_damping.studies import scoring
 from facts_damping.studies import search as study
-from facts_damping.studies.optimisers import METHODS
+from facts_damping.studies.optimisers import METHODS, Found
 from facts_damping.studies.scoring import LOST, REFERENCE, Score, draws, score
 from facts_damping.studies.search import GROWTH, KEPT, Entry, Rung, Task, rungs, search
 from facts_damping.studies.structures import Choice, Structure, started, structures
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from facts_damping.control.table import Value
     from facts_damping.studies.scoring import Draw
@@ -94,6 +99,27 @@ def test_of_the_worst_draws_of_each_index_the_mean_counts(worst: int, counted: i
     found, every = score(weak, nominal, worst), score(weak, nominal)
     more = every.value - max(np.log(ratio) for ratio in every.ratios.values())  # of effort and what is not damped
     assert found.value - more == pytest.approx(max(np.mean(sorted(row, reverse=True)[:counted]) for row in each))
+    assert (found.ratios, found.undamped) == (every.ratios, every.undamped)
+
+
+def test_by_medians_the_largest_of_any_index_in_any_group_counts() -> None:
+    """Groups are what the study lists; the plain run of training is one by itself."""
+    against = draws("smib", None, 1 + 2 * 16, "search_smib_groups")
+    groups = Counter(draw.group for draw in against)
+    assert groups.pop(()) == 1
+    assert groups == dict.fromkeys(product([0.02, 0.5], [6, 1000], [840, 1260, 1620, 2050]), 2)
+    weak = Controller(name="LLC", parameters={"gain": 50.0})
+    told = pd.DataFrame(
+        {"group": str(draw.group), "index": name, "log": np.log(one[name] / draw.reference.indices[name])}
+        for draw in against
+        for one in [scoring.run(draw.content, weak).indices]
+        for name in INDICES
+    )
+    medians = told.groupby(["group", "index"])["log"].median()
+    found, every = score(weak, against, medians=True), score(weak, against)
+    more = every.value - max(np.log(ratio) for ratio in every.ratios.values())  # of effort and what is not damped
+    assert found.value - more == pytest.approx(medians.max())
+    assert medians.max() > told.groupby("index")["log"].mean().max() + 0.01  # so that it matters which counts
     assert (found.ratios, found.undamped) == (every.ratios, every.undamped)
 
 
@@ -185,6 +211,27 @@ def test_a_lead_lag_of_both_devices_may_be_started_from() -> None:
     assert [one.name for one in every if started("lead_lag_two_area", "two_area", one)] == ["LLC-tuned"]
 
 
+def test_the_other_first_points_are_about_those_of_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[NDArray[np.float64]] = []
+
+    def recorded(_objective: object, population: NDArray[np.float64], *_: object) -> Found:
+        seen.append(population)
+        return Found(population[0], 0.0, population)
+
+    monkeypatch.setitem(METHODS, "recorded", recorded)
+    task = Task("smib", None, (), 1, 4, start="best_smib", deviation=0.01, method="recorded")
+    one, network = draws("smib", None, 1), Structure("b-spline+morlet", "direct", ("sssc",))
+    lead_lag = Structure(REFERENCE, None, ("sssc",))  # of which that run has none: from the hypercube
+    for structure, about in ((network, task), (network, task._replace(deviation=None)), (lead_lag, task)):
+        study.climb(about, Rung(0, one, 1), Entry(structure))
+    (at,) = Choice(network, "smib", delayed=False).starts("best_smib")
+    for population in seen[:2]:
+        np.testing.assert_array_equal(population[0], at)
+    widths = [population.std(axis=0).mean() for population in seen]
+    assert widths == pytest.approx([0.01, 0.29, 0.29], rel=0.1)
+    np.testing.assert_allclose(seen[0].mean(axis=0), at, atol=0.005)
+
+
 # The procedure
 
 
@@ -257,7 +304,7 @@ def test_no_scenario_but_training_is_read_and_the_written_run_runs(
     monkeypatch.setattr(files, "read_yaml", recorded)
     out, other, told = tmp_path / "best.yaml", tmp_path / "lead_lag.yaml", tmp_path / "told.json"
     written = ["--out", str(out), "--lead-lag", str(other), "--json", str(told)]
-    options = ["--link", "pdci_100ms", "--worst", "50", "--method", "cma-es", "--scheme", "indirect", *written]
+    options = ["--link", "pdci_100ms", "--medians", "--method", "cma-es", "--scheme", "indirect", *written]
     assert main(["search", *TINY, *options]) == 0
     assert {path.stem for path in read if path.parent.parent.name == "scenarios"} == {"training"}
     monkeypatch.undo()
@@ -267,7 +314,7 @@ def test_no_scenario_but_training_is_read_and_the_written_run_runs(
     found = {(row["controller"], row["scheme"]) for row in ranking}
     assert found == {("LLC-tuned", None), ("gaussian+sam", "indirect")}
     assert ranking[0]["scores"][-1] == min(row["scores"][-1] for row in ranking)
-    asked = "--link pdci_100ms --worst 50 --method cma-es --scheme indirect --budget 1 --seed 4"
+    asked = "--link pdci_100ms --method cma-es --scheme indirect --medians --budget 1 --seed 4"
     assert out.read_text().startswith(f"# facts-damping search smib gaussian+sam {asked}\n")
     case = load_case(str(out))
     best = next(row for row in ranking if row["controller"] != REFERENCE)
@@ -326,6 +373,12 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
         (["smib", "--scheme", "indirect", "--start", "best_smib"], "(LLC-tuned), or sssc with speed (indirect)"),
         (["smib", "--draws", "0"], "0 given; allowed: 1 to 1000"),
         (["smib", "--worst", "0"], "0 given; allowed: 1 to 100"),
+        (["smib", "--worst", "25", "--medians"], "argument --medians: not allowed with argument --worst"),
+        (
+            ["smib", "--deviation", "0.1"],
+            "--deviation: 0.1 given with --start hypercube; allowed: with tuned, or a run",
+        ),
+        (["smib", "--deviation", "wide"], "wide given; allowed: 0.001 to 0.5"),
         (["smib", "--method", "simplex"], "argument --method: invalid choice: 'simplex'"),
         (["smib", "--budget", "0"], "0 given; allowed: 1 to 1000000"),
         (["smib", "--out", "/nowhere/best.yaml"], "--out /nowhere/best.yaml: cannot be written"),
@@ -353,5 +406,5 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     searched = structures(load_system(asked.system), asked.controllers, devices, asked.scheme)
     first = asked.draws * GROWTH ** (rungs(len(searched)) - 1)
     fresh = draws(asked.system, asked.link, first + GROWTH * first, asked.study)[first:]
-    found = score(case.run.controllers[0], fresh, asked.worst)
+    found = score(case.run.controllers[0], fresh, asked.worst, medians=asked.medians)
     assert found.value == pytest.approx(float(said[1]), abs=0.02)
