@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from facts_damping.studies.tune import Scheme
 
 TINY = ["smib", "gaussian+sam", "--budget", "1", "--seed", "4", "--jobs", "1"]
-BEST = sorted(name for name in shipped("runs") if name.startswith(("best_", "lead_lag_")))
+BEST = sorted(name for name in shipped("runs") if name.startswith(("best_", "lead_lag_", "search_")))
 
 
 def quiet(_done: int, _of: int) -> None:
