@@ -91,9 +91,9 @@ def select(source: Series, ticks: NDArray[np.int64]) -> Series:
     return _part(source, np.isin(source.ticks, ticks))
 
 
-def until(source: Series, last: int) -> Series:
-    """Part of a series up to a tick."""
-    return _part(source, source.ticks <= last)
+def between(source: Series, first: int, last: int) -> Series:
+    """Part of a series from a tick up to another."""
+    return _part(source, (source.ticks >= first) & (source.ticks <= last))
 
 
 def _part(source: Series, keep: NDArray[np.bool_]) -> Series:

@@ -97,7 +97,8 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     ticks = _ticks(found, content.complete)
     notes += _gaps(found, ticks)
     _check_end(ticks, configuration, found["state"][0], content.complete, notes)
-    cut = {kind: [decode.until(one, int(ticks[-1])) for one in parts] for kind, parts in found.items()}
+    first, last = int(ticks[0]), int(ticks[-1])
+    cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
     plant = {kind: decode.select(cut[kind][0], ticks) for kind in REQUIRED}
     stations = decode.names_of(plant["frames"].blocks, "frames", "station")
     devices = decode.names_of(plant["state"].blocks, "devices", "device")
@@ -201,7 +202,8 @@ def _series(topic: str, messages: list[Block], notes: list[str]) -> Series:
 def _ticks(found: dict[str, list[Series]], complete: bool) -> NDArray[np.int64]:
     """Ticks that the record keeps: those that frames and state have; of a cut recording, that all have.
 
-    The tick that ends an unstable run stays: nobody need answer it. Raises RecordingError if none is left.
+    Where a recorder came late, they begin when it had heard everybody: topics are not found all at once. The tick that
+    ends an unstable run stays: nobody need answer it. Raises RecordingError if none is left.
     """
     plant = [found[kind][0] for kind in REQUIRED]
     ticks: NDArray[np.int64] = reduce(np.intersect1d, [one.ticks for one in plant])
@@ -210,6 +212,9 @@ def _ticks(found: dict[str, list[Series]], complete: bool) -> NDArray[np.int64]:
     if not complete and not ended:
         last = min(one.ticks[-1] if len(one.ticks) else -1 for parts in found.values() for one in parts)
         ticks = ticks[ticks <= last]
+    if len(ticks) and ticks[0] > 0:
+        begin = max((one.ticks[0] for kind in HEARD for one in found[kind] if len(one.ticks)), default=0)
+        ticks = ticks[ticks >= begin]
     if not len(ticks):
         raise RecordingError("no tick is complete in the recording")
     return ticks

@@ -23,7 +23,7 @@ from facts_damping.errors import RunError
 from facts_damping.files import dump
 from facts_damping.recording.reader import load
 from tests.link.test_presets import any_link
-from tests.nodes.graphs import PATIENCE_S, assert_named, assert_same, payloads, quiet
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_named, assert_same, payloads, quiet
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -92,7 +92,7 @@ RUNS = {
 @pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
 def test_a_graph_with_own_links_is_the_in_process_run_bit_for_bit(domain: int, tmp_path: Path, run: list[str]) -> None:
     case = load_case(None, run)
-    outcome = graph.run(case, "lockstep", tmp_path, quiet)
+    outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     recorded, computed = load(outcome.recording), loop.run(case)
     assert outcome.messages_lost == 0
     assert np.unique(computed.delivered["link"]).tolist() == list(range(len(case.links)))
@@ -135,7 +135,7 @@ def test_a_graph_with_any_links_is_the_in_process_run_bit_for_bit(
 def test_an_unstable_run_with_own_links_ends_where_the_in_process_run_ends(domain: int, tmp_path: Path) -> None:
     idle = {"parameters": {"gain": 0.0}}
     case = load_case(None, [*sets({**idle, "link": link(0.1)}, {**idle, "link": "ideal"}), "duration=20"])
-    graph.run(case, "lockstep", tmp_path, quiet)
+    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     recorded = load(tmp_path / "recording")
     assert not recorded.in_synchronism[-1]
     assert_same(recorded, loop.run(case))
@@ -146,7 +146,7 @@ TIE, SUBSTATION = "tie/controller_0_LLC", "substation/controller_1_LLC"
 
 
 def test_topics_stand_in_the_controllers_namespaces(domain: int, tmp_path: Path) -> None:
-    graph.run(load_case(None, APART), "lockstep", tmp_path, quiet)
+    graph.run(load_case(None, APART), "lockstep", tmp_path, quiet, LOADED_S)
     assert set(payloads(tmp_path)) == {
         *(f"/{name}" for name in ("pmu/frames", "plant/state", "plant/events", "diagnostics")),
         *(f"/{one}/{name}" for one in (TIE, SUBSTATION) for name in ("setpoints", "state")),
@@ -189,7 +189,7 @@ def test_real_time_with_own_links_loses_nothing(domain: int, tmp_path: Path) -> 
 
 def test_a_cut_recording_of_several_links_is_the_run_s_beginning(domain: int, tmp_path: Path) -> None:
     case = load_case(None, [*APART, "duration=15"])
-    graph.run(case, "lockstep", tmp_path / "whole", quiet)
+    graph.run(case, "lockstep", tmp_path / "whole", quiet, LOADED_S)
     file, computed, ticks = next((tmp_path / "whole" / "recording").glob("*.mcap")), loop.run(case), [0]
     for share in (0.5, 0.7, 0.9):
         cut = tmp_path / "cut.mcap"

@@ -24,10 +24,10 @@ from facts_damping.nodes.node import RELIABLE
 from facts_damping.recording.reader import load
 from facts_damping.recording.scan import scan
 from tests.nodes.bags import STORAGES, copy
-from tests.nodes.graphs import ARRAYS, PATIENCE_S, nodes_left, payloads, quiet
+from tests.nodes.graphs import ARRAYS, LOADED_S, PATIENCE_S, nodes_left, payloads, quiet
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
 SETS = [
@@ -35,6 +35,7 @@ SETS = [
     *("controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "controllers.0.parameters={}"),
 ]
 LEAD_LAG = ["duration=2", "link=delay_100ms"]
+BY_NODES = ["--nodes", "--timeout", str(LOADED_S)]
 CENTRALISED = [
     "controllers.0.name=ANFTSC",
     "controllers.0.scheme=indirect",
@@ -44,15 +45,15 @@ CENTRALISED = [
 
 
 @pytest.fixture(scope="module")
-def graphs(tmp_path_factory: Any) -> Iterator[dict[str, Path]]:
+def graphs(module_domain: int, tmp_path_factory: Any) -> dict[str, Path]:
     """Recordings of graphs: several controllers, own links, namespaces; one network for all; a lead-lag."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", "101")
-        folder = tmp_path_factory.mktemp("graphs")
-        runs = {"decentralised": SETS, "centralised": CENTRALISED, "large": LEAD_LAG}
-        for name, sets in runs.items():
-            graph.run(load_case(f"two_area_{name}", [*sets, "scenario=large"]), "lockstep", folder / name, quiet)
-        yield {name: folder / name / "recording" for name in runs}
+    assert module_domain > 0
+    folder = tmp_path_factory.mktemp("graphs")
+    runs = {"decentralised": SETS, "centralised": CENTRALISED, "large": LEAD_LAG}
+    for name, sets in runs.items():
+        case = load_case(f"two_area_{name}", [*sets, "scenario=large"])
+        graph.run(case, "lockstep", folder / name, quiet, LOADED_S)
+    return {name: folder / name / "recording" for name in runs}
 
 
 def called(capsys: Any, *arguments: str) -> tuple[int, str, str]:
@@ -75,7 +76,7 @@ def test_in_process_it_is_identical_and_says_so(graphs: dict[str, Path], capsys:
 def test_nodes_in_lockstep_give_the_whole_recording_again(
     domain: int, graphs: dict[str, Path], tmp_path: Path, capsys: Any, name: str
 ) -> None:
-    status, out, errors = called(capsys, "replay", str(graphs[name]), "--nodes", "--out", str(tmp_path / "out"))
+    status, out, errors = called(capsys, "replay", str(graphs[name]), *BY_NODES, "--out", str(tmp_path / "out"))
     assert (status, errors) == (0, "")
     assert "identical, bit for bit" in out
     first, second = load(graphs[name]), load(tmp_path / "out" / "recording")
@@ -94,7 +95,7 @@ def test_a_shadow_is_the_same_by_nodes_and_in_process(
 ) -> None:
     other = ["--set", "controllers.0.name=ANFTSC", "--json", "-"]
     found = []
-    for more in ([], ["--nodes", "--out", str(tmp_path / "nodes")]):
+    for more in ([], [*BY_NODES, "--out", str(tmp_path / "nodes")]):
         status, out, _ = called(capsys, "replay", str(graphs["decentralised"]), *other, *more)
         assert status == 0
         found.append(json.loads(out))
@@ -171,6 +172,25 @@ def test_a_recorder_that_came_late_is_said(graphs: dict[str, Path], tmp_path: Pa
     status, _, errors = called(capsys, "replay", str(bag), "--run", run, "--nodes", "--out", str(tmp_path / "out"))
     assert status == 2
     assert "--nodes: a recording from tick" in errors
+
+
+def test_a_recorder_may_come_between_the_messages_of_a_tick(graphs: dict[str, Path], tmp_path: Path) -> None:
+    """Wherever in a tick the first message falls, from the first whole tick on all is there."""
+    whole = load(graphs["decentralised"])
+    with AnyReader([graphs["decentralised"]]) as reader:
+        total = reader.message_count
+    begins = set()
+    for i in range(total // len(whole.ticks) + 1):
+        cut = load(copy(graphs["decentralised"], tmp_path / str(i), "mcap", late=0.5 + i / total))
+        first = int(cut.ticks[0])
+        assert cut.gap_tick is None
+        for array in ("frames", "machines", "devices"):
+            assert getattr(cut, array).tobytes() == getattr(whole, array)[first:].tobytes(), array
+        for array in ("delivered", "issued", "estimates"):
+            rows = getattr(whole, array)
+            assert getattr(cut, array).tobytes() == rows[rows["tick"] >= first].tobytes(), array
+        begins.add(first)
+    assert 2 <= len(begins) <= 4
 
 
 def test_recordings_cut_short_are_replayed_as_far_as_they_go(
