@@ -403,6 +403,8 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     asked = parser().parse_args(text.splitlines()[0].removeprefix("# facts-damping ").split())
     assert (asked.system, asked.link or "ideal") == (case.system.name, case.run.link)
     devices = asked.devices.split(",") if asked.devices else []
+    task = Task(**{**{key: value for key, value in vars(asked).items() if key in Task._fields}, "devices": devices})
+    assert f"# {task.command(asked.controllers)}" == text.splitlines()[0]
     searched = structures(load_system(asked.system), asked.controllers, devices, asked.scheme)
     first = asked.draws * GROWTH ** (rungs(len(searched)) - 1)
     fresh = draws(asked.system, asked.link, first + GROWTH * first, asked.study)[first:]
