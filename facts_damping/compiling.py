@@ -1,56 +1,148 @@
-"""How the numerical kernels are compiled: one decorator, one on-disk cache that cannot be stale.
+"""How the numerical kernels are compiled: one decorator, and an on-disk cache that cannot be stale.
 
-Numba's cache does not notice a change in a compiled function that another file's compiled function
-calls. So the cache lies in a folder named after a hash of this package's sources: any change, a new
-folder. Old folders are removed. No fast-math: the same function gives the same bits wherever it is
-called from, in a node or inside the compiled loop.
+Numba's own cache looks at the file of a function alone: it does not notice a change in a compiled function that
+another file's compiled function calls. Here what is compiled from a file lies in a folder named after a hash of that
+file and of all files of the kernels' rooms that it imports, directly or not. A change costs the compilation of what
+depends on it and of no more. No fast-math: the same function gives the same bits wherever it is called from, in a node
+or inside the compiled loop.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import sys
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-KEPT_CACHES = 4
-# Folders without compiled functions.
-NOT_COMPILED = ("analysis", "nodes", "recording", "report", "reproduction", "studies", "validation", "views")
+import numba
+from numba.core import types
+from numba.core.caching import CompileResultCacheImpl
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PACKAGE = "facts_damping"
+ROOT = Path(__file__).parent
+# Where compiled functions are, and what they are given: rooms, and files of the package's ground floor.
+ROOMS = ("compiling", "control", "link", "loop", "neurofuzzy", "plant", "signals")
+KEPT = 4  # folders of one file: those of other versions of it
+_IMPORT = re.compile(rf"^[ ]*from ({PACKAGE}[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 
-def _fingerprint(folder: Path) -> str:
-    digest = hashlib.sha256(sys.version.encode())
-    for file in sorted(f for f in folder.rglob("*.py") if f.relative_to(folder).parts[0] not in NOT_COMPILED):
-        digest.update(str(file.relative_to(folder)).encode())
-        digest.update(file.read_bytes())
+def _file(module: str) -> Path | None:
+    """The source of a module of the kernels' rooms; None for any other name."""
+    name, *rest = module.split(".")
+    if name != PACKAGE or not rest or rest[0] not in ROOMS:
+        return None
+    path = ROOT.joinpath(*rest)
+    return next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
+
+
+@cache
+def _imported(module: str) -> frozenset[str]:
+    """Modules of the kernels' rooms that a module imports, also those that only its types need."""
+    path, found = _file(module), set()
+    for source, names in _IMPORT.findall("" if path is None else path.read_text(encoding="utf-8")):
+        found |= {source, *(f"{source}.{name}" for name in re.findall(r"\w+", names))}
+    return frozenset(name for name in found if _file(name))
+
+
+def sources(module: str) -> list[str]:
+    """All modules on which what is compiled from a module can depend, itself included, sorted."""
+    found, todo = set(), {f"{PACKAGE}.compiling", module}
+    while todo:
+        found |= todo
+        todo = {name for one in todo for name in _imported(one)} - found
+    return sorted(found)
+
+
+@cache
+def fingerprint(module: str) -> str:
+    """Hash of everything that what is compiled from a module can depend on."""
+    digest = hashlib.sha256(f"{sys.version} {numba.__version__}".encode())
+    for name in sources(module):
+        path = _file(name)
+        digest.update(name.encode() + (b"" if path is None else path.read_bytes()))
     return digest.hexdigest()[:16]
 
 
-def _cache_folder() -> Path:
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "facts_damping" / "numba"
-    folder = home / _fingerprint(Path(__file__).parent)
+def _home() -> Path:
+    """The folder that holds all: NUMBA_CACHE_DIR where it is set, or one in the user's cache."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    return Path(given or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / PACKAGE / "numba")
+
+
+@cache
+def _folder(module: str) -> Path:
+    """Where what is compiled from a module lies. Old ones of the same module go when a new one comes."""
+    folder = _home() / f"{module}-{fingerprint(module)}"
     if not folder.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        by_age = sorted((f for f in home.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime, reverse=True)
-        for old in by_age[KEPT_CACHES:]:
+        by_age = sorted(folder.parent.glob(f"{module}-*"), key=lambda f: f.stat().st_mtime, reverse=True)
+        for old in by_age[KEPT:]:
             shutil.rmtree(old, ignore_errors=True)
     return folder
 
 
-if "NUMBA_CACHE_DIR" not in os.environ:
-    os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder())
+class _Locator:
+    """Tells Numba where it keeps what it compiles of one function of this package."""
 
-import numba  # noqa: E402 (the cache's folder has to be set before)
+    def __init__(self, function: Any) -> None:
+        self._line, self._path = function.__code__.co_firstlineno, _folder(function.__module__)
 
-numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]  # type: ignore[attr-defined]
+    @classmethod
+    def from_function(cls, function: Any, _file: str) -> _Locator | None:
+        """One for a function of the kernels' rooms; Numba looks further for others."""
+        return cls(function) if _file_of_kernels(function.__module__) else None
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder, which may have been removed."""
+        self._path.mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        """The folder."""
+        return str(self._path)
+
+    def get_source_stamp(self) -> str:
+        """What must not have changed: it is in the folder's name already."""
+        return self._path.name
+
+    def get_disambiguator(self) -> str:
+        """What tells functions of one name apart: the line."""
+        return str(self._line)
+
+
+def _file_of_kernels(module: str) -> bool:
+    return _file(module) is not None
+
+
+CompileResultCacheImpl._locator_classes.insert(0, _Locator)  # noqa: SLF001 (Numba's setting for it is not in all versions)
+
+
+def _without_literals(compile_: Callable[[Any], Any], signature: Any) -> Any:
+    """Compile a function for whole numbers, not once more for each that is written in a call: `f(x, 0)`."""
+    if isinstance(signature, tuple):
+        signature = tuple(types.unliteral(one) for one in signature)
+    return compile_(signature)
+
+
+def _compiled(function: Any, **options: Any) -> Any:
+    made = numba.njit(cache=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True, **options)(function)
+    made.compile = partial(_without_literals, made.compile)
+    return made
+
 
 # Kernels allocate nothing and keep no array, so Numba need not count references to the arrays that they are given:
 # with a plant's some forty arrays the counting took more time than what the functions compute (`_nrt`).
-if TYPE_CHECKING:  # what Numba declares does not know `_nrt`
-    compiled = inlined = numba.njit(cache=True, error_model="numpy")
+if TYPE_CHECKING:
+    compiled = inner = inlined = numba.njit(cache=True, error_model="numpy")
 else:
-    compiled = numba.njit(cache=True, error_model="numpy", _nrt=False)
-    # The same for a function that is called from one place within a step's innermost loops: written into its caller.
-    inlined = numba.njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+    compiled = _compiled
+    # For compiled callers alone: what would take arguments from Python is most of a small function's compilation.
+    inner = partial(_compiled, no_cpython_wrapper=True)
+    # For a step's innermost loops: the optimiser writes the function into its callers.
+    inlined = partial(_compiled, forceinline=True)

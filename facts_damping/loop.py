@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.control.bank import Bank, BankState, act, serve
 from facts_damping.control.identifier import Identifiers, IdentifierState, identify, remember, tell
 from facts_damping.control.table import DIRECT, INDIRECT
@@ -129,7 +129,7 @@ def room(case: Case, loop: Loop, ticks: int | None = None) -> Signals:
     )
 
 
-@compiled
+@inner
 def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> int:
     """Keep `count` entries from index `at` on, as far as there is room; the index after the last."""
     for i in range(min(count, kept.size - at)):
@@ -138,66 +138,74 @@ def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> i
 
 
 @compiled
-def learn_tick(loop: Loop, tick: int, issued: int, estimates: NDArray[Any], at: int) -> int:
-    """All identifiers' tick: learn from what was delivered and issued before, then take in what is issued now.
+def _run_parts(
+    plant: Plant,
+    plant_state: PlantState,
+    work: Work,
+    links: Links,
+    bank: Bank,
+    bank_state: BankState,
+    ids: Identifiers,
+    id_state: IdentifierState,
+    given: NDArray[Any],
+    taken: NDArray[Any],
+    frame_rate: int,
+    ticks: int,
+    kept: Signals,
+) -> None:
+    """`run_loop`, with the loop's parts one by one; identifiers' estimates are used in the tick after.
 
-    The controllers use the estimate of the tick before. Returns the index after the last row of `estimates`.
+    Handed over in one piece, a tuple as large as a whole loop takes the compiler several times as long: each of its
+    hundreds of numbers is put into it by an instruction that spells out the type of all.
     """
-    ids, state = loop.identifiers, loop.identifier_state
-    for n in range(ids.controller.size):
-        link = loop.links.used[ids.controller[n]]
-        identify(ids, state, n, loop.links.up.out[link], loop.links.up.ring[link, 2])
-        remember(ids, state, n, loop.issued, issued)
-        at = tell(ids, state, n, tick, estimates, at)
-        serve(loop.bank_state, ids.controller[n], state.jacobian[n], state.change[n], state.held.newest_ns[n])
-    return at
-
-
-@compiled
-def _tell_learning(loop: Loop, tick: int, out: NDArray[Any], at: int) -> int:
-    """How all networks learn, controllers' first, into `out` from `at` on; the index after the last."""
-    bank, state = loop.bank, loop.bank_state
-    for c in range(bank.code.size):
-        if bank.code[c] == DIRECT or bank.code[c] == INDIRECT:
-            net = shape_of(bank.shape[c])
-            at = rates_told(net, one(state.learner, c, net), state.memory.lyapunov[c], tick, c, 0, out, at)
-    ids, learnt = loop.identifiers, loop.identifier_state
-    for n in range(ids.controller.size):
-        net = shape_of(ids.shape[n])
-        at = rates_told(net, one(learnt.learner, n, net), learnt.lyapunov[n], tick, ids.controller[n], 1, out, at)
-    return at
-
-
-@compiled
-def run_loop(loop: Loop, frame_rate: int, ticks: int, kept: Signals) -> None:
-    """Run `ticks` ticks, or until the plant is no longer sound."""
-    several = loop.links.up.ring.shape[0]
+    several = links.up.ring.shape[0]
     for k in range(ticks):
         start, end = tick_ns(k, frame_rate), tick_ns(k + 1, frame_rate)
         frame = kept.frames[k]
-        sound = measure(loop.plant, loop.plant_state, start, frame, kept.machines[k], kept.devices[k], loop.work)
+        sound = measure(plant, plant_state, start, frame, kept.machines[k], kept.devices[k], work)
         kept.time_ns[k] = start
         kept.in_synchronism[k] = sound
         kept.used[0] = k + 1
         for link in range(several):
-            delivered = uplink(loop.links, link, k, start, end, frame)
-            kept.used[1] = _append(kept.delivered, kept.used[1], loop.links.up.out[link], delivered)
+            delivered = uplink(links, link, k, start, end, frame)
+            kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
         issued = 0
-        for c in range(loop.bank.code.size):
-            link = loop.links.used[c]
-            arrived = loop.links.up.ring[link, 2]
-            issued = act(loop.bank, loop.bank_state, c, k, loop.links.up.out[link], arrived, loop.issued, issued)
-        kept.used[2] = _append(kept.issued, kept.used[2], loop.issued, issued)
+        for c in range(bank.code.size):
+            link = links.used[c]
+            issued = act(bank, bank_state, c, k, links.up.out[link], links.up.ring[link, 2], given, issued)
+        kept.used[2] = _append(kept.issued, kept.used[2], given, issued)
         applied = 0
         for link in range(several):
-            arrived = downlink(loop.links, link, k, end, loop.issued, issued)
-            applied = merge(loop.applied, applied, loop.links.down.out[link], arrived)
-        kept.used[3] = _append(kept.applied, kept.used[3], loop.applied, applied)
-        kept.used[4] = learn_tick(loop, k, issued, kept.estimates, kept.used[4])
-        kept.used[5] = _tell_learning(loop, k, kept.learning, kept.used[5])
+            arrived = downlink(links, link, k, end, given, issued)
+            applied = merge(taken, applied, links.down.out[link], arrived)
+        kept.used[3] = _append(kept.applied, kept.used[3], taken, applied)
+        rows = kept.used[4]
+        for n in range(ids.controller.size):
+            c = ids.controller[n]
+            link = links.used[c]
+            identify(ids, id_state, n, links.up.out[link], links.up.ring[link, 2])
+            remember(ids, id_state, n, given, issued)
+            rows = tell(ids, id_state, n, k, kept.estimates, rows)
+            serve(bank_state, c, id_state.jacobian[n], id_state.change[n], id_state.held.newest_ns[n])
+        kept.used[4], rows = rows, kept.used[5]
+        for c in range(bank.code.size):
+            if bank.code[c] == DIRECT or bank.code[c] == INDIRECT:
+                net = shape_of(bank.shape[c])
+                own, fall = one(bank_state.learner, c, net), bank_state.memory.lyapunov[c]
+                rows = rates_told(net, own, fall, k, c, 0, kept.learning, rows)
+        for n in range(ids.controller.size):
+            net = shape_of(ids.shape[n])
+            own, fall = one(id_state.learner, n, net), id_state.lyapunov[n]
+            rows = rates_told(net, own, fall, k, ids.controller[n], 1, kept.learning, rows)
+        kept.used[5] = rows
         if not sound:
             break
-        advance(loop.plant, loop.plant_state, start, end, loop.applied, applied, loop.work)
+        advance(plant, plant_state, start, end, taken, applied, work)
+
+
+def run_loop(loop: Loop, frame_rate: int, ticks: int, kept: Signals) -> None:
+    """Run `ticks` ticks, or until the plant is no longer sound."""
+    _run_parts(*loop, frame_rate, ticks, kept)
 
 
 def run(case: Case) -> Record:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.control import lead_lag, neuro_fuzzy, state_space, table
 from facts_damping.control.compensation import Compensated, Compensators, compensate, compensators
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
@@ -189,7 +189,7 @@ def pull(known: Known, s: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray(found)
 
 
-@compiled
+@inner
 def _limit(made: Bank, state: BankState, c: int) -> None:
     """Setpoints within the devices' limits; one that is not finite counts as zero."""
     for d in range(made.device.shape[1]):
@@ -197,7 +197,7 @@ def _limit(made: Bank, state: BankState, c: int) -> None:
         state.outputs[c, d] = min(max(value, -limit), limit) if math.isfinite(value) else 0.0
 
 
-@compiled
+@inner
 def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
     """A neuro-fuzzy controller's step."""
     net, s = shape_of(made.shape[c]), made.settings[c]
@@ -228,7 +228,7 @@ def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: in
     )
 
 
-@compiled
+@inner
 def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
     """A step of an observer with state feedback."""
     p = made.optimal

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.pairing import fill, frame_before
 from facts_damping.control.prediction import look_ahead
@@ -211,7 +211,7 @@ def _linear_start(net: Network, slopes: NDArray[np.float64]) -> NDArray[np.float
     return np.concatenate([members[:first], np.clip(np.tile(rule, net.rules), low, high)])
 
 
-@compiled
+@inner
 def _look(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
     """Prediction and Jacobian at `own.x`."""
     first = ids.order[n] * net.outputs
@@ -242,7 +242,7 @@ def remember(ids: Identifiers, state: IdentifierState, n: int, issued: NDArray[A
                 state.given[n, d, at] = issued[i].value
 
 
-@compiled
+@inner
 def _learn(ids: Identifiers, state: IdentifierState, n: int) -> None:
     """Predict the newest frame from past ones and from the setpoints since, and learn from the error.
 

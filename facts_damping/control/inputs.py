@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.control.lead_lag import section
 from facts_damping.signals import CHANNELS
 
@@ -112,7 +112,7 @@ def form(given: Inputs, held: Held, r: int) -> int:
     return since
 
 
-@compiled
+@inner
 def _wash(given: Inputs, held: Held, r: int, dt: float) -> None:
     """The washouts' step of `dt`, s; 0 at the first frame, from which they start at rest."""
     for i in range(given.signals[r]):
@@ -123,7 +123,7 @@ def _wash(given: Inputs, held: Held, r: int, dt: float) -> None:
             held.signal[r, i] = section(tau, 0.0, tau, dt, held.washed[r, i], 0, value)
 
 
-@compiled
+@inner
 def _sum(given: Inputs, held: Held, r: int) -> bool:
     """Weighted sums of what is held; whether all are available."""
     complete = True

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def step(
         unlimited[o] = actuators.limit[o] * own.passed.output[o]
 
 
-@compiled
+@inner
 def _follow(
     net: Network,
     kept: Memory,
@@ -104,14 +104,14 @@ def _follow(
             kept.applied[o] = unlimited[o]
 
 
-@compiled
+@inner
 def _seen(s: NDArray[Any], i: int, signals: NDArray[np.float64]) -> float:
     """Error of signal i, normalised; zero within the dead zone."""
     e = -signals[i] / s[i].scale
     return 0.0 if abs(e) <= s[0].dead_zone else e
 
 
-@compiled
+@inner
 def _fall(
     net: Network,
     own: Learner,
@@ -136,7 +136,7 @@ def _fall(
     kept.lyapunov[0], kept.lyapunov[1] = now, now - then
 
 
-@compiled
+@inner
 def _errors(
     net: Network,
     kept: Memory,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -88,7 +88,7 @@ def step(
             unlimited[d] -= own.K[d, j] * x[0, j]
 
 
-@compiled
+@inner
 def _predict(
     own: StateSpace,
     x: NDArray[np.float64],

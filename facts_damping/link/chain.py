@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.link.draws import DRAWN as DRAWN_MODELS
 from facts_damping.link.draws import LOST, draw
 from facts_damping.signals import CHANNELS, to_ns
@@ -189,7 +189,7 @@ def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
                 _delay(c, p, s, channel)
 
 
-@compiled
+@inner
 def _delay(c: Chain, p: Packets, s: int, channel: int) -> None:
     """A stage that changes when an entry arrives, whether, and how often."""
     row, n = c.rows[s], p.number[channel] % c.drawn.shape[1]
@@ -215,7 +215,7 @@ def _delay(c: Chain, p: Packets, s: int, channel: int) -> None:
         p.now_ns[copy, channel] = now
 
 
-@compiled
+@inner
 def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
     """A stage that changes what an entry says."""
     row = c.rows[s]
@@ -243,7 +243,7 @@ def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
         c.last_ns[s, channel] = 1
 
 
-@compiled
+@inner
 def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> None:
     """The entries of a frame leave together: once all are there, or at the end of the wait; what is late is lost."""
     row = c.rows[s]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled, inlined
+from facts_damping.compiling import compiled, inlined, inner
 from facts_damping.link.chain import Chain, Packets, Way, chains, longest_delay_ns, put, traverse
 from facts_damping.link.draws import LOST
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
@@ -143,7 +143,7 @@ def one(several: Direction, link: int) -> Direction:
     )
 
 
-@compiled
+@inner
 def _put_in(p: Packets, channel: int, sent_ns: int, measured_ns: int) -> None:
     """An entry at the beginning of a chain; its values are the caller's to fill in."""
     p.now_ns[:, channel] = LOST
@@ -151,7 +151,7 @@ def _put_in(p: Packets, channel: int, sent_ns: int, measured_ns: int) -> None:
     p.copied[channel] = p.held[channel] = False
 
 
-@compiled
+@inner
 def _push(
     entries: NDArray[Any], arrivals: NDArray[np.int64], sent_ns: NDArray[np.int64], ring: NDArray[np.int64], at_ns: int
 ) -> int:
@@ -177,7 +177,7 @@ def _push(
     return here  # type: ignore[no-any-return]
 
 
-@compiled
+@inner
 def _count_sent(p: Packets, statistics: NDArray[Any], channel: int, arriving: int) -> None:
     """Add an entry that has passed its chain, and that arrives so often, to the statistics of its channel."""
     s = statistics[channel]
@@ -199,7 +199,7 @@ def _first_before(way: Direction, end_ns: int) -> int:
     return head  # type: ignore[no-any-return]
 
 
-@compiled
+@inner
 def _count_delivered(way: Direction, channel: int, slot: int) -> None:
     """Add a delivered entry to the statistics of its channel."""
     delay = way.arrival_ns[slot] - way.sent_ns[slot]

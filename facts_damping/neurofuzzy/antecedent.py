@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.neurofuzzy.table import GAUSSIAN, POINTS, SPLINE_NEAREST, TRIANGULAR
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def membership(kind: int, theta: NDArray[np.float64], x: float, slope: NDArray[n
     return _spline(kind == SPLINE_NEAREST, theta, x, slope)
 
 
-@compiled
+@inner
 def _spline(nearest: bool, theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
     """Order-2 B-spline over equally spaced control points: their degrees, weighted by the basis (3.12).
 

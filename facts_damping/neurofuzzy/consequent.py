@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.neurofuzzy.table import (
     AFFINE,
     DEGREES,
@@ -119,7 +119,7 @@ def fourier_by_input(theta: NDArray[np.float64], waves: NDArray[np.float64], by_
             by_input[k] += product
 
 
-@compiled
+@inner
 def _wavelets(
     kind: int,
     theta: NDArray[np.float64],
@@ -162,7 +162,7 @@ def legendre(d: int, x: float) -> tuple[float, float]:
     return 2.5 * x * x * x - 1.5 * x, 7.5 * x * x - 1.5
 
 
-@compiled
+@inner
 def _legendre(
     theta: NDArray[np.float64], x: NDArray[np.float64], slope: NDArray[np.float64], by_input: NDArray[np.float64]
 ) -> float:
@@ -200,7 +200,7 @@ def basis(term: int, firing: float) -> tuple[float, float]:
     return scale * value, scale * 4.0 * slope
 
 
-@compiled
+@inner
 def _legendre_wavelets(theta: NDArray[np.float64], firing: float, slope: NDArray[np.float64]) -> tuple[float, float]:
     """sum_db rho_db phi_db(F), and its derivative by the rule's firing strength F."""
     value = by_firing = 0.0

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.neurofuzzy.consequent import dot
 from facts_damping.neurofuzzy.network import Network, Pass, backward, forward, network, shapes
 from facts_damping.neurofuzzy.start import groups, slots
@@ -128,7 +128,7 @@ def infer(net: Network, own: Learner) -> None:
     backward(net, own.passed)
 
 
-@compiled
+@inner
 def _rates(net: Network, own: Learner, rule: Rule, curvature: NDArray[np.float64]) -> None:
     """Learning rates of each output and group, into `own.rate`.
 
@@ -201,13 +201,13 @@ def learn(
             own.moved[o] = dot(own.moved[o], own.passed.by_theta[o, at:end], own.change[at:end])
 
 
-@compiled
+@inner
 def _square(start: float, a: NDArray[np.float64], first: int, end: int) -> float:
     """`start` and the squared norm of a part."""
     return dot(start, a[first:end], a[first:end])
 
 
-@compiled
+@inner
 def _move(own: Learner, rule: Rule, share: float) -> None:
     """Move the parameters by a share of `own.change`, and write there by how much they did."""
     for f in range(own.theta.size):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.neurofuzzy.antecedent import membership
 from facts_damping.neurofuzzy.consequent import consequent, fourier_by_input, fourier_terms, harmonics
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, FOURIER, HARMONICS, SAM
@@ -153,7 +153,7 @@ def backward(net: Network, p: Pass) -> None:
                     p.by_theta[o, place + s] += others * p.mu_by_theta[i, j, s]
 
 
-@compiled
+@inner
 def _others(net: Network, p: Pass, i: int, j: int) -> float:
     """dF_j / dmu_ij: the product of the rule's other memberships."""
     product = 1.0

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.model import begin_stage
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.model import Plant, PlantState, Work
 
 
-@compiled
+@inner
 def _runge_kutta(plant: Plant, state: PlantState, ramp: NDArray[np.float64], stage: int, h: float, work: Work) -> None:
     """One classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s.
 
@@ -44,7 +44,7 @@ def _runge_kutta(plant: Plant, state: PlantState, ramp: NDArray[np.float64], sta
         x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
 
 
-@compiled
+@inner
 def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], first: int, count: int, now: int) -> int:
     """Put the setpoints that are effective by `now` in force, limited; returns the index of the next one."""
     while first < count and setpoints[first].effective_ns <= now:
@@ -57,7 +57,7 @@ def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], fi
     return first
 
 
-@compiled
+@inner
 def _let_go(state: PlantState, end: int, now: int) -> int:
     """Setpoints that have been in force as long as they may be become zero; where the next one does, or `end`."""
     for d in range(state.target.size):
@@ -68,7 +68,7 @@ def _let_go(state: PlantState, end: int, now: int) -> int:
     return end
 
 
-@compiled
+@inner
 def _ramp(plant: Plant, state: PlantState, ramp: NDArray[np.float64], end: int, now: int) -> int:
     """Slopes (p.u./s) that take the references to their targets at their rate limits; where the first arrives."""
     for d in range(ramp.size):
@@ -81,7 +81,7 @@ def _ramp(plant: Plant, state: PlantState, ramp: NDArray[np.float64], end: int, 
     return end
 
 
-@compiled
+@inner
 def _move_reference(state: PlantState, ramp: NDArray[np.float64], seconds: float) -> None:
     """Move the references along their ramps, not beyond their targets."""
     for d in range(ramp.size):

@@ -6,7 +6,7 @@ import cmath
 import math
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inner
 from facts_damping.plant import devices as facts
 from facts_damping.plant import excitation, governor, stabiliser
 from facts_damping.plant.dynamics import row_times, solve_network, stator
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.model import Plant, PlantState, Work
 
 
-@compiled
+@inner
 def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work: Work) -> None:
     """The truth about machine g."""
     x, m = state.x, plant.machines[g]
@@ -35,7 +35,7 @@ def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work
     out.terminal_voltage = abs(voltage)
 
 
-@compiled
+@inner
 def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> None:
     """The truth about device d: of one in parallel what its port gives; then what its kind says."""
     row = plant.devices[d]
@@ -51,7 +51,7 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
     facts.truth(row, state.x, state.reference[d], abs(response), blocked, out)
 
 
-@compiled
+@inner
 def _in_synchronism(plant: Plant, x: NDArray[np.float64], stage: int) -> bool:
     """Whether all rotors in service and all infinite buses lie within 180 degrees of each other."""
     low, high = math.inf, -math.inf

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled, inlined
+from facts_damping.compiling import inlined, inner
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.model import DEVICE, LOAD, SALIENT
 
@@ -27,7 +27,7 @@ ATTEMPTS = 5  # starts of Newton's method
 LAST_CHANGE = 1e-9  # relative; the error after it is of the order of its square
 
 
-@compiled
+@inner
 def _eliminate(matrix: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
     """Solve `matrix` z = b in place, z into b, by Gaussian elimination with partial pivoting; whether regular.
 

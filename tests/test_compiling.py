@@ -1,0 +1,88 @@
+"""The kernels' cache: a change recompiles what depends on it, and no more."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from facts_damping import compiling
+
+PACKAGE = Path(compiling.__file__).parent
+NAMES = [
+    f"facts_damping.{'.'.join(path.relative_to(PACKAGE).with_suffix('').parts)}"
+    for room in compiling.ROOMS
+    for path in sorted([*(PACKAGE / room).rglob("[!_]*.py"), *PACKAGE.glob(f"{room}.py")])
+]
+
+
+def imported(tree: ast.Module) -> dict[str, str]:
+    """Where each name comes from that a file imports from this package: a module."""
+    found = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("facts_damping"):
+            for name in node.names:
+                below = f"{node.module}.{name.name}"
+                is_module = PACKAGE.parent.joinpath(*below.split(".")).with_suffix(".py").is_file()
+                found[name.asname or name.name] = below if is_module else str(node.module)
+    return found
+
+
+def kernels(tree: ast.Module) -> list[ast.FunctionDef]:
+    """The compiled functions of a file."""
+    return [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.decorator_list]
+
+
+def test_every_file_with_compiled_functions_is_in_a_room_of_theirs() -> None:
+    having = [path for path in PACKAGE.rglob("*.py") if "@compiled" in path.read_text() or "@inner" in path.read_text()]
+    rooms = {path.relative_to(PACKAGE).parts[0].removesuffix(".py") for path in having}
+    assert rooms <= set(compiling.ROOMS)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_all_that_kernels_name_of_other_files_counts(name: str) -> None:
+    """Functions that they call, constants, and the types of what they are given."""
+    tree = ast.parse(PACKAGE.parent.joinpath(*name.split(".")).with_suffix(".py").read_text())
+    origins, sources = imported(tree), compiling.sources(name)
+    for kernel in kernels(tree):
+        names = {node.id for node in ast.walk(kernel) if isinstance(node, ast.Name)}
+        assert {origins[one] for one in names & origins.keys()} <= set(sources), kernel.name
+
+
+@pytest.mark.parametrize(
+    ("changed", "concerned", "others"),
+    [
+        ("link.draws", {"link.chain", "link.transfer", "loop"}, {"plant.integration", "control.bank", "signals"}),
+        ("plant.governor", {"plant.dynamics", "plant.measurement", "loop"}, {"link.transfer", "control.identifier"}),
+        ("neurofuzzy.consequent", {"neurofuzzy.network", "control.bank", "loop"}, {"plant.ports", "link.transfer"}),
+        ("loop", {"loop"}, {"plant.integration", "control.bank", "control.identifier", "link.transfer"}),
+        ("compiling", {"plant.model", "control.bank", "link.chain", "neurofuzzy.network", "loop"}, set()),
+        ("commands", set(), {"plant.integration", "control.bank", "link.transfer", "loop"}),
+    ],
+)
+def test_a_change_concerns_what_depends_on_it(changed: str, concerned: set[str], others: set[str]) -> None:
+    for name in concerned | others:
+        assert (f"facts_damping.{changed}" in compiling.sources(f"facts_damping.{name}")) is (name in concerned), name
+
+
+@pytest.mark.parametrize("where", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
+def test_old_folders_of_a_file_go_and_those_of_others_stay(tmp_path: Path, where: str) -> None:
+    home = tmp_path if where == "NUMBA_CACHE_DIR" else tmp_path / "facts_damping" / "numba"
+    for i in range(6):
+        for name in ("facts_damping.loop", "facts_damping.link.chain"):
+            (home / f"{name}-{i}").mkdir(parents=True)
+            os.utime(home / f"{name}-{i}", (i, i))
+    environment = {**os.environ, where: str(tmp_path)}
+    if where == "XDG_CACHE_HOME":
+        environment.pop("NUMBA_CACHE_DIR", None)
+    code = "from facts_damping import compiling; print(compiling._folder('facts_damping.loop').name)"
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert {p.name for p in home.glob("facts_damping.loop-*")} == {
+        done.stdout.strip(),
+        *(f"facts_damping.loop-{i}" for i in (3, 4, 5)),
+    }
+    assert len(list(home.glob("facts_damping.link.chain-*"))) == 6
