@@ -68,7 +68,6 @@ setup(
         "pyarrow>=17",  # no upper bound: a major release a quarter, and only tables are written
         "pydantic>=2.6,<3",
         "pyyaml>=6,<7",
-        "ruamel.yaml>=0.18,<1",
         "rosbags>=0.10,<1",
         "scipy>=1.15,<2",  # also for Numba: its matrix product calls SciPy's BLAS
         "threadpoolctl>=3,<4",

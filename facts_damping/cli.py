@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import math
 import os
 import signal
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-from facts_damping import __version__, commands, files, recording_commands, study_commands
+from facts_damping import __version__
 from facts_damping.errors import FactsDampingError, InputError, RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    Add = Callable[[str, Callable[[argparse.Namespace], None]], argparse.ArgumentParser]
+    Add = Callable[[str, str, str], argparse.ArgumentParser]
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -49,8 +50,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=__version__)
     verbs = top.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
 
-    def add(name: str, function: Callable[[argparse.Namespace], None]) -> argparse.ArgumentParser:
-        text = (function.__doc__ or "").strip()
+    def add(name: str, function: str, text: str) -> argparse.ArgumentParser:
         made = verbs.add_parser(name, help=text, description=text)
         made.set_defaults(function=function)
         return made
@@ -64,10 +64,10 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _runs(add: Add) -> None:
-    command = add("simulate", commands.simulate)
+    command = add("simulate", "commands.simulate", "One closed loop in process.")
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
     _common(command)
-    command = add("run", commands.run)
+    command = add("run", "commands.run", "The same loop as a ROS 2 graph.")
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
     command.add_argument("--mode", choices=["lockstep", "realtime"], default="lockstep", help="default: lockstep")
     command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help="longest wait for a silent node")
@@ -77,7 +77,7 @@ def _runs(add: Add) -> None:
 
 
 def _recordings(add: Add) -> None:
-    command = add("analyze", commands.analyze)
+    command = add("analyze", "commands.analyze", "Figures and plots of recordings.")
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder or .mcap file")
     command.add_argument("--modes-method", choices=MODES, default=MODES[0], help="finds modes; default: matrix_pencil")
     command.add_argument("--baseline", metavar="RECORDING", help="what improvement counts from; default: the first")
@@ -87,44 +87,51 @@ def _recordings(add: Add) -> None:
     command.add_argument("--band", type=_pair, metavar="LOW,HIGH", help="of --spwvd, Hz; default: 0.1,2.5")
     command.add_argument("--report", metavar="FILE.html", help="also one page with everything, for a browser")
     _common(command, sets=False)
-    command = add("views", commands.views)
+    text = "Layouts for Foxglove and PlotJuggler of a run or of a recording, and that one by simulated time."
+    command = add("views", "commands.views", text)
     command.add_argument(
         "what", nargs="?", metavar="RUN|RECORDING", help="a run as above, a recording's folder, or .mcap"
     )
     _common(command, json=False)
-    command = add("replay", recording_commands.replay)
+    text = "A recording's delivered frames, once more into its controllers, or into others."
+    command = add("replay", "recording_commands.replay", text)
     command.add_argument("recording", metavar="RECORDING", help="folder or file of a recording")
     command.add_argument("--run", metavar="RUN", help="the run that it is of, where it holds none")
     command.add_argument("--nodes", action="store_true", help="by ROS 2 nodes in lockstep, recorded")
     command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help="longest wait for a silent node")
     _common(command)
-    command = add("export", recording_commands.export)
+    text = "All signals of a recording on the grid of its ticks, as Parquet or CSV."
+    command = add("export", "recording_commands.export", text)
     command.add_argument("recording", metavar="RECORDING", help="folder or file of a recording")
     command.add_argument("--out", required=True, metavar="FILE", help="FILE.parquet or FILE.csv")
     _common(command, sets=False, out=False, json=False)
 
 
 def _systems(add: Add) -> None:
-    command = add("modes", commands.modes)
+    text = "Power flow, eigenvalues, mode shapes and residues of a system at its start."
+    command = add("modes", "commands.modes", text)
     command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")
     command.add_argument("--devices", metavar="NAME,...", help="devices installed, or none; default: sssc, where it is")
     command.add_argument("--scenario", metavar="NAME", help="scenario from whose dispatch it starts")
     _common(command)
-    command = add("margin", study_commands.margin)
+    text = "How much delay a loop of lead-lags bears, and its modes against delay, linearised with sampling and hold."
+    command = add("margin", "study_commands.margin", text)
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
     takes, text = _between(0.01, 10.0, " s"), "longest delay; default: 1 s"
     command.add_argument("--max-delay", type=takes, default=1.0, metavar="S", help=text)
     command.add_argument("--pade", type=_whole(1, 10), metavar="N", help="also with Pade terms of order N, 1 to 10")
     command.add_argument("--time-domain", action="store_true", help="also by runs of the nonlinear loop")
     _common(command)
-    command = add("validate", commands.validate)
+    text = "The plant against published figures, other programs, analytic solutions and finer steps."
+    command = add("validate", "commands.validate", text)
     command.add_argument("tables", nargs="*", metavar="TABLE", help="which tables; none: all")
     command.add_argument("--out", metavar="FILE", help="write the tables as a Markdown page")
     _common(command, sets=False, out=False)
 
 
 def _studies(add: Add) -> None:
-    command = add("tune", study_commands.tune)
+    text = "Choose the controllers' parameters on a system's training scenario, all by the same search and budget."
+    command = add("tune", "study_commands.tune", text)
     command.add_argument("system", metavar="SYSTEM", help="a system with a scenario `training`")
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
     command.add_argument("--devices", default="sssc", metavar="NAME,...", help="commanded devices; default: sssc")
@@ -134,7 +141,10 @@ def _studies(add: Add) -> None:
     _jobs(command)
     command.add_argument("--out", metavar="FILE.yaml", help="the file of parameters; none: standard output")
     _common(command, sets=False, out=False)
-    command = add("search", study_commands.search)
+    text = (
+        "Choose a controller and its parameters on draws of training alone: all pairs, schemes, devices, compensations."
+    )
+    command = add("search", "study_commands.search", text)
     command.add_argument("system", metavar="SYSTEM", help="a system with a study search_SYSTEM, draws of training")
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which beside LLC-tuned; none: all pairs")
     command.add_argument("--link", metavar="NAME", help="name under config/links, or a YAML file; default: no delay")
@@ -162,36 +172,44 @@ def _studies(add: Add) -> None:
     command.add_argument("--out", metavar="RUN.yaml", help="the run of the best network; none: standard output")
     command.add_argument("--lead-lag", metavar="RUN.yaml", help="also the run of LLC-tuned as the search tuned it")
     _common(command, sets=False, out=False)
-    command = add("compare", study_commands.compare)
+    text = "Every controller, direct and indirect, on every scenario of a system: the table of all indices."
+    command = add("compare", "study_commands.compare", text)
     command.add_argument("systems", nargs="*", metavar="SYSTEM", help="which systems; none: two_area and smib")
     command.add_argument("--controllers", nargs="+", default=[], metavar="NAME", help="which; none: all of the table")
     _jobs(command)
     command.add_argument("--out", metavar="FILE.md", help="write the tables as a Markdown page")
     _common(command, out=False)
-    command = add("sweep", study_commands.sweep)
+    text = "Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."
+    command = add("sweep", "study_commands.sweep", text)
     command.add_argument("study", metavar="STUDY", help="name under config/studies, or a YAML file")
     _jobs(command)
     command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose cluster makes the runs")
     _common(command)
-    command = add("architectures", study_commands.architectures)
+    text = "Centralised MIMO, decentralised MISO and single devices on two_area, and how the devices interact."
+    command = add("architectures", "study_commands.architectures", text)
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
     _jobs(command)
     command.add_argument(
         "--out", metavar="FILE.md", help="write the tables as a Markdown page, and a picture beside it"
     )
     _common(command, out=False)
-    command = add("jacobian", study_commands.jacobian)
+    text = (
+        "What identifiers estimate of the plant's Jacobian beside the true one, over runs of a centralised controller."
+    )
+    command = add("jacobian", "study_commands.jacobian", text)
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: the eleven")
     command.add_argument("--horizon", type=_whole(1, 60), default=10, metavar="N", help="frames, 1 to 60; default: 10")
     _jobs(command)
     _common(command)
-    command = add("portray", study_commands.portray)
+    text = "Pictures of neuro-fuzzy controllers: memberships before and after a run, response beside the baselines."
+    command = add("portray", "study_commands.portray", text)
     command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")
     command.add_argument("scenario", metavar="SCENARIO", help="one of the system's scenarios")
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: the eleven")
     command.add_argument("--out", metavar="DIR", help="folder for the pictures")
     _common(command, sets=False, out=False, json=False)
-    command = add("reproduce", study_commands.reproduce)
+    text = "The thesis's tables, ours beside them: agreement, ensembles, explanations, pictures."
+    command = add("reproduce", "study_commands.reproduce", text)
     command.add_argument("tables", nargs="*", metavar="TABLE", help="3.1, 4.1 ... 6.2; none: all")
     text = "draws of each ensemble, 2 or more; default: as its file says, 100"
     command.add_argument("--draws", type=_whole(2, 100_000), metavar="N", help=text)
@@ -200,10 +218,10 @@ def _studies(add: Add) -> None:
 
 
 def _lists(add: Add) -> None:
-    command = add("list", commands.list_)
-    command.add_argument("kind", choices=files.KINDS)
+    command = add("list", "commands.list_", "What there is: systems, scenarios, controllers, links.")
+    command.add_argument("kind", choices=KINDS)
     _common(command, sets=False, out=False)
-    command = add("import", commands.import_)
+    command = add("import", "commands.import_", "A system's file from a MATPOWER case.")
     command.add_argument("case", metavar="CASE.m", help="MATPOWER case, version 2")
     command.add_argument("--dynamics", metavar="FILE.yaml", help="machine rows, exciters and so on; none: typical data")
     command.add_argument("--out", metavar="FILE.yaml", help="the system's file; none: standard output")
@@ -245,6 +263,7 @@ def _between(low: float, high: float, unit: str = "") -> Callable[[str], float]:
     return take
 
 
+KINDS = ("systems", "scenarios", "controllers", "links", "runs", "studies")  # facts_damping.files.KINDS, likewise
 MODES = ("matrix_pencil", "prony", "era")  # facts_damping.analysis.poles.METHODS, which takes long to load
 COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _between(0.05, 3600.0, " s")
 
@@ -258,8 +277,7 @@ def main(argv: list[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a polite kill is an interruption too
     try:
         arguments = parser().parse_args(argv)
-        files.check_writable(arguments.json)
-        arguments.function(arguments)
+        _do(arguments)
     except (InputError, RecordingError) as error:
         return _fail(error, BAD_INPUT)
     except FactsDampingError as error:
@@ -270,6 +288,15 @@ def main(argv: list[str] | None = None) -> int:
         sys.stderr.close()
         return DONE
     return DONE
+
+
+def _do(arguments: argparse.Namespace) -> None:
+    """What the command does: loaded now, so that `--help`, `--version` and what is mistyped are answered at once."""
+    from facts_damping import files
+
+    files.check_writable(arguments.json)
+    module, _, name = arguments.function.partition(".")
+    getattr(importlib.import_module(f"facts_damping.{module}"), name)(arguments)
 
 
 def _fail(reason: object, status: int) -> int:

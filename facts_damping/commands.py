@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping import adapted, configuration, files, loop
 from facts_damping.errors import InputError, RunError, check_known
 from facts_damping.parameters.run import Run
+from facts_damping.parameters.yaml_text import dump
 from facts_damping.replay import check_has_run
 from facts_damping.terminal import Progress, write_json
 
@@ -98,7 +99,7 @@ def simulate(arguments: argparse.Namespace) -> None:
         folder = files.new_folder(Path(arguments.out))
         for name, weights in adapted.all_adapted(case, built).items():
             saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
-            files.write_whole(folder / f"{name}.weights.yaml", files.dump(weights.model_dump()))
+            files.write_whole(folder / f"{name}.weights.yaml", dump(weights.model_dump()))
     _report(arguments, [(label(case.summary()), record)], [result], folder, *saved)
 
 

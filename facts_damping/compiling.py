@@ -33,7 +33,7 @@ KEPT = 4  # folders of one file: those of other versions of it
 _IMPORT = re.compile(rf"^[ ]*from ({PACKAGE}[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 
-def _file(module: str) -> Path | None:
+def _source(module: str) -> Path | None:
     """The source of a module of the kernels' rooms; None for any other name."""
     name, *rest = module.split(".")
     if name != PACKAGE or not rest or rest[0] not in ROOMS:
@@ -45,10 +45,10 @@ def _file(module: str) -> Path | None:
 @cache
 def _imported(module: str) -> frozenset[str]:
     """Modules of the kernels' rooms that a module imports, also those that only its types need."""
-    path, found = _file(module), set()
+    path, found = _source(module), set()
     for source, names in _IMPORT.findall("" if path is None else path.read_text(encoding="utf-8")):
         found |= {source, *(f"{source}.{name}" for name in re.findall(r"\w+", names))}
-    return frozenset(name for name in found if _file(name))
+    return frozenset(name for name in found if _source(name))
 
 
 def sources(module: str) -> list[str]:
@@ -65,7 +65,7 @@ def fingerprint(module: str) -> str:
     """Hash of everything that what is compiled from a module can depend on."""
     digest = hashlib.sha256(f"{sys.version} {numba.__version__}".encode())
     for name in sources(module):
-        path = _file(name)
+        path = _source(name)
         digest.update(name.encode() + (b"" if path is None else path.read_bytes()))
     return digest.hexdigest()[:16]
 
@@ -95,9 +95,9 @@ class _Locator:
         self._line, self._path = function.__code__.co_firstlineno, _folder(function.__module__)
 
     @classmethod
-    def from_function(cls, function: Any, _file: str) -> _Locator | None:
+    def from_function(cls, function: Any, _path: str) -> _Locator | None:
         """One for a function of the kernels' rooms; Numba looks further for others."""
-        return cls(function) if _file_of_kernels(function.__module__) else None
+        return cls(function) if _source(function.__module__) else None
 
     def ensure_cache_path(self) -> None:
         """Make the folder, which may have been removed."""
@@ -116,29 +116,29 @@ class _Locator:
         return str(self._line)
 
 
-def _file_of_kernels(module: str) -> bool:
-    return _file(module) is not None
-
-
-CompileResultCacheImpl._locator_classes.insert(0, _Locator)  # noqa: SLF001 (Numba's setting for it is not in all versions)
+_locators: list[Any] = CompileResultCacheImpl._locator_classes  # noqa: SLF001 (not all versions have a setting for it)
+_locators.insert(0, _Locator)
 
 
 def _without_literals(compile_: Callable[[Any], Any], signature: Any) -> Any:
     """Compile a function for whole numbers, not once more for each that is written in a call: `f(x, 0)`."""
-    if isinstance(signature, tuple):
-        signature = tuple(types.unliteral(one) for one in signature)
-    return compile_(signature)
+    plain: Any = types.unliteral
+    return compile_(tuple(map(plain, signature)) if isinstance(signature, tuple) else signature)
 
 
 def _compiled(function: Any, **options: Any) -> Any:
-    made = numba.njit(cache=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True, **options)(function)
+    """Have Numba compile a function at its first call.
+
+    Kernels allocate nothing and keep no array, so Numba need not count references to the arrays that they are given:
+    with a plant's some forty arrays the counting took more time than what the functions compute (`_nrt`).
+    """
+    options |= {"cache": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+    made: Any = numba.njit(**options)(function)
     made.compile = partial(_without_literals, made.compile)
     return made
 
 
-# Kernels allocate nothing and keep no array, so Numba need not count references to the arrays that they are given:
-# with a plant's some forty arrays the counting took more time than what the functions compute (`_nrt`).
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what the functions take and return
     compiled = inner = inlined = numba.njit(cache=True, error_model="numpy")
 else:
     compiled = _compiled

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import pickle
 import re
@@ -10,15 +9,12 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from facts_damping.checking import short
 from facts_damping.errors import InputError
+from facts_damping.parameters.yaml_text import UNREADABLE, parse
 
 KINDS = ("systems", "scenarios", "controllers", "links", "runs", "studies")
 MAX_FILE_BYTES = 10_000_000
-UNREADABLE = (YAMLError, ValueError, TypeError, RecursionError, AttributeError, KeyError, IndexError)
 
 
 @cache
@@ -57,15 +53,18 @@ def find(kind: str, name: str, within: str = "") -> Path:
 
 def read_yaml(path: Path) -> Any:
     """Content of a YAML file; `InputError` where it cannot be read."""
+    text = ""
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise InputError(f"{path}: {path.stat().st_size} bytes; allowed: at most {MAX_FILE_BYTES}")
-        return pickle.loads(_parsed(path.read_text(encoding="utf-8")))  # noqa: S301 (what was just read)
+        text = path.read_text(encoding="utf-8")
+        return pickle.loads(_parsed(text))  # noqa: S301 (what was just read)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}; allowed: a text file, UTF-8") from error
     except UNREADABLE as error:
         mark = getattr(error, "problem_mark", None)
-        line = f"line {mark.line + 1}: " if mark is not None else ""
+        last = len(text.splitlines())  # what is missing at the end is found on the line after it
+        line = f"line {min(mark.line + 1, last)}: " if mark is not None else ""
         problem = getattr(error, "problem", None) or str(error).splitlines()[0] or type(error).__name__
         raise InputError(f"{path}: {line}unreadable YAML: {problem}; allowed: YAML 1.2") from error
 
@@ -73,7 +72,7 @@ def read_yaml(path: Path) -> Any:
 @lru_cache(maxsize=64)
 def _parsed(text: str) -> bytes:
     """Content of YAML text, parsed once: of a system that takes longer than a run. Pickled: quick to copy."""
-    return pickle.dumps(YAML(typ="safe", pure=True).load(text))
+    return pickle.dumps(parse(text))
 
 
 def read_table(path: Path) -> dict[str, Any]:
@@ -110,16 +109,6 @@ def check_writable(target: str | None, option: str = "--json", *, standard: bool
     if target == "-" or path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
         also = ", or -" if standard else ""
         raise InputError(f"{option} {path}: cannot be written; allowed: a file in an existing folder{also}")
-
-
-def dump(content: Any) -> str:
-    """Content as YAML text."""
-    stream = io.StringIO()
-    writer = YAML(typ="safe", pure=True)
-    writer.default_flow_style = False
-    writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    writer.dump(content, stream)
-    return stream.getvalue()
 
 
 def write_whole(path: Path, text: str) -> None:
@@ -169,6 +158,6 @@ def set_field(content: dict[str, Any], key: str, value: Any, where: str) -> None
 def read_value(text: str, where: str) -> Any:
     """A value as YAML reads it."""
     try:
-        return YAML(typ="safe", pure=True).load(text)
+        return parse(text)
     except UNREADABLE as error:
         raise InputError(f"{where}: unreadable value; allowed: a YAML value") from error

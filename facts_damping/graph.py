@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, RunError
-from facts_damping.files import dump, new_folder, read_table, write_whole
+from facts_damping.files import new_folder, read_table, write_whole
+from facts_damping.parameters.yaml_text import dump
 from facts_damping.parts import (
     controller_addresses,
     controller_names,

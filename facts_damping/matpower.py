@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import io
 import math
 import re
 from typing import TYPE_CHECKING, Any
-
-from ruamel.yaml import YAML
 
 from facts_damping.checking import check, short
 from facts_damping.errors import InputError
 from facts_damping.files import read_table
 from facts_damping.importing import Case, Imported, convert
 from facts_damping.parameters.system import System
+from facts_damping.parameters.yaml_text import dump
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -85,11 +83,7 @@ def document(imported: Imported, origin: str) -> str:
 
 def _flow(value: Any) -> str:
     """A value on one line of YAML; whole numbers without a fraction."""
-    writer, stream = YAML(typ="safe", pure=True), io.StringIO()
-    writer.default_flow_style, writer.width = True, 1_000_000
-    writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    writer.dump(_plain(value), stream)
-    return stream.getvalue().removesuffix("...\n").strip()
+    return dump(_plain(value), flow=True).strip()
 
 
 def _plain(value: Any) -> Any:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from facts_damping import configuration, files
 from facts_damping.commands import out_folder, say
+from facts_damping.parameters.yaml_text import dump
 from facts_damping.terminal import Progress, write_json
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def tune(arguments: argparse.Namespace) -> None:
         found = study.tune(task, arguments.controllers, arguments.jobs, progress)
     finally:
         progress.close()
-    text = files.dump(study.document(found))
+    text = dump(study.document(found))
     if arguments.out is not None:
         files.write_whole(Path(arguments.out), text)
     write_json(arguments.json, found.model_dump())

@@ -12,8 +12,8 @@ from facts_damping import cli
 from facts_damping.checking import check
 from facts_damping.configuration import installed, load_case, load_system, make_case
 from facts_damping.errors import InputError
-from facts_damping.files import dump
 from facts_damping.parameters.system import System
+from facts_damping.parameters.yaml_text import dump
 from tests.test_configuration import assert_one_line
 
 if TYPE_CHECKING:

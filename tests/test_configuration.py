@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from facts_damping import loop, parts
 from facts_damping.configuration import load_case, load_system, make_case, tuned
 from facts_damping.errors import InputError
-from facts_damping.files import dump, read_table, shipped
+from facts_damping.files import read_table, shipped
 from facts_damping.link.draws import mean_delay
 from facts_damping.parameters.link import Noise
+from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build
 from facts_damping.plant.network import series_devices
 

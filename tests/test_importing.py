@@ -12,9 +12,9 @@ import pytest
 
 from facts_damping.configuration import load_system
 from facts_damping.errors import InputError
-from facts_damping.files import dump
 from facts_damping.importing import Case, convert
 from facts_damping.matpower import import_case, read_case
+from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build
 from facts_damping.plant.linear import linearise
 from facts_damping.plant.power_flow import solve

@@ -16,8 +16,9 @@ from facts_damping.configuration import Case, check_parameter, load_case
 from facts_damping.control.bank import put
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
-from facts_damping.files import check_writable, dump, write_whole
+from facts_damping.files import check_writable, write_whole
 from facts_damping.parameters.run import Controller, Run, Weights
+from facts_damping.parameters.yaml_text import dump
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

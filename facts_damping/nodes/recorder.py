@@ -16,10 +16,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.signals import SignalHandlerOptions
 
 from facts_damping import __version__
-from facts_damping.files import dump
 from facts_damping.nodes.node import RELIABLE, refuse_others, run_node
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner
+from facts_damping.parameters.yaml_text import dump
 from facts_damping.parts import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.recording.writer import RecordingWriter
 

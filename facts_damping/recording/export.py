@@ -8,7 +8,7 @@ import pyarrow as pa
 from pyarrow import csv, parquet
 
 from facts_damping.errors import RecordingError
-from facts_damping.files import dump
+from facts_damping.parameters.yaml_text import dump
 
 if TYPE_CHECKING:
     from pathlib import Path

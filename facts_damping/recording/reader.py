@@ -8,13 +8,12 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from facts_damping.checking import check
 from facts_damping.errors import InputError, RecordingError
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.system import System
+from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording import decode
 from facts_damping.recording.scan import scan
 from facts_damping.recording.writer import CONFIGURATION
@@ -133,9 +132,9 @@ def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
     notes = list(content.notes)
     notes += [f"{topic}: the recorder lost {count} messages" for topic, count in content.lost.items() if count]
     try:
-        configuration = YAML(typ="safe", pure=True).load(content.configuration)
-    except (YAMLError, ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError):
-        configuration = None  # damaged text: ruamel.yaml raises more than its own errors
+        configuration = parse(content.configuration)
+    except UNREADABLE:
+        configuration = None
     if not isinstance(configuration, dict):
         return {}, [*notes, "the run's configuration is missing"]
     try:

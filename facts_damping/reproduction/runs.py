@@ -9,6 +9,7 @@ from facts_damping.analysis.indices import INDICES
 from facts_damping.checking import check
 from facts_damping.control.table import kind
 from facts_damping.parameters.study import Study
+from facts_damping.parameters.yaml_text import dump
 from facts_damping.reproduction.agreement import Run, name
 from facts_damping.reproduction.printed import LLC, SCENARIOS, SMOOTHNESS, Who
 from facts_damping.studies import sweep
@@ -80,7 +81,7 @@ def _everybody(asked: Sequence[Who], more: More | None) -> dict[str, Any]:
 
 def carry_out(study: Study, title: str, folder: Path, jobs: int) -> list[Row]:
     """The rows of a study; what its journal in the folder holds is not run again."""
-    plan = sweep.planned(study, title, title, files.dump(study.model_dump(exclude_defaults=True)))
+    plan = sweep.planned(study, title, title, dump(study.model_dump(exclude_defaults=True)))
     progress = Progress(title, "runs")
     try:
         found = sweep.run(plan, folder / f"{title}-{plan.fingerprint[:12]}", jobs, None, progress)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping import files
 from facts_damping.parameters.run import Run
+from facts_damping.parameters.yaml_text import dump
 from facts_damping.studies.pages import heads, line
 from facts_damping.studies.tune import SCENARIO
 
@@ -35,7 +35,7 @@ def run_file(task: Task, command: str, entry: Entry) -> str:
         f"# On draws of training that none had seen: score {fresh.value:.4f}; {_percent(fresh)}.",
         "# Percent: geometric mean of the index over that of LLC-tuned as shipped, less 1 (docs/search.md).",
     ]
-    return "\n".join([*head, files.dump(kept)])
+    return "\n".join([*head, dump(kept)])
 
 
 def _percent(score: Score) -> str:

@@ -24,6 +24,7 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.cli import main
 from facts_damping.configuration import load_case
 from facts_damping.files import shipped
+from facts_damping.parameters.yaml_text import dump
 from facts_damping.studies import axes, batch, sweep
 from facts_damping.studies.batch import Task, make, names, one_run
 from facts_damping.studies.journal import Journal
@@ -139,7 +140,7 @@ def test_a_system_that_changes_between_two_sweeps_of_a_process_is_built_anew(tmp
     path = study(tmp_path, f"run: {{system: {tmp_path / 'grid.yaml'}, duration: 3}}\n")
     for factor in (1.0, 1.5):
         system["machines"][0]["H"] *= factor
-        (tmp_path / "grid.yaml").write_text(files.dump(system), encoding="utf-8")
+        (tmp_path / "grid.yaml").write_text(dump(system), encoding="utf-8")
         out, target = tmp_path / str(factor), tmp_path / "result.json"
         assert main(["sweep", str(path), "--jobs", "1", "--out", str(out), "--json", str(target)]) == 0
         found[factor] = json.loads(target.read_text())["rows"][0]["ITAE"]

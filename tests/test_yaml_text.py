@@ -1,0 +1,44 @@
+"""YAML 1.2: plain words are what its core schema says, and what is written is read back."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from facts_damping.parameters.yaml_text import UNREADABLE, dump, parse
+
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text()
+CONTENT = st.recursive(SCALARS, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner))
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *(("no", "no"), ("on", "on"), ("12:30", "12:30"), ("1_000", "1_000"), ("2026-01-01", "2026-01-01")),
+        *(("1e-3", 0.001), ("+.5", 0.5), ("1.", 1.0), ("-.inf", -math.inf), ("0o17", 15), ("0x1F", 31), ("017", 17)),
+        *(("true", True), ("FALSE", False), ("~", None), ("", None), ("null", None), ("'1'", "1")),
+        ("{<<: {a: 1, b: 2}, a: 3}", {"a": 3, "b": 2}),
+        ("[&x {a: 1}, *x]", [{"a": 1}, {"a": 1}]),
+    ],
+)
+def test_plain_words_are_those_of_the_core_schema(text: str, value: Any) -> None:
+    found = parse(text)
+    assert (found, type(found)) == (value, type(value))
+
+
+@pytest.mark.parametrize(
+    "text", ["{a: 1, a: 2}", "a: 1\nb: 2\na: 3", "[1, 2", "!!python/object:os.system x", "{[1]: 2}"]
+)
+def test_what_is_no_such_text_is_refused(text: str) -> None:
+    with pytest.raises(UNREADABLE):
+        parse(text)
+
+
+@given(CONTENT)
+def test_what_is_written_is_read_back(content: Any) -> None:
+    assert parse(dump(content)) == content
+    assert parse(dump(content, flow=True)) == content
