@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import re
 import signal
-import subprocess
-import sys
 import tempfile
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, RunError
 from facts_damping.files import new_folder, read_table, write_whole
+from facts_damping.nodes import forked
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.parts import (
     controller_addresses,
@@ -28,6 +26,7 @@ from facts_damping.parts import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
+    from multiprocessing.process import BaseProcess
     from pathlib import Path
 
     from facts_damping.configuration import Case
@@ -38,7 +37,6 @@ STOPPED_FIRST = (*SOURCES, "recorder")  # the source, then who has to hear it al
 VIEW = "live_view"  # who only listens
 START_S = 60.0  # patience with its start
 STOP_S = 15.0  # patience with a node that was told to stop
-PR_SET_PDEATHSIG = 1
 MOST_DOMAIN = 232
 
 # UDP is as fast as shared memory here, and a killed node leaves no segment behind.
@@ -60,7 +58,7 @@ class Process:
     """A node that runs, and the files that take its output."""
 
     name: str
-    popen: subprocess.Popen[bytes]
+    process: BaseProcess
     output: IO[bytes]
     errors: IO[bytes]
     told: int = field(default=0)  # bytes of its output that were read
@@ -81,50 +79,38 @@ class Process:
         """Why it ended, in one line."""
         self.errors.seek(0)
         lines = self.errors.read().decode(errors="replace").strip().splitlines()
-        code = self.popen.poll()
+        code = self.process.exitcode
         if code is not None and code < 0:
             return f"{self.name} was killed by {signal.Signals(-code).name}"
         return lines[-1] if lines else f"{self.name} ended with exit status {code}"
 
 
-def _die_with_parent() -> None:
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-
-
 def start(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> Process:
     """Start a node, named by its place in the graph, as a process of its own session; `remaps`: of its topics."""
     namespace, _, own = name.rpartition("/")
-    arguments = [sys.executable, "-m", f"facts_damping.nodes.{module}", "--ros-args", "-r", f"__node:={own}"]
+    arguments = ["--ros-args", "-r", f"__node:={own}"]
     arguments += ["-r", f"__ns:=/{namespace}"] if namespace else []
     for topic, other in (remaps or {}).items():
         arguments += ["-r", f"{topic}:={other}"]
     for key, value in parameters.items():
         arguments += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
-    output, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in `graph`)
-    popen = subprocess.Popen(
-        arguments,
-        stdin=subprocess.DEVNULL,
-        stdout=output,
-        stderr=errors,
-        env={**ENVIRONMENT, **os.environ},
-        start_new_session=True,
-        preexec_fn=_die_with_parent,  # noqa: PLW1509 (no threads here)
-    )
-    return Process(name, popen, output, errors)
+    output, errors = tempfile.NamedTemporaryFile(), tempfile.NamedTemporaryFile()  # noqa: SIM115 (closed in `graph`)
+    process = forked.start(module, arguments, {**ENVIRONMENT, **os.environ}, output.name, errors.name)
+    return Process(name, process, output, errors)
 
 
 def _end(processes: Iterable[Process], number: int) -> None:
     """Tell processes to stop, also those that stand still; kill those that do not."""
-    running = [process.popen for process in processes if process.popen.poll() is None]
-    for popen in running:
-        popen.send_signal(number)
-        popen.send_signal(signal.SIGCONT)
-    for popen in running:
-        try:
-            popen.wait(STOP_S)
-        except subprocess.TimeoutExpired:
-            popen.kill()
-            popen.wait()
+    running = [one.process for one in processes if one.process.exitcode is None]
+    for process in running:
+        for each in (number, signal.SIGCONT):
+            with suppress(ProcessLookupError):  # it may have ended meanwhile
+                os.kill(process.pid or 0, each)
+    for process in running:
+        process.join(STOP_S)
+        if process.exitcode is None:
+            process.kill()
+            process.join()
 
 
 def _part(out: Path, name: str) -> Path:
@@ -150,7 +136,7 @@ def _wait_for_view(view: Process) -> None:
     """Wait until a live view serves; it may end later and the graph goes on."""
     deadline = time.monotonic() + START_S
     while not view.read():
-        if view.popen.poll() is not None or time.monotonic() > deadline:
+        if view.process.exitcode is not None or time.monotonic() > deadline:
             _end([view], signal.SIGINT)
             raise RunError(view.reason())
         time.sleep(POLL_S)
@@ -224,7 +210,7 @@ def run(
     with graph(case, mode, out, timeout, view_port, replayed) as running:
         plant = next(running[name] for name in SOURCES if name in running)
         heard = time.monotonic() + 60.0  # patience with the start, above the nodes' own
-        while plant.popen.poll() is None:
+        while plant.process.exitcode is None:
             for k, n, late in plant.progress():
                 heard, misses = time.monotonic(), late
                 progress(k, n)
@@ -232,7 +218,7 @@ def run(
             if time.monotonic() - heard > timeout + 5.0:
                 raise RunError(f"{plant.name} is silent: no progress within {timeout + 5.0:g} s")
             time.sleep(POLL_S)
-        if plant.popen.returncode != 0:
+        if plant.process.exitcode != 0:
             _check_others(running)
             raise RunError(plant.reason())
         for k, n, late in plant.progress():
@@ -242,7 +228,7 @@ def run(
         wall = time.monotonic() - began
         recorder = running["recorder"]
         _end([recorder], signal.SIGINT)
-        if recorder.popen.returncode != 0:
+        if recorder.process.exitcode != 0:
             raise RunError(recorder.reason())
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
     return Outcome(out / "recording", wall, misses, int(lost.group(1)) if lost else 0)
@@ -256,7 +242,7 @@ def check_domain(domain: str) -> None:
 
 def _check_others(running: dict[str, Process]) -> None:
     """Raise where a node other than the source has ended: one that was killed is the cause of the others' end."""
-    ended = [p for name, p in running.items() if name not in (*SOURCES, VIEW) and p.popen.poll() is not None]
+    ended = [p for name, p in running.items() if name not in (*SOURCES, VIEW) and p.process.exitcode is not None]
     if ended:
-        killed = [p for p in ended if (p.popen.returncode or 0) < 0]
+        killed = [p for p in ended if (p.process.exitcode or 0) < 0]
         raise RunError((killed or ended)[0].reason())

@@ -1,24 +1,34 @@
-"""Shared by all tests: a ROS domain of its own for every test that runs a graph, and what may run side by side."""
+"""Shared by all tests: the same examples every time, what may run side by side, a ROS domain for every graph."""
 
 from __future__ import annotations
 
 import itertools
+import os
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_DOMAINS = itertools.cycle(range(1, 102))  # what one had before is long gone when it comes again
+# No test hangs on chance or on how long an example takes; `make explore` looks for other examples.
+settings.register_profile("same", derandomize=True, deadline=None, database=None)
+settings.register_profile("explore", deadline=None, database=None, print_blob=True)
+settings.load_profile("same")
+
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"  # before anything loads messages, also what nodes are copies of
+
+# Every second one for each of two processes; what one had before is long gone when it comes again.
+_DOMAINS = itertools.cycle(range(1 + int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]) % 2, 102, 2))
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Groups for `pytest -n`: files run side by side, graphs one after the other, from the start."""
+    """Groups for `pytest -n`: files run side by side, those with graphs first."""
     items.sort(key=lambda item: not _has_graph(item))
     for item in items:
-        item.add_marker(pytest.mark.xdist_group("graphs" if _has_graph(item) else item.path.name))
+        item.add_marker(pytest.mark.xdist_group(item.path.name))
 
 
 def _has_graph(item: pytest.Item) -> bool:
@@ -41,5 +51,4 @@ def module_domain() -> Iterator[int]:
 def _new_domain(monkeypatch: pytest.MonkeyPatch) -> int:
     number = next(_DOMAINS)
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-    monkeypatch.setenv("ROS_PYTHON_CHECK_FIELDS", "1")
     return number

@@ -76,7 +76,7 @@ def assert_named(sets: Sequence[str], folder: Path, started: dict[str, Any], nod
 
     def strike(done: int, _of: int) -> None:
         if done > 1 and node in started:
-            os.kill(started.pop(node).popen.pid, number)
+            os.kill(started.pop(node).process.pid, number)
 
     began = time.monotonic()
     with pytest.raises(RunError, match=said):

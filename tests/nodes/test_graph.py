@@ -124,7 +124,7 @@ def test_dead_or_silent_node_is_named(
 def test_killed_recorder_leaves_what_it_had_flushed(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
     def strike(done: int, _of: int) -> None:
         if done > 1000:
-            started["recorder"].popen.kill()
+            started["recorder"].process.kill()
 
     with pytest.raises(RunError, match="recorder was killed"):
         graph.run(load_case(None, ["duration=1000"]), "lockstep", tmp_path, strike)

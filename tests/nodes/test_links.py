@@ -165,7 +165,7 @@ def test_links_that_are_late_by_turns_change_nothing(domain: int, tmp_path: Path
     def hold(_done: int, _of: int) -> None:
         node = next(turns, None)
         if node is not None:
-            pid = started[node].popen.pid
+            pid = started[node].process.pid
             os.kill(pid, signal.SIGSTOP)
             time.sleep(0.3)
             os.kill(pid, signal.SIGCONT)

@@ -191,12 +191,12 @@ def test_client_that_does_not_read_holds_nobody_up(domain: int, tmp_path: Path, 
 
 def test_view_that_dies_does_not_end_the_run(domain: int, tmp_path: Path, port: int, started: dict[str, Any]) -> None:
     def strike(_done: int, _of: int) -> None:
-        started["live_view"].popen.kill()
+        started["live_view"].process.kill()
 
     case = load_case(None, ["duration=10"])
     outcome = graph.run(case, "lockstep", tmp_path, strike, view_port=port)
     assert_same(load(outcome.recording), loop.run(case))
-    assert started["live_view"].popen.poll() is not None
+    assert started["live_view"].process.exitcode is not None
 
 
 def test_port_that_is_taken_is_named(domain: int, tmp_path: Path) -> None:

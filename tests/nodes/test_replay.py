@@ -137,7 +137,7 @@ def test_a_silent_controller_is_named(
     silent = "substation/controller_1_HBsWC"
 
     def strike(_done: int, _of: int) -> None:
-        os.kill(started[silent].popen.pid, signal.SIGSTOP)
+        os.kill(started[silent].process.pid, signal.SIGSTOP)
 
     record = load(graphs["decentralised"])
     case = replay.case_of(record, "it", None, [])

@@ -1,0 +1,76 @@
+"""Nodes as copies of a process that has everything loaded.
+
+A node by itself takes two seconds of processor time to load libraries and kernels, and a graph has five nodes or more.
+Here one process loads them once, whatever it is asked for later, and each node is a fork of it: a process with its own
+DDS participant, as if it had been started by itself. The process that loads never starts ROS, so it has nothing that
+must not be copied. It and its copies end with the process that asked for them.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import multiprocessing
+import os
+import signal
+import sys
+from contextlib import contextmanager
+from multiprocessing import forkserver
+from typing import TYPE_CHECKING
+
+from setproctitle import setproctitle
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from multiprocessing.process import BaseProcess
+
+LOADED = "facts_damping.nodes.loaded"
+PR_SET_PDEATHSIG = 1
+
+
+def load() -> None:
+    """Begin to load, in the background; `start` waits for it."""
+    multiprocessing.get_context("forkserver").set_forkserver_preload([LOADED])
+    forkserver.ensure_running()
+
+
+def start(
+    module: str, arguments: Sequence[str], environment: Mapping[str, str], output: str, errors: str
+) -> BaseProcess:
+    """Start a node, by its module in this package, as a process of a session of its own.
+
+    `output`, `errors`: files that take what it says.
+    """
+    load()
+    given = (module, list(arguments), dict(environment), output, errors)
+    process = multiprocessing.get_context("forkserver").Process(target=_be, args=given, daemon=True)
+    with _main_apart():
+        process.start()
+    return process
+
+
+@contextmanager
+def _main_apart() -> Iterator[None]:
+    """The caller's script is not run once more in each node, as `multiprocessing` would."""
+    main = vars(sys.modules["__main__"])
+    kept = {name: value for name, value in main.items() if name in ("__file__", "__spec__")}
+    main.update(dict.fromkeys(kept))
+    try:
+        yield
+    finally:
+        main.update(kept)
+
+
+def _be(module: str, arguments: list[str], environment: dict[str, str], output: str, errors: str) -> None:
+    """Be a node from now on."""
+    os.setsid()
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    os.environ.clear()
+    os.environ.update(environment)
+    for stream, name in ((1, output), (2, errors)):
+        file = os.open(name, os.O_WRONLY | os.O_APPEND)
+        os.dup2(file, stream)
+        os.close(file)
+    sys.argv = [module, *arguments]
+    setproctitle(" ".join([f"facts_damping.nodes.{module}", *arguments]))
+    importlib.import_module(f"facts_damping.nodes.{module}").main()
