@@ -8,7 +8,6 @@ must not be copied. It and its copies end with the process that asked for them.
 
 from __future__ import annotations
 
-import ctypes
 import importlib
 import multiprocessing
 import os
@@ -16,6 +15,7 @@ import signal
 import sys
 from contextlib import contextmanager
 from multiprocessing import forkserver
+from threading import Thread
 from typing import TYPE_CHECKING
 
 from setproctitle import setproctitle
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
 LOADED = "facts_damping.nodes.loaded"
-PR_SET_PDEATHSIG = 1
 
 
 def load() -> None:
@@ -61,10 +60,17 @@ def _main_apart() -> Iterator[None]:
         main.update(kept)
 
 
+def _end_with(asked: BaseProcess) -> None:
+    """End as if told to, when the process that asked for this one has ended."""
+    asked.join()
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
 def _be(module: str, arguments: list[str], environment: dict[str, str], output: str, errors: str) -> None:
     """Be a node from now on."""
+    setproctitle(" ".join([f"facts_damping.nodes.{module}", *arguments]))  # before the environment, where it has room
     os.setsid()
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    Thread(target=_end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
     os.environ.clear()
     os.environ.update(environment)
     for stream, name in ((1, output), (2, errors)):
@@ -72,5 +78,4 @@ def _be(module: str, arguments: list[str], environment: dict[str, str], output: 
         os.dup2(file, stream)
         os.close(file)
     sys.argv = [module, *arguments]
-    setproctitle(" ".join([f"facts_damping.nodes.{module}", *arguments]))
     importlib.import_module(f"facts_damping.nodes.{module}").main()
