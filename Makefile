@@ -1,5 +1,6 @@
 # make demo    set everything up in .venv, then run the closed loop as a ROS 2 graph
 # make test    the same set-up, then all checks and tests
+# make explore tests with random examples for MINUTES=10
 # make clean   remove .venv and what builds and tools have left; recordings stay
 # PYTHON=python3.12 make demo   chooses the interpreter (3.10 to 3.13) for a new .venv
 
@@ -9,10 +10,6 @@ BIN := $(VENV)/bin
 # Errors only. They are complete, compiler output included.
 INSTALL := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input install
 SAY := @printf '%s\n'
-
-# Figures in the docs are of OpenBLAS's kernels for AVX-512. Others round otherwise, and OpenBLAS takes others, too, on a
-# processor with AVX-512 that it does not know yet.
-KERNELS := $(if $(shell grep -m1 avx512bw /proc/cpuinfo),OPENBLAS_CORETYPE=SkylakeX)
 
 MESSAGES := msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/pyproject.toml \
     $(wildcard msg_defs/msg/*.msg msg_defs/packaging/*)
@@ -28,8 +25,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHE
 endif
 
 .DELETE_ON_ERROR:
-.NOTPARALLEL:
-.PHONY: demo test setup test-setup prerequisites clean
+.PHONY: demo test explore setup test-setup prerequisites clean
 
 demo: setup
 	@$(BIN)/python -m facts_damping.demo
@@ -39,11 +35,25 @@ test: test-setup
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
-	$(KERNELS) $(BIN)/python -m pytest -n logical --dist loadgroup
+	$(BIN)/python -m pytest -n logical --dist loadgroup
 
-setup: prerequisites $(VENV)/.warm
+# Random examples instead of the same ones, until a test fails or the minutes are over: what it prints then goes into the
+# test as an example of its own. MINUTES=60 make explore
+MINUTES ?= 10
+explore: test-setup
+	@until=$$(($$(date +%s) + 60 * $(MINUTES))); seed=$$(date +%s); \
+	while [ $$(date +%s) -lt $$until ]; do \
+	    echo "explore: seed $$seed"; \
+	    $(BIN)/python -m pytest -q -x -n logical -m hypothesis --hypothesis-profile explore --hypothesis-seed $$seed || exit 1; \
+	    seed=$$((seed + 1)); \
+	done
 
-test-setup: setup $(VENV)/.tools $(VENV)/.browser
+# Kernels and messages are compiled side by side.
+setup: prerequisites
+	@$(MAKE) --no-print-directory -j2 $(VENV)/.warm $(VENV)/.messages
+
+test-setup: prerequisites
+	@$(MAKE) --no-print-directory -j3 $(VENV)/.warm $(VENV)/.tools $(VENV)/.browser
 
 # One line for the first prerequisite that is missing: what it is and how to get it.
 prerequisites:
@@ -66,7 +76,7 @@ prerequisites:
 	    missing "$(VENV) holds $$($(BIN)/python -V), $(PYTHON) is $$($(PYTHON) -V): make clean first"
 
 # A stamp for each step that is done: it runs again only if what it depends on has changed.
-$(VENV)/.python: | prerequisites
+$(VENV)/.python:
 	$(SAY) "set-up: virtual environment $(VENV)"
 	@$(PYTHON) -m venv $(VENV)
 	@touch $(VENV)/COLCON_IGNORE $@
@@ -76,12 +86,12 @@ $(VENV)/.package: $(METADATA) $(VENV)/.python
 	@$(INSTALL) -e '.[ros]'
 	@touch $@
 
-$(VENV)/.messages: $(MESSAGES) $(VENV)/.python | $(VENV)/.package
+$(VENV)/.messages: $(MESSAGES) | $(VENV)/.package
 	$(SAY) "set-up: messages (compiled here, about half a minute)"
 	@$(INSTALL) ./msg_defs
 	@touch $@
 
-$(VENV)/.warm: $(SOURCES) $(VENV)/.messages
+$(VENV)/.warm: $(SOURCES) $(VENV)/.package
 	$(SAY) "set-up: compiling the numerical kernels"
 	@$(BIN)/python -m facts_damping.warmup
 	@touch $@

@@ -36,6 +36,7 @@ SOURCES = ("plant_sim", "replay_source")  # what a graph runs on: the plant, or 
 STOPPED_FIRST = (*SOURCES, "recorder")  # the source, then who has to hear it all, then the others together
 VIEW = "live_view"  # who only listens
 START_S = 60.0  # patience with its start
+STUCK = -signal.SIGALRM  # exit status of a node with its work done, whose middleware does not end (nodes/node.py)
 STOP_S = 15.0  # patience with a node that was told to stop
 MOST_DOMAIN = 232
 
@@ -70,6 +71,11 @@ class Process:
         self.told += len(data)
         return data.decode(errors="replace")
 
+    def failed(self) -> bool:
+        """Whether it has ended otherwise than with its work done."""
+        self.errors.seek(0)
+        return self.process.exitcode != 0 and not (self.process.exitcode == STUCK and not self.errors.read())
+
     def progress(self) -> list[tuple[int, int, int]]:
         """Lines of progress since the last look: tick, of how many, deadline misses."""
         lines = re.findall(r"^tick (\d+) (\d+) (\d+)$", self.read(), re.MULTILINE)
@@ -80,7 +86,7 @@ class Process:
         self.errors.seek(0)
         lines = self.errors.read().decode(errors="replace").strip().splitlines()
         code = self.process.exitcode
-        if code is not None and code < 0:
+        if code is not None and code < 0 and code != STUCK:
             return f"{self.name} was killed by {signal.Signals(-code).name}"
         return lines[-1] if lines else f"{self.name} ended with exit status {code}"
 
@@ -218,7 +224,7 @@ def run(
             if time.monotonic() - heard > timeout + 5.0:
                 raise RunError(f"{plant.name} is silent: no progress within {timeout + 5.0:g} s")
             time.sleep(POLL_S)
-        if plant.process.exitcode != 0:
+        if plant.failed():
             _check_others(running)
             raise RunError(plant.reason())
         for k, n, late in plant.progress():
@@ -228,7 +234,7 @@ def run(
         wall = time.monotonic() - began
         recorder = running["recorder"]
         _end([recorder], signal.SIGINT)
-        if recorder.process.exitcode != 0:
+        if recorder.failed():
             raise RunError(recorder.reason())
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
     return Outcome(out / "recording", wall, misses, int(lost.group(1)) if lost else 0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +11,7 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 
-from facts_damping import loop
+from facts_damping import graph, loop
 from facts_damping.configuration import load_case
 from facts_damping.recording.reader import load
 from tests.nodes.graphs import PATIENCE_S
@@ -109,3 +111,18 @@ def test_missing_peer_is_named(start: Any) -> None:
     assert time.monotonic() - began < PATIENCE_S / 2
     assert node.returncode == 1
     assert "a subscriber of /pmu/frames, a publisher of /setpoints/delivered" in errors
+
+
+STUCK = """
+import ctypes
+from types import SimpleNamespace
+from facts_damping.nodes import node
+
+node.LEAVE_S = 0.2
+node._leave(SimpleNamespace(destroy_node=lambda: ctypes.PyDLL(None).sleep(60)))  # Python's lock held
+"""
+
+
+def test_a_node_whose_middleware_does_not_end_is_ended_and_counts_as_done() -> None:
+    done = subprocess.run([sys.executable, "-c", STUCK], check=False, timeout=PATIENCE_S)
+    assert done.returncode == graph.STUCK
