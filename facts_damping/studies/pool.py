@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import signal
+import warnings
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from itertools import islice
@@ -24,6 +25,9 @@ PR_SET_PDEATHSIG = 1
 CONNECT_S = 10  # longest wait for a scheduler
 MOST_AT_ONCE = 16  # handed to a process: the more, the less it waits; a kill costs what was under way
 TASKS_AHEAD = 4  # for each thread of a cluster: enough that none waits, few enough that a scheduler stays small
+
+# What an interrupted sweep has made and not kept, joblib says in two lines of its own.
+warnings.filterwarnings("ignore", r"\d+ tasks have been successfully executed", UserWarning)
 
 
 def _worker() -> None:

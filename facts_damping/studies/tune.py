@@ -22,7 +22,7 @@ from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
 from facts_damping.files import find
 from facts_damping.parameters.run import Controller, Tuned, TunedController
-from facts_damping.parts import build_sensitivity
+from facts_damping.parts import build_control, build_sensitivity
 from facts_damping.studies.optimisers import differential_evolution
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.space import Space
@@ -108,6 +108,10 @@ class Trainer:
         content = {**self.case.document(), "controllers": [controller], "asked": None}
         return make_case(content, f"tune {self.case.system.name}")
 
+    def check(self) -> None:
+        """Raise `InputError` where the controller cannot have these signals and devices."""
+        build_control(self.with_parameters(self.parameters(np.full(len(self.space.ranges), 0.5))), self.sensitivity)
+
     def objective(self, at: NDArray[np.float64]) -> float:
         """The objective at a point of the search."""
         return objective(self.with_parameters(self.parameters(at)), self.sensitivity)
@@ -146,8 +150,10 @@ def _population(size: int, seed: int) -> NDArray[np.float64]:
 def tune(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> Tuned:
     """Search for every controller, several at a time."""
     find("scenarios", SCENARIO, f"{task.system}/")
-    Trainer(Job(task, "ANFTSC", "direct")).with_parameters({})  # devices and signals that it cannot have
-    made = run_all(search, [Job(task, name, scheme) for name, scheme in rows(names)], jobs, progress)
+    asked = [Job(task, name, scheme) for name, scheme in rows(names)]
+    for job in asked:
+        Trainer(job).check()
+    made = run_all(search, asked, jobs, progress)
     own = Controller()
     more = [f"--devices {','.join(task.devices)}"] if task.devices != own.devices else []
     more += [f"--signals {','.join(task.signals)}"] if task.signals != own.signals else []
