@@ -26,8 +26,8 @@ CONNECT_S = 10  # longest wait for a scheduler
 MOST_AT_ONCE = 16  # handed to a process: the more, the less it waits; a kill costs what was under way
 TASKS_AHEAD = 4  # for each thread of a cluster: enough that none waits, few enough that a scheduler stays small
 
-# What an interrupted sweep has made and not kept, joblib says in two lines of its own.
-warnings.filterwarnings("ignore", r"\d+ tasks have been successfully executed", UserWarning)
+# How many runs an interrupted sweep has made and not kept, or not ended, joblib says in two lines of its own.
+warnings.filterwarnings("ignore", r"\d+ tasks (have been successfully|which were still being)", UserWarning)
 
 
 def _worker() -> None:
