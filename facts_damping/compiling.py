@@ -138,11 +138,24 @@ def _compiled(function: Any, **options: Any) -> Any:
     return made
 
 
+def _inner(function: Any) -> Any:
+    """The same for compiled callers alone: what would take arguments from Python is most of a small one's compilation.
+
+    Numba calls such a function from Python nevertheless, into nowhere; this one raises `TypeError`.
+    """
+
+    def refuse(*_arguments: Any) -> None:
+        raise TypeError(f"{function.__module__}.{function.__name__}: for compiled callers alone")
+
+    made = _compiled(function, no_cpython_wrapper=True)
+    made._insert, made._compile_for_args = (lambda *_, **__: None), refuse  # noqa: SLF001 (Numba has no other place)
+    return made
+
+
 if TYPE_CHECKING:  # what the functions take and return
     compiled = inner = inlined = numba.njit(cache=True, error_model="numpy")
 else:
     compiled = _compiled
-    # For compiled callers alone: what would take arguments from Python is most of a small function's compilation.
-    inner = partial(_compiled, no_cpython_wrapper=True)
+    inner = _inner
     # For a step's innermost loops: the optimiser writes the function into its callers.
     inlined = partial(_compiled, forceinline=True)

@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from facts_damping import compiling
+from facts_damping import compiling, loop
+from facts_damping.configuration import load_case
+from facts_damping.control import bank
 
 PACKAGE = Path(compiling.__file__).parent
 NAMES = [
@@ -86,3 +88,10 @@ def test_old_folders_of_a_file_go_and_those_of_others_stay(tmp_path: Path, where
         *(f"facts_damping.loop-{i}" for i in (3, 4, 5)),
     }
     assert len(list(home.glob("facts_damping.link.chain-*"))) == 6
+
+
+def test_a_function_for_compiled_callers_alone_says_so() -> None:
+    for _ in range(2):
+        with pytest.raises(TypeError, match=r"bank\._limit: for compiled callers alone"):
+            bank._limit(1, 2, 3)
+        loop.run(load_case(None, ["duration=0.1"]))  # compiled by then, and known to its callers

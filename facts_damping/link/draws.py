@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling import inner
+from facts_damping.compiling import compiled
 from facts_damping.parameters.link import LONGEST_S
 from facts_damping.signals import NANOSECONDS
 
@@ -58,7 +58,7 @@ def _gilbert_elliott(stage: Any, size: Shape, random: np.random.Generator) -> ND
     return np.where(random.random(size) < np.where(bad, stage.loss_B, stage.loss_G)[:, None, :], math.nan, 0.0)
 
 
-@inner
+@compiled
 def _turns(p_gb: float, p_bg: float, chance: NDArray[np.float64], bad: NDArray[np.bool_]) -> None:
     """Whether each channel is bad at each entry, (draws, channels); the first by the stationary probability."""
     both = p_gb + p_bg
