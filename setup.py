@@ -70,7 +70,7 @@ setup(
         "pyyaml>=6,<7",
         "ruamel.yaml>=0.18,<1",
         "rosbags>=0.10,<1",
-        "scipy>=1.15,<2",  # also for Numba: its matrix product calls SciPy's BLAS
+        "scipy>=1.15,<2",
         "threadpoolctl>=3,<4",
         "zstandard>=0.22,<1",
     ],
