@@ -10,10 +10,6 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input install
 SAY := @printf '%s\n'
 
-# Figures in the docs are of OpenBLAS's kernels for AVX-512. Others round otherwise, and OpenBLAS takes others, too, on a
-# processor with AVX-512 that it does not know yet.
-KERNELS := $(if $(shell grep -m1 avx512bw /proc/cpuinfo),OPENBLAS_CORETYPE=SkylakeX)
-
 MESSAGES := msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/pyproject.toml \
     $(wildcard msg_defs/msg/*.msg msg_defs/packaging/*)
 METADATA := setup.py setup.cfg package.xml
@@ -39,7 +35,7 @@ test: test-setup
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
-	$(KERNELS) $(BIN)/python -m pytest -n logical --dist loadgroup
+	$(BIN)/python -m pytest -n logical --dist loadgroup
 
 setup: prerequisites $(VENV)/.warm
 
