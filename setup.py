@@ -69,8 +69,8 @@ setup(
         "pydantic>=2.6,<3",
         "pyyaml>=6,<7",
         "rosbags>=0.10,<1",
+        "scipy>=1.15,<2",
         "setproctitle>=1.3,<2",
-        "scipy>=1.15,<2",  # also for Numba: its matrix product calls SciPy's BLAS
         "threadpoolctl>=3,<4",
         "zstandard>=0.22,<1",
     ],

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 PACKAGE = "facts_damping"
 ROOT = Path(__file__).parent
 # Where compiled functions are, and what they are given: rooms, and files of the package's ground floor.
-ROOMS = ("compiling", "control", "link", "loop", "neurofuzzy", "plant", "signals")
+ROOMS = ("compiling", "control", "link", "loop", "matrices", "neurofuzzy", "plant", "signals")
 KEPT = 4  # folders of one file: those of other versions of it
 _IMPORT = re.compile(rf"^[ ]*from ({PACKAGE}[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 

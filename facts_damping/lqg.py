@@ -12,14 +12,13 @@ speed differences, as a vector, swing by one.
 
 1. What no signal and no speed difference answers to (all rotors turned alike, all speeds raised alike) is left out.
 2. Modes that do not decay are kept as they are; what decays is balanced and truncated (B. C. Moore, Principal Component
-   Analysis in Linear Systems, IEEE Trans. Automatic Control 26(1), 1981; the division by a real Schur form:
-   A. Varga, Enhanced Modal Approach for Model Reduction, Mathematical Modelling of Systems 1(2), 1995).
+   Analysis in Linear Systems, IEEE Trans. Automatic Control 26(1), 1981; the division by the sign of a matrix:
+   P. Benner, E. S. Quintana-Orti, G. Quintana-Orti, State-Space Truncation Methods for Parallel Model Reduction of
+   Large-Scale Systems, Parallel Computing 29(11-12), 2003).
 3. It is sampled with hold, washouts by the bilinear transform as controllers have them, and Riccati's equations are
    solved for regulator and Kalman filter (G. F. Franklin, J. D. Powell, M. Workman, Digital Control of Dynamic Systems,
    3rd ed. 1998, 9). With the delay lag = (f + part) T the regulator acts on the state as it will be f frames on, which
    the setpoints on their way have settled: the optimum of the plant with its delay.
-
-One BLAS thread at work: several may sum in another order, and processes of a graph must agree to the last bit.
 """
 
 from __future__ import annotations
@@ -27,12 +26,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, eigh, null_space, schur, solve_continuous_lyapunov, solve_sylvester
-from threadpoolctl import threadpool_limits
 
 from facts_damping.analysis.measures import measure_weights
 from facts_damping.control.state_space import StateSpace
 from facts_damping.errors import InputError
+from facts_damping.matrices import lyapunov, product, riccati, sign, singular, solve
 from facts_damping.plant.sampled import held_for, rigid
 from facts_damping.signals import NANOSECONDS, to_ns
 
@@ -63,35 +61,35 @@ class Model(NamedTuple):
 
     def within(self, T: NDArray[np.float64], back: NDArray[np.float64]) -> Model:
         """The model in states z of x = T z, `back` T = 1."""
-        return Model(back @ self.A @ T, back @ self.B, back @ self.G, self.C @ T, self.D, self.Z @ T)
+        of_inputs = product(back, self.B), product(back, self.G)
+        return Model(product(back, self.A, T), *of_inputs, product(self.C, T), self.D, product(self.Z, T))
 
 
 def design(plant: Sensitivity | None, system: System, controller: Controller, here: str) -> StateSpace:
     """The controller's matrices. Raises `InputError` where the plant and its signals allow none; `here`: its field."""
     if plant is None:
         raise InputError(f"{here}.name: 'LQG' given, but the plant has no swing mode; allowed: LLC")
-    with threadpool_limits(1):
-        whole = model(plant, system, controller)
-        rows = [plant.signals.index(name) for name in controller.signals]
-        size = np.abs(plant.swing[rows]) / np.linalg.norm(whole.Z @ plant.shape)
-        _check(plant, system, controller, size, here)
-        limits = np.array([system.device(name).v_max for name in controller.devices])
-        small = reduced(whole, plant.names, limits, size)
-        if np.abs(np.linalg.eigvals(small.A)).min() < DRIFTS:
-            raise InputError(
-                f"{here}.signals: {', '.join(controller.signals)} given, which see a motion that nothing brings back "
-                "(all speeds raised alike); allowed: for LQG differences of speeds, or signals with a washout"
-            )
-        step = sampled(small, plant.frame_rate, controller.number("lag"))
-        effort, noise = controller.number("effort"), np.array(controller.parameters["noise"]) * size
-        try:
-            return optimal(small, step, plant.model.washout[rows], 1.0 / plant.frame_rate, limits, effort, noise)
-        except (np.linalg.LinAlgError, ValueError) as error:
-            raise InputError(
-                f"{here}: LQG given, but Riccati's equations have no solution: a mode that does not decay is not seen "
-                f"in {', '.join(controller.signals)} or not moved by {', '.join(controller.devices)}; "
-                "allowed: signals and devices that see and move all such modes"
-            ) from error
+    whole = model(plant, system, controller)
+    rows = [plant.signals.index(name) for name in controller.signals]
+    size = np.abs(plant.swing[rows]) / np.sqrt((np.abs(product(whole.Z, plant.shape)) ** 2).sum())
+    _check(plant, system, controller, size, here)
+    limits = np.array([system.device(name).v_max for name in controller.devices])
+    small = reduced(whole, plant.names, limits, size)
+    if np.abs(np.linalg.eigvals(small.A)).min() < DRIFTS:
+        raise InputError(
+            f"{here}.signals: {', '.join(controller.signals)} given, which see a motion that nothing brings back "
+            "(all speeds raised alike); allowed: for LQG differences of speeds, or signals with a washout"
+        )
+    step = sampled(small, plant.frame_rate, controller.number("lag"))
+    effort, noise = controller.number("effort"), np.array(controller.parameters["noise"]) * size
+    try:
+        return optimal(small, step, plant.model.washout[rows], 1.0 / plant.frame_rate, limits, effort, noise)
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"{here}: LQG given, but Riccati's equations have no solution: a mode that does not decay is not seen "
+            f"in {', '.join(controller.signals)} or not moved by {', '.join(controller.devices)}; "
+            "allowed: signals and devices that see and move all such modes"
+        ) from error
 
 
 def _check(plant: Sensitivity, system: System, controller: Controller, size: NDArray[np.float64], here: str) -> None:
@@ -129,37 +127,38 @@ def model(plant: Sensitivity, system: System, controller: Controller) -> Model:
 def reduced(whole: Model, names: Sequence[str], limits: NDArray[np.float64], size: NDArray[np.float64]) -> Model:
     """The model without rigid motions, and what decays truncated; signals count by their `size`, setpoints by limits.
 
-    With x = W z, W from a real Schur form and Sylvester's equation, what decays goes by itself.
+    x = P x + (1 - P) x, P of the matrix's sign, divides the states into what decays and what stays. To each part the
+    other one, as the rigid motions to both, is what nothing moves and nobody sees; there it is given a decay of 1/s.
     """
-    free = null_space(rigid(whole.A, np.vstack([whole.C, whole.Z]), names).T)
-    seen = whole.within(free, free.T)
-    form, turned, stays = schur(seen.A, sort=lambda real, _imaginary: real > -DECAYS)
-    last = len(form) - stays
-    cross = solve_sylvester(form[:stays, :stays], -form[stays:, stays:], -form[:stays, stays:])
-    upper = np.block([[np.eye(stays), cross], [np.zeros((last, stays)), np.eye(last)]])
-    divided = seen.within(turned @ upper, (2.0 * np.eye(len(form)) - upper) @ turned.T)
-    decaying = divided.within(np.eye(len(form))[:, stays:], np.eye(len(form))[stays:])
-    inputs, outputs = np.hstack([decaying.B * limits, decaying.G]), np.vstack([decaying.C / size[:, None], decaying.Z])
-    T, back = balancing(decaying.A, inputs, outputs)
-    return divided.within(block_diag(np.eye(stays), T), block_diag(np.eye(stays), back))
+    one = np.eye(len(whole.A))
+    still = rigid(whole.A, np.vstack([whole.C, whole.Z]), names)
+    hidden = product(still, still.T)
+    seen = whole.within(one - hidden, one - hidden)
+    P = (one - sign(seen.A - hidden + DECAYS * one)) / 2.0
+    staying, sizes, seeing = singular(one - P)
+    stays = round(float(np.trace(one - P)))
+    fast = seen.within(P, P)
+    inputs, outputs = np.hstack([fast.B * limits, fast.G]), np.vstack([fast.C / size[:, None], fast.Z])
+    T, back = balancing(fast.A - (one - P) - hidden, inputs, outputs)
+    return seen.within(np.hstack([staying[:, :stays], T]), np.vstack([sizes[:stays, None] * seeing[:, :stays].T, back]))
 
 
 def balancing(
     A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """T (states, kept) and back: x = T z, z the balanced states with a Hankel singular value of KEPT and more."""
-    reach = _root(solve_continuous_lyapunov(A, -B @ B.T))
-    observe = _root(solve_continuous_lyapunov(A.T, -C.T @ C))
-    left, values, right = np.linalg.svd(observe.T @ reach)
+    reach = _root(lyapunov(A, product(B, B.T)))
+    observe = _root(lyapunov(A.T, product(C.T, C)))
+    left, values, right = singular(product(observe.T, reach))
     kept = int(np.sum(values >= KEPT * values.max(initial=0.0)))
     scale = 1.0 / np.sqrt(values[:kept])
-    return reach @ right[:kept].T * scale, (observe @ left[:, :kept] * scale).T
+    return product(reach, right[:, :kept]) * scale, (product(observe, left[:, :kept]) * scale).T
 
 
 def _root(gramian: NDArray[np.float64]) -> NDArray[np.float64]:
     """S of S S^T = P."""
-    values, vectors = eigh((gramian + gramian.T) / 2.0)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+    axes, values, _ = singular((gramian + gramian.T) / 2.0)
+    return axes * np.sqrt(values)
 
 
 class Frames(NamedTuple):
@@ -179,7 +178,7 @@ def sampled(small: Model, frame_rate: int, lag: float) -> Frames:
     part = rest / NANOSECONDS * period
     onward, new = held_for(small.A, small.B, period - part)
     Phi, both = held_for(small.A, np.hstack([small.B, small.G]), period)
-    return Frames(Phi, onward @ held_for(small.A, small.B, part)[1], new, both[:, devices:], f)
+    return Frames(Phi, product(onward, held_for(small.A, small.B, part)[1]), new, both[:, devices:], f)
 
 
 def optimal(
@@ -200,19 +199,19 @@ def optimal(
     ends = np.cumsum([len(step.Phi), len(pole), *[devices] * (step.f + 1)])
     x, faded, *sent = np.split(np.eye(ends[-1] + devices), ends)  # rows that pick each part
     sent = [sent[-1], *sent[:-1]]  # u(k) to u(k-f-1)
-    raw = small.C @ x + small.D @ sent[-1]
-    y = through @ (raw - pick.T @ faded)
-    moved = step.Phi @ x + step.old @ sent[-1] + step.new @ sent[step.f]
-    after = np.vstack([moved, pole @ faded + (np.eye(len(pole)) - pole) @ pick @ raw, *sent[:-1]])
+    raw = product(small.C, x) + product(small.D, sent[-1])
+    y = product(through, raw - product(pick.T, faded))
+    moved = product(step.Phi, x) + product(step.old, sent[-1]) + product(step.new, sent[step.f])
+    after = np.vstack([moved, product(pole, faded) + product(np.eye(len(pole)) - pole, pick, raw), *sent[:-1]])
     ahead = x  # as it will be f frames on
     for i in range(step.f, 0, -1):
-        ahead = step.Phi @ ahead + step.old @ sent[i + 1] + step.new @ sent[i]
+        ahead = product(step.Phi, ahead) + product(step.old, sent[i + 1]) + product(step.new, sent[i])
 
     torque = np.vstack([step.torque, np.zeros((len(pole), step.torque.shape[1]))])
     M = np.zeros((ends[-1], len(noise)))
-    rest = np.asarray(np.linalg.solve(np.eye(own) - after[:own, :own], torque), np.float64)  # by a step of each torque
+    rest = solve(np.eye(own) - after[:own, :own], torque)  # by a step of each torque
     M[:own] = _filter(after[:own, :own], rest, y[:, :own], noise)
-    K = _regulator(step, small.Z, limits, effort) @ np.vstack([ahead, sent[1]])
+    K = product(_regulator(step, small.Z, limits, effort), np.vstack([ahead, sent[1]]))
     n = ends[-1]
     return StateSpace(after[:, :n], after[:, n:], y[:, :n], M, K[:, :n])
 
@@ -237,20 +236,17 @@ def _filter(
     A: NDArray[np.float64], G: NDArray[np.float64], C: NDArray[np.float64], noise: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """M of the Kalman filter, P C^T (C P C^T + R)^-1, with signals in units of their noise."""
-    from control import dlqe  # noqa: PLC0415 (slow to load, seldom asked for)
-
     seen, one = C / noise[:, None], np.eye(len(noise))
-    _, P, _ = dlqe(A, G, seen, np.eye(G.shape[1]), one, method="scipy")
-    return np.asarray(np.linalg.solve(seen @ P @ seen.T + one, seen @ P).T / noise)
+    P = riccati(A.T, seen.T, product(G, G.T), one)
+    return np.asarray(solve(product(seen, P, seen.T) + one, product(seen, P)).T / noise)
 
 
 def _regulator(step: Frames, Z: NDArray[np.float64], limits: NDArray[np.float64], effort: float) -> NDArray[np.float64]:
     """K of u(k) = -K [x(k+f), u(k-1)], with setpoints in units of their limits."""
-    from control import dlqr  # noqa: PLC0415 (as above)
-
     n, devices = step.new.shape
     A = np.block([[step.Phi, step.old * limits], [np.zeros((devices, n + devices))]])
     B = np.vstack([step.new * limits, np.eye(devices)])
-    Q = block_diag(Z.T @ Z, np.zeros((devices, devices)))
-    K, _, _ = dlqr(A, B, Q / effort, np.eye(devices), method="scipy")
+    one, Z = np.eye(devices), np.hstack([Z, np.zeros((len(Z), devices))])
+    X = riccati(A, B, product(Z.T, Z) / effort, one)
+    K = solve(one + product(B.T, X, B), product(B.T, X, A))
     return np.asarray(limits[:, None] * K / np.concatenate([np.ones(n), limits]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -153,7 +154,7 @@ def _known(case: Case, i: int, plant: Sensitivity | None) -> Known | None:
                 f"controllers.{i}.signals: '{signal}' given, which does not swing at the least damped mode "
                 f"({plant.frequency_hz:.2f} Hz); allowed: signals that do"
             )
-    turn = complex(np.exp(plant.eigenvalue / case.run.frame_rate))
+    turn = cmath.exp(plant.eigenvalue / case.run.frame_rate)
     return Known(np.sign(jacobian) if c.scheme == "indirect" else sign, jacobian, swing, turn)
 
 

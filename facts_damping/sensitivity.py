@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
+from facts_damping.matrices import eigenvalue_near, product
 from facts_damping.plant import linear
+from facts_damping.plant.sampled import held_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,9 +60,8 @@ class Sensitivity(NamedTuple):
         """
         rows, columns = [self.signals.index(s) for s in signals], [self.devices.index(d) for d in devices]
         A, B, C, D = _with_washouts(self.model, rows)
-        n, inputs = B.shape
-        held = expm(np.block([[A, B], [np.zeros((inputs, n + inputs))]]) * frames / self.frame_rate)
-        return np.asarray((C @ held[:n, n:] + D)[:, columns])
+        _, held = held_for(A, B, frames / self.frame_rate)
+        return (product(C, held) + D)[:, columns]
 
     def jacobian(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
         """The responses with the signs at the mode, where there are, (signals, devices), p.u./p.u."""
@@ -83,23 +83,16 @@ def sensitivity(built: Built, system: System, devices: Sequence[str], frame_rate
     """
     model = linear.linear_model(built, system.signals, [s.name for s in system.stations])
     swings = [
-        mode
-        for mode in linear.modes(model.A, built.state_names, system, model, devices)
-        if mode.label not in ("common", "control")
+        mode for mode in linear.modes(model.A, built.state_names, system) if mode.label not in ("common", "control")
     ]
     if not swings:
         return None
     least = min(swings, key=lambda mode: mode.damping_ratio)
-    values, vectors = np.linalg.eig(model.A)
-    v = vectors[:, int(np.argmin(np.abs(values - least.eigenvalue)))]
-    residue = np.zeros((len(system.signals), len(devices)), np.complex128)
-    for r in least.residues:
-        at = list(system.signals).index(r.signal), list(devices).index(r.device)
-        residue[at] = r.magnitude * np.exp(1j * np.deg2rad(r.angle_deg))
-    swing = np.asarray(model.washed(least.eigenvalue) * (model.C @ v))
-    names = list(built.state_names)
-    known = list(system.signals), list(devices), least.eigenvalue, residue, swing
-    return Sensitivity(*known, frame_rate, model, names, v)
+    eigenvalue, v, w = eigenvalue_near(model.A, least.eigenvalue)
+    swing = model.washed(eigenvalue) * product(model.C, v)
+    residue = swing[:, None] * product(w, model.B) / product(w, v)
+    known = list(system.signals), list(devices), eigenvalue, residue, swing
+    return Sensitivity(*known, frame_rate, model, list(built.state_names), v)
 
 
 def _with_washouts(model: linear.LinearModel, signals: Sequence[int]) -> tuple[NDArray[np.float64], ...]:
@@ -108,8 +101,8 @@ def _with_washouts(model: linear.LinearModel, signals: Sequence[int]) -> tuple[N
     rows = np.flatnonzero(model.washout[signals] > 0.0)
     if not len(rows):
         return A, B, C, D
-    rate = np.diag(1.0 / model.washout[signals][rows])
+    rate = 1.0 / model.washout[signals][rows, None]
     pick = np.zeros((len(signals), len(rows)))
     pick[rows, np.arange(len(rows))] = 1.0
-    wide = np.block([[A, np.zeros((len(A), len(rows)))], [rate @ C[rows], -rate]])
-    return wide, np.vstack([B, rate @ D[rows]]), np.hstack([C, -pick]), D
+    wide = np.block([[A, np.zeros((len(A), len(rows)))], [rate * C[rows], -rate * np.eye(len(rows))]])
+    return wide, np.vstack([B, rate * D[rows]]), np.hstack([C, -pick]), D

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
-import subprocess
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -213,25 +208,6 @@ def test_no_other_gains_cost_less(which: str, lag: float) -> None:
         dearer += [cost(own._replace(K=K)) / least - 1.0, cost(own._replace(M=M)) / least - 1.0]
     assert min(dearer) > 0.0
     assert max(dearer) < 0.1  # near an optimum the cost is flat
-
-
-def test_its_bits_do_not_depend_on_the_threads_of_blas() -> None:
-    """Processes of a graph compute the matrices each for itself."""
-    said = []
-    for threads in ("1", "4"):
-        environment = {**os.environ, "OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads}
-        code = "import tests.test_lqg as t; print(t.digest())"
-        made = subprocess.run(
-            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True, cwd=Path.cwd()
-        )
-        said.append(made.stdout.strip())
-    assert said == [digest()] * 2
-
-
-def digest() -> str:
-    """What all matrices of a run are, to the bit."""
-    own = build_control(case_of("two_area, both", 22))[0].optimal
-    return hashlib.sha256(b"".join(part.tobytes() for part in own)).hexdigest()
 
 
 @pytest.mark.parametrize("which", ["two_area", "two_area, both"])

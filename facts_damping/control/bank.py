@@ -7,6 +7,7 @@ setpoint stands (zero-order hold).
 
 from __future__ import annotations
 
+import cmath
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -184,9 +185,8 @@ def pull(known: Known, s: NDArray[Any]) -> NDArray[np.float64]:
     steps = known.swing * change / s["change_scale"]
     phasors = np.column_stack([swing, steps]).ravel()
     aim = phasors[0] + phasors[1]
-    found = np.cos(np.angle(phasors / aim))
-    found[:2] = 1.0
-    return np.asarray(found)
+    found = [math.cos(cmath.phase(one)) for one in (phasors / aim).tolist()]
+    return np.array([1.0, 1.0, *found[2:]])
 
 
 @inner

@@ -10,6 +10,7 @@ limits.
 
 from __future__ import annotations
 
+import cmath
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 WIDTH = 1.0  # s of the memberships at the start
 SPREAD = 0.5  # memberships at -0.5 and 0.5, where the consequents hold the linear plant
 DILATION = 5.0  # nu of the wavelets at the start
+FLAT = 1e-9  # of phasors' largest extent: what extends less in another direction is round-off
 SPARE = 4  # frames, beyond the lag, for which setpoints are kept
 
 
@@ -196,9 +198,19 @@ def _start(net: Network, row: Identified) -> NDArray[np.float64]:
 
 
 def _ahead(past: NDArray[np.complex128], later: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """The smallest real matrix M, (signals, past values), with M `past` nearest `later`: phasors of a mode."""
-    by_past, by_later = (np.column_stack([swing.real, swing.imag]) for swing in (past, later))
-    return np.asarray(np.linalg.lstsq(by_past.T, by_later.T, rcond=1e-9)[0].T)
+    """The smallest real matrix M, (signals, past values), with M `past` nearest `later`: phasors of a mode.
+
+    Both are turned until real and imaginary part of `past` are at right angles to each other. Then M is the sum of
+    later_i past_i^T / |past_i|^2 over the parts i that are more than round-off.
+    """
+    turn = cmath.exp(-0.5j * cmath.phase(complex((past * past).sum())))
+    past, later = past * turn, later * turn
+    made = np.zeros((len(later), len(past)))
+    for own, to in ((past.real, later.real), (past.imag, later.imag)):
+        size = (own * own).sum()
+        if size > FLAT**2 * (np.abs(past) ** 2).sum():
+            made += to[:, None] * own / size
+    return made
 
 
 def _linear_start(net: Network, slopes: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,6 +6,7 @@ zero at x = 0. (Three rules and more spread evenly between the two.)
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -67,8 +68,8 @@ def initial(net: Network, start: Start) -> NDArray[np.float64]:
 def _membership(net: Network, centre: float, width: float) -> NDArray[np.float64]:
     """Parameters of one membership; a spline's degrees start as those of a gaussian."""
     if net.antecedent in (SPLINE_NEAREST, SPLINE):
-        points = np.linspace(-1.0, 1.0, POINTS)
-        return np.clip(np.exp(-(((points - centre) / width) ** 2)), DEGREE.low, DEGREE.high)
+        degrees = [math.exp(-(((point - centre) / width) ** 2)) for point in np.linspace(-1.0, 1.0, POINTS).tolist()]
+        return np.clip(degrees, DEGREE.low, DEGREE.high)
     return np.array([centre, width])
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.linalg import eig
 
+from facts_damping.matrices import product
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
@@ -120,7 +121,7 @@ def linear_model(built: Built, signals: Mapping[str, Signal], stations: Sequence
     def seen(x: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
         frame = np.zeros((len(stations), len(CHANNELS)))
         measure(plant, copy(state)._replace(x=x, reference=reference), 0, frame, machines, devices, work)
-        return np.asarray(weights @ np.nan_to_num(frame.ravel()))
+        return product(weights, np.nan_to_num(frame.ravel()))
 
     A, B = linearise(built)
     C = _central(lambda x: seen(x, state.reference), state.x)

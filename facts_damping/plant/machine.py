@@ -12,12 +12,14 @@ machine's own rating.
 
 from __future__ import annotations
 
+import cmath
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from facts_damping.errors import InputError
+from facts_damping.matrices import product, solve
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -185,7 +187,7 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
     c = rotor_circuits(m)
     row = _row(m, c, base_power, offset)
     xq = m.Xd1 if m.model == "classical" else m.Xq
-    delta = float(np.angle(voltage + (m.Ra + 1j * float(xq or 0.0)) * current))
+    delta = cmath.phase(voltage + (m.Ra + 1j * float(xq or 0.0)) * current)
     if row["saturation_B"] > 0:
         low, high = delta - 0.5, delta + 0.5  # rad, far more than saturation turns the axis
         ends = [_at(row, c, angle, voltage, current).mismatch for angle in (low, high)]
@@ -199,8 +201,8 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
         row["E0"] = s.emf
         field_voltage, z = abs(s.emf), s.z
     else:
-        unit = -np.linalg.solve(c.A, c.B[:, 2])  # states that one p.u. of field voltage holds
-        field_voltage = float((s.emf.imag - c.C[0] @ s.z) / (c.C[0] @ unit))
+        unit = -solve(c.A, c.B[:, 2])  # states that one p.u. of field voltage holds
+        field_voltage = float((s.emf.imag - product(c.C[0], s.z)) / product(c.C[0], unit))
         z = s.z + field_voltage * unit
     power = (s.emf * s.current.conjugate()).real + (row["Xq"] - row["Xd"]) * s.current.real * s.current.imag
     return MachineStart(row, np.array([delta, 0.0, *z]), field_voltage, float(power))
@@ -217,14 +219,14 @@ class _Trial(NamedTuple):
 
 def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, current: complex) -> _Trial:
     """A machine at an angle: what its stator asks for, and what its circuits give."""
-    turn = np.exp(-1j * (delta - np.pi / 2))
+    turn = cmath.exp(-1j * (delta - np.pi / 2))
     v, i = voltage * turn, current * turn
     emf = complex(v + row["Ra"] * i + complex(-row["Xq"] * i.imag, row["Xd"] * i.real))
     psi, at = abs(emf), float(row["saturation_A"])
     s = float(row["saturation_B"]) * max(0.0, psi - at) ** 2 / psi
-    drive = c.B[:, :2] @ [i.real, i.imag] - s * (c.W @ [emf.imag, emf.real])
-    z = -np.linalg.solve(c.A, drive)
-    return _Trial(emf, complex(i), z, float(c.C[1] @ z - emf.real))
+    drive = product(c.B[:, :2], np.array([i.real, i.imag])) - s * product(c.W, np.array([emf.imag, emf.real]))
+    z = -solve(c.A, drive)
+    return _Trial(emf, i, z, float(product(c.C[1], z) - emf.real))
 
 
 def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArray[Any]:
@@ -235,8 +237,7 @@ def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArra
     made["offset"], made["circuits"] = offset, n
     made["ratio"], made["H"], made["D"], made["Ra"], made["Xd"], made["Xq"] = ratio, m.H, m.D, m.Ra, d, q
     made["admittance"] = ratio / complex(m.Ra, d)
-    stator = np.linalg.inv([[m.Ra, -q], [d, m.Ra]])
-    alike = np.linalg.inv([[m.Ra, -d], [d, m.Ra]])
+    stator, alike = (solve(np.array([[m.Ra, -x], [d, m.Ra]]), np.eye(2)) for x in (q, d))
     made["saliency"] = ratio * (stator - alike)
     made["A"][:n, :n], made["B"][:n], made["C"][:, :n], made["W"][:n] = c.A, c.B, c.C, c.W
     made["saturation_A"], made["saturation_B"] = saturation(m)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.errors import InputError
+from facts_damping.matrices import product
+from facts_damping.matrices import solve as solution
 from facts_damping.plant import load as loads
 from facts_damping.plant.devices import losses_of
 from facts_damping.plant.network import (
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-9  # p.u., largest power mismatch
 LOSS_TOLERANCE = 1e-13  # p.u., of the resistance that stands for a device's losses
 MAX_ITERATIONS = 30
+STRAY = 1e-9  # p.u., of branches that carry nothing
 
 
 @dataclass(frozen=True)
@@ -144,7 +147,7 @@ def _solve(system: System, losses: dict[str, float]) -> PowerFlow:
             f"{MAX_ITERATIONS} iterations; allowed: {TOLERANCE:g}"
         )
     drawn = demand(system, names, np.abs(voltage))[0]
-    net = voltage * np.conj(matrix @ voltage) + drawn
+    net = voltage * np.conj(product(matrix, voltage)) + drawn
     generation = {source.name: complex(net[index[source.bus]]) for source in held}
     injection = -drawn
     for source in held:
@@ -159,13 +162,15 @@ def _solve(system: System, losses: dict[str, float]) -> PowerFlow:
 def _between(
     matrix: NDArray[np.complex128], angle: NDArray[np.float64], free: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Angles to start from, rad: between those of the buses that are given, by the strength of the branches."""
+    """Angles to start from, rad: between those of the buses that are given, by the strength of the branches.
+
+    A stray branch leads from each bus to angle zero, for those that hang on nothing that is given.
+    """
     weight = np.abs(matrix)
     np.fill_diagonal(weight, 0.0)
-    laplacian = np.diag(weight.sum(axis=1)) - weight
+    laplacian = np.diag(weight.sum(axis=1) + STRAY) - weight
     given = np.setdiff1d(np.arange(len(angle)), free)
-    solved = np.linalg.lstsq(laplacian[np.ix_(free, free)], weight[np.ix_(free, given)] @ angle[given], rcond=None)
-    return np.asarray(solved[0])
+    return solution(laplacian[np.ix_(free, free)], product(weight[np.ix_(free, given)], angle[given]))
 
 
 def _newton(
@@ -181,17 +186,16 @@ def _newton(
     voltage = magnitude * np.exp(1j * angle)
     residual = float("inf")
     for _ in range(MAX_ITERATIONS):
-        current = matrix @ voltage
+        current = product(matrix, voltage)
         drawn, drawn_by_magnitude = demand(magnitude)
         mismatch = voltage * np.conj(current) + drawn - scheduled
         equations = np.concatenate([mismatch.real[free_angle], mismatch.imag[free_magnitude]])
         residual = float(np.max(np.abs(equations), initial=0.0))
         if residual < TOLERANCE / 1000 or not np.isfinite(residual):
             break
-        by_angle = 1j * np.diag(voltage) @ np.conj(np.diag(current) - matrix @ np.diag(voltage))
+        by_angle = 1j * voltage[:, None] * np.conj(np.diag(current) - matrix * voltage)
         unit = voltage / np.abs(voltage)
-        by_magnitude = np.diag(voltage) @ np.conj(matrix @ np.diag(unit)) + np.diag(np.conj(current) * unit)
-        by_magnitude += np.diag(drawn_by_magnitude)
+        by_magnitude = voltage[:, None] * np.conj(matrix * unit) + np.diag(np.conj(current) * unit + drawn_by_magnitude)
         jacobian = np.block(
             [
                 [
@@ -205,7 +209,7 @@ def _newton(
             ]
         )
         try:
-            change = np.linalg.solve(jacobian, -equations)
+            change = solution(jacobian, -equations)
         except np.linalg.LinAlgError:
             return voltage, float("inf")
         angle[free_angle] += change[: len(free_angle)]

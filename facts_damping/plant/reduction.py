@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from facts_damping.errors import InputError
+from facts_damping.matrices import product, solve
 from facts_damping.plant.network import (
     Branch,
     Topology,
@@ -113,7 +114,7 @@ def _solve(
             given[index[source.bus], machines + i] = 1.0
     live = [i for i in range(len(names)) if i not in fixed]
     try:
-        given[live] = np.linalg.solve(matrix[np.ix_(live, live)], sources[live] - matrix[live] @ given)
+        given[live] = solve(matrix[np.ix_(live, live)], sources[live] - product(matrix[live], given))
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"system {system.name}: network equations are singular: {error}; allowed: a regular network"
@@ -168,5 +169,5 @@ def _station_current(system: System, station: Station, net: Network, places: Seq
             row += through if own == 0 else -through
             continue
         ends = net.voltage[[net.at[branch.from_bus], net.at[branch.to_bus]]]
-        row += branch.admittance[own] @ ends
+        row += product(branch.admittance[own], ends)
     return row

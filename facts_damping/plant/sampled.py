@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import expm
+
+from facts_damping.matrices import exponential, product
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +22,7 @@ def held_for(
     """Phi = exp(A t) and Gamma = int_0^t exp(A s) ds B: how states go on from themselves, and from held inputs."""
     n, inputs = B.shape
     rows = np.block([[A, B], [np.zeros((inputs, n + inputs))]])
-    whole = expm(rows * seconds)
+    whole = exponential(rows * seconds)
     return whole[:n, :n], whole[:n, n:]
 
 
@@ -34,9 +35,9 @@ def rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str]) 
     whole = np.vstack([A, C])
     for end in (".delta", ".omega"):
         motion = np.array([float(name.endswith(end)) for name in names])
-        answer = whole @ motion
-        answer[: len(A)] -= found @ (found.T @ answer[: len(A)])  # all speeds raised turn all rotors
-        cancelled = np.abs(whole) @ motion + np.abs(whole).max(axis=1)
+        answer = product(whole, motion)
+        answer[: len(A)] -= product(found, found.T, answer[: len(A)])  # all speeds raised turn all rotors
+        cancelled = product(np.abs(whole), motion) + np.abs(whole).max(axis=1)
         if motion.any() and (np.abs(answer) <= NEAR * cancelled).all():
-            found = np.column_stack([found, motion / np.linalg.norm(motion)])
+            found = np.column_stack([found, motion / np.sqrt(motion.sum())])
     return found

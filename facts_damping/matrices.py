@@ -1,0 +1,211 @@
+"""Linear algebra whose bits no processor chooses, for what a run starts from and what its controllers know.
+
+BLAS, behind products and solutions of NumPy and SciPy, has other kernels for other processors, and these sum in another
+order. Here sums are taken in the order that is written. Matrices are small, and methods are those that need products
+and solutions alone:
+
+- the exponential by scaling and squaring of Taylor's series (N. J. Higham, Functions of Matrices, 2008, 10);
+- the sign of a matrix and Lyapunov's equation by Newton's iteration (J. D. Roberts, Linear Model Reduction and Solution
+  of the Algebraic Riccati Equation by Use of the Sign Function, Int. J. Control 32(4), 1980);
+- Riccati's equation by doubling (E. K.-W. Chu, H.-Y. Fan, W.-W. Lin, C.-S. Wang, Structure-Preserving Algorithms for
+  Periodic Discrete-Time Algebraic Riccati Equations, Int. J. Control 77(8), 2004);
+- singular values by rotations of pairs of columns (J. Demmel, K. Veselic, Jacobi's Method is More Accurate than QR,
+  SIAM J. Matrix Anal. Appl. 13(4), 1992);
+- an eigenvalue, near one that is known to some digits, by inverse iteration.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.compiling import compiled
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+TERMS = 16  # of Taylor's series, of which the next is below 1e-19 where the norm is 1/2
+MOST = 100  # steps of an iteration: one that has not ended by then never does
+NEAR = 1e-9  # of the largest entry: steps become squares of themselves, so none is left after one as small as this
+ALIKE = 1e-15  # cosine of the angle between two columns that counts as a right angle
+GRID = 1e-5  # 1/s: of two kernels eigenvalues differ by far less, of two modes by far more
+STEPS = 6  # of inverse iteration, each of which leaves GRID over the distance to the next mode
+
+
+@compiled
+def _multiply(a: NDArray[Any], b: NDArray[Any], out: NDArray[Any]) -> None:
+    """Add the product of two matrices to `out`."""
+    for i in range(a.shape[0]):
+        for k in range(a.shape[1]):
+            for j in range(b.shape[1]):
+                out[i, j] += a[i, k] * b[k, j]
+
+
+@compiled
+def _eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    """Solve a x = b by Gauss's elimination with the largest pivots, x into `b`; False where a pivot is zero."""
+    n, columns = b.shape
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(a[i, k]) > abs(a[pivot, k]):
+                pivot = i
+        if a[pivot, k] == 0.0:
+            return False
+        for j in range(n):
+            a[k, j], a[pivot, j] = a[pivot, j], a[k, j]
+        for j in range(columns):
+            b[k, j], b[pivot, j] = b[pivot, j], b[k, j]
+        for i in range(k + 1, n):
+            factor = a[i, k] / a[k, k]
+            if factor != 0.0:
+                for j in range(k + 1, n):
+                    a[i, j] -= factor * a[k, j]
+                for j in range(columns):
+                    b[i, j] -= factor * b[k, j]
+    for k in range(n - 1, -1, -1):
+        for i in range(k + 1, n):
+            for j in range(columns):
+                b[k, j] -= a[k, i] * b[i, j]
+        for j in range(columns):
+            b[k, j] /= a[k, k]
+    return True
+
+
+@compiled
+def _rotate(u: NDArray[np.float64], v: NDArray[np.float64]) -> None:
+    """Turn the rows of `u` in pairs until all are at right angles, and those of `v` with them."""
+    for _ in range(MOST):
+        turned = False
+        for p in range(u.shape[0]):
+            for q in range(p + 1, u.shape[0]):
+                first = second = both = 0.0
+                for i in range(u.shape[1]):
+                    first += u[p, i] * u[p, i]
+                    second += u[q, i] * u[q, i]
+                    both += u[p, i] * u[q, i]
+                if abs(both) <= ALIKE * math.sqrt(first) * math.sqrt(second):
+                    continue
+                turned = True
+                slope = (second - first) / (2.0 * both)
+                tangent = math.copysign(1.0, slope) / (abs(slope) + math.sqrt(1.0 + slope * slope))
+                cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
+                sine = cosine * tangent
+                for i in range(u.shape[1]):
+                    u[p, i], u[q, i] = cosine * u[p, i] - sine * u[q, i], sine * u[p, i] + cosine * u[q, i]
+                for i in range(v.shape[1]):
+                    v[p, i], v[q, i] = cosine * v[p, i] - sine * v[q, i], sine * v[p, i] + cosine * v[q, i]
+        if not turned:
+            return
+
+
+def _plain(values: NDArray[Any], kind: Any) -> NDArray[Any]:
+    """A copy of a matrix, or of a vector as a matrix of one column, as compiled functions take it."""
+    return np.array(values if values.ndim == 2 else values[:, None], kind, order="C")
+
+
+def product(first: NDArray[Any], *others: NDArray[Any]) -> NDArray[Any]:
+    """The product of matrices and vectors, from left to right: as `first @ second @ ...`."""
+    for other in others:
+        kind = np.result_type(first, other)
+        out = np.zeros((1 if first.ndim == 1 else len(first), 1 if other.ndim == 1 else other.shape[1]), kind)
+        _multiply(_plain(np.atleast_2d(first), kind), _plain(other, kind), out)
+        first = out.reshape(first.shape[:-1] + other.shape[1:])
+    return first
+
+
+def solve(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
+    """The x of a x = b, for a vector or a matrix b. Raises `LinAlgError` where a is singular."""
+    kind = np.result_type(a, b, float)
+    x = _plain(b, kind)
+    if not _eliminate(_plain(a, kind), x):
+        raise np.linalg.LinAlgError("singular matrix")
+    return x.reshape(b.shape)
+
+
+def exponential(a: NDArray[np.float64]) -> NDArray[np.float64]:
+    """exp(a), by Taylor's series of a / 2^s, then squared s times."""
+    norm = np.abs(a).sum(axis=1).max(initial=0.0)
+    halved = max(0, math.frexp(norm)[1] + 1)
+    one, small = np.eye(len(a)), a / 2.0**halved
+    found = one
+    for k in range(TERMS, 0, -1):
+        found = one + product(small, found) / k
+    for _ in range(halved):
+        found = product(found, found)
+    return found
+
+
+def _divided(a: NDArray[np.float64], q: NDArray[np.float64]) -> Pair:
+    """The limits of a <- (a + a^-1) / 2 and q <- (q + a^-1 q a^-T) / 2: the sign of a, and twice `lyapunov`."""
+    one = np.eye(len(a))
+    for _ in range(MOST):
+        inverse = solve(a, one)
+        before, a = a, (a + inverse) / 2.0
+        q = (q + product(inverse, q, inverse.T)) / 2.0
+        if np.abs(a - before).max(initial=0.0) <= NEAR * np.abs(a).max(initial=0.0):
+            return a, q
+    raise np.linalg.LinAlgError("an eigenvalue on the imaginary axis")
+
+
+def sign(a: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The matrix with the eigenvectors of a, and the signs of the real parts of its eigenvalues as eigenvalues."""
+    return _divided(a, np.zeros_like(a))[0]
+
+
+def lyapunov(a: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The x of a x + x a^T + q = 0, for a stable a."""
+    return _divided(a, q)[1] / 2.0
+
+
+def riccati(
+    a: NDArray[np.float64], b: NDArray[np.float64], q: NDArray[np.float64], r: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The x of x = a^T x a - a^T x b (r + b^T x b)^-1 b^T x a + q with which a - b k is stable, q and r symmetric.
+
+    After k steps x is the least cost of 2^k frames, and a what they leave of a state. Raises `LinAlgError` where
+    something always remains: where what does not decay is not moved by b, or costs nothing.
+    """
+    n, one, x, g = len(a), np.eye(len(a)), q, product(b, solve(r, b.T))
+    for _ in range(MOST):
+        both = solve(one + product(g, x), np.hstack([a, g]))
+        g = g + product(a, both[:, n:], a.T)
+        x = x + product(a.T, x, both[:, :n])
+        a = product(a, both[:, :n])
+        g, x = (g + g.T) / 2.0, (x + x.T) / 2.0
+        if np.abs(a).max(initial=0.0) <= NEAR:
+            return np.asarray(x)
+        if not (np.isfinite(a).all() and np.isfinite(x).all() and np.isfinite(g).all()):
+            break
+    raise np.linalg.LinAlgError("Riccati's equation has no solution that stabilises")
+
+
+def singular(a: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """U, s and V of a = U diag(s) V^T, s falling; columns of U are zero where s is."""
+    u, v = _plain(a.T, float), np.eye(a.shape[1])
+    _rotate(u, v)
+    s = np.sqrt((u * u).sum(axis=1))
+    order = np.argsort(-s, kind="stable")
+    u, s, v = u[order], s[order], v[order]
+    return (u / np.where(s > 0.0, s, 1.0)[:, None]).T, s, v.T
+
+
+def eigenvalue_near(
+    a: NDArray[np.float64], guess: complex
+) -> tuple[complex, NDArray[np.complex128], NDArray[np.complex128]]:
+    """The eigenvalue (1/s) nearest a guess, v of a v = lambda v and w of w a = lambda w, their largest entries 1.
+
+    The guess may be LAPACK's: what counts is where on the GRID it is, on which all kernels agree. Iteration begins a
+    third of the grid beside that, for a matrix less an eigenvalue has no solution, and not with a symmetric vector, for
+    half of the modes of symmetric plants have no part in one.
+    """
+    shift = (complex(round(guess.real / GRID), round(guess.imag / GRID)) + 1 / 3) * GRID
+    shifted = a - shift * np.eye(len(a))
+    right = left = np.array(1.0 / np.arange(1.0, len(a) + 1), np.complex128)
+    for _ in range(STEPS):
+        right, left = (v / v[np.argmax(np.abs(v))] for v in (solve(shifted, right), solve(shifted.T, left)))
+    return complex(product(left, a, right) / product(left, right)), right, left
