@@ -11,6 +11,7 @@ from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from facts_damping.errors import RecordingError
 from facts_damping.recording.columns import Block, blocks, kept
+from facts_damping.recording.fields import DEVICE_FIELDS, FRAME_FIELDS, MACHINE_FIELDS, check_fields
 from facts_damping.recording.schemas import parse_schema
 from facts_damping.signals import (
     CHANNELS,
@@ -21,7 +22,6 @@ from facts_damping.signals import (
     MACHINE_TRUTH,
     NANOSECONDS,
     SETPOINT,
-    TRUTH_UNITS,
 )
 
 if TYPE_CHECKING:
@@ -31,13 +31,6 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
     from facts_damping.recording.bagfile import TopicInfo
-
-# Fields of PmuFrame, MachineState and DeviceState in the order of the arrays' columns: a field of a
-# message is the column's name and its unit.
-_FRAME_FIELDS = [f"{name}_{unit}" for name, unit in CHANNELS.items()]
-_UNITS = {name: "" if unit == "-" else f"_{unit}" for name, unit in TRUTH_UNITS.items()}
-_MACHINE_FIELDS = [f"{name}{_UNITS.get(name, '_pu')}" for name in MACHINE_TRUTH.names or ()]
-_DEVICE_FIELDS = [f"{name}{_UNITS.get(name, '_pu')}" for name in DEVICE_TRUTH.names or ()]
 
 
 class Series(NamedTuple):
@@ -54,8 +47,11 @@ class Series(NamedTuple):
 def decode(topic: TopicInfo, data: Sequence[bytes]) -> list[Block]:
     """Messages of a topic by the schema stored with it.
 
-    Raises RecordingError if the schema cannot be read, or a message does not fit it.
+    Raises RecordingError if the schema cannot be read or has not the fields that are read of our messages, or if a
+    message does not fit it.
     """
+    if not data:  # then an older schema harms nobody
+        return []
     store = _store(topic.message_type, topic.schema)
     try:
         return blocks(data, store.fielddefs, topic.message_type)
@@ -66,21 +62,28 @@ def decode(topic: TopicInfo, data: Sequence[bytes]) -> list[Block]:
 @lru_cache(maxsize=64)
 def _store(message_type: str, schema: str) -> Typestore:
     """Types of one schema; kept, because rosbags compiles code for every type of every store."""
+    definitions = parse_schema(message_type, schema)
+    check_fields(message_type, definitions)
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(parse_schema(message_type, schema))
+        store.register(definitions)
     except TypesysError as error:
         raise RecordingError(f"schema of {message_type}: {error}") from error
     return store
 
 
 def series(topic: str, found: Sequence[Block]) -> tuple[Series, int]:
-    """Messages sorted by their tick, the first of each; and how many were there twice."""
+    """Messages sorted by their tick, the first of each; and how many were there twice.
+
+    Raises RecordingError for a tick that no signed number holds.
+    """
     count = sum(len(block.rows) for block in found)
     ticks = np.zeros(count, np.int64)
     for block in found:
         ticks[block.rows] = block.message.tick
     sorted_ticks, first = np.unique(ticks, return_index=True)
+    if count and sorted_ticks[0] < 0:  # an uint64 that has wrapped round
+        raise RecordingError(f"{topic}: tick {int(sorted_ticks[0]) + 2**64} given; allowed: below 2^63")
     place = np.full(count, -1)
     place[first] = np.arange(len(first))
     return Series(topic, sorted_ticks, _placed(found, place)), count - len(sorted_ticks)
@@ -131,13 +134,13 @@ def frames(source: Series, stations: Sequence[str]) -> NDArray[np.float64]:
     index = _index(stations)
     for block in source.blocks:
         for entry in block.message.frames:
-            values[block.rows, index[entry.station]] = _values(entry, _FRAME_FIELDS)
+            values[block.rows, index[entry.station]] = _values(entry, FRAME_FIELDS)
     return values
 
 
 def truth(source: Series, entries: str, name: str, names: Sequence[str]) -> NDArray[Any]:
     """Truth about machines or devices (`entries` of PlantState), (ticks, names); NaN where it is missing."""
-    fields, layout = (_MACHINE_FIELDS, MACHINE_TRUTH) if entries == "machines" else (_DEVICE_FIELDS, DEVICE_TRUTH)
+    fields, layout = (MACHINE_FIELDS, MACHINE_TRUTH) if entries == "machines" else (DEVICE_FIELDS, DEVICE_TRUTH)
     values = np.full((len(source.ticks), len(names), len(fields)), np.nan)
     index = _index(names)
     for block in source.blocks:
@@ -161,7 +164,7 @@ def deliveries(sources: Sequence[Series], stations: Sequence[str]) -> NDArray[An
             link=link,
             measured_ns=time_ns(entry.header.stamp),
             arrival_ns=time_ns(entry.arrival),
-            values=_values(entry, _FRAME_FIELDS),
+            values=_values(entry, FRAME_FIELDS),
         )
         for link, source in enumerate(sources)
         for block in source.blocks

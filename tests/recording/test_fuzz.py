@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import struct
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -201,6 +203,12 @@ FIELDS = [
 )
 @example([("uint64", "tick")], b"\xff" * 8)
 @example([("uint64", "tick")], (10**15).to_bytes(8, "little"))
+@example([("float64", "tick")], struct.pack("<d", math.nan))
+@example([("float64", "tick")], struct.pack("<d", -math.inf))
+@example([("float64", "tick")], struct.pack("<d", 1e300))
+@example([("float32", "tick"), ("bool", "fresh")], struct.pack("<f?", math.nan, 1))
+@example([("float64[]", "tick")], struct.pack("<Qd", 1, math.nan))
+@example([("string", "tick")], struct.pack("<I", 4) + b"nan\0")
 @FUZZ
 def test_other_schemas_by_our_names_are_refused(fields: list[tuple[str, str]], data: bytes) -> None:
     text = "\n".join(f"{kind} {name}" for kind, name in fields) + "\n"

@@ -1,0 +1,76 @@
+"""What is read of messages, and whether a recording's schema has it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rosbags.interfaces import Nodetype
+
+from facts_damping.errors import RecordingError
+from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, TRUTH_UNITS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_UNITS = {name: "" if unit == "-" else f"_{unit}" for name, unit in TRUTH_UNITS.items()}
+
+# Fields of PmuFrame, MachineState and DeviceState in the order of the arrays' columns: a field of a
+# message is the column's name and its unit.
+FRAME_FIELDS = [f"{name}_{unit}" for name, unit in CHANNELS.items()]
+MACHINE_FIELDS = [f"{name}{_UNITS.get(name, '_pu')}" for name in MACHINE_TRUTH.names or ()]
+DEVICE_FIELDS = [f"{name}{_UNITS.get(name, '_pu')}" for name in DEVICE_TRUTH.names or ()]
+
+OURS = "facts_damping_msgs/msg/"
+TIME, HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
+_HEAD = {"header": HEADER, "tick": "uint64"}
+
+# Fields that are read, by type of message, and the type of each as a definition writes it. Other fields may be there.
+FIELDS: dict[str, dict[str, str]] = {
+    TIME: {"sec": "int32", "nanosec": "uint32"},
+    HEADER: {"stamp": TIME},
+    f"{OURS}PmuDataFrame": {"tick": "uint64", "frames": f"{OURS}PmuFrame[]"},
+    f"{OURS}PmuFrame": {"header": HEADER, "station": "string", "arrival": TIME}
+    | dict.fromkeys(FRAME_FIELDS, "float64"),
+    f"{OURS}VoltageSetpoints": {"tick": "uint64", "controller": "string", "setpoints": f"{OURS}VoltageSetpoint[]"},
+    f"{OURS}VoltageSetpoint": {"header": HEADER, "device": "string", "controller": "string"}
+    | {"issued": TIME, "effective": TIME, "value_pu": "float64"},
+    f"{OURS}JacobianEstimate": _HEAD
+    | {"identifier": "string", "input_names": "string[]", "parameter_groups": "string[]", "learning_rates": "float64[]"}
+    | dict.fromkeys(("jacobian", "prediction", "error", "change"), "float64[]")
+    | dict.fromkeys(("ahead", "lyapunov", "lyapunov_fall"), "float64"),
+    f"{OURS}ControllerState": {"tick": "uint64", "controller": "string"}
+    | {"parameter_groups": "string[]", "learning_rates": "float64[]"}
+    | dict.fromkeys(("lyapunov", "lyapunov_fall"), "float64"),
+    f"{OURS}PlantState": _HEAD
+    | {"in_synchronism": "bool", "machines": f"{OURS}MachineState[]", "devices": f"{OURS}DeviceState[]"},
+    f"{OURS}MachineState": {"machine": "string"} | dict.fromkeys(MACHINE_FIELDS, "float64"),
+    f"{OURS}DeviceState": {"device": "string"} | dict.fromkeys(DEVICE_FIELDS, "float64") | {"blocked": "bool"},
+    f"{OURS}GridEvent": {"header": HEADER, "kind": "string", "element": "string"}
+    | dict.fromkeys(("value", "location"), "float64"),
+}
+
+
+def check_fields(message_type: str, definitions: Mapping[str, Any]) -> None:
+    """Raise `RecordingError` where the schema of a type lacks a field that is read, or has it of another type.
+
+    `definitions`: what the schema defines, as `rosbags` has it. Types have to be the same, as ROS 2 itself wants them
+    of who talks to each other: what a number means that is of another type, nobody knows.
+    """
+    for owner in (one for one in FIELDS if one in definitions):
+        given = {name: written(kind) for name, kind in definitions[owner][1]}
+        for name, allowed in FIELDS[owner].items():
+            found = given.get(name, "no such field")
+            if found != allowed:
+                raise RecordingError(f"schema of {message_type}: {owner}.{name}: {found} given; allowed: {allowed}")
+
+
+def written(kind: Any) -> str:
+    """A field's type as a definition writes it: `float64`, `string<=5`, `package/msg/Type[]`, `bool[3]`."""
+    node, what = kind
+    if node == Nodetype.NAME:
+        return str(what)
+    one, count = what
+    if node == Nodetype.BASE:
+        return f"{one}<={count}" if count else str(one)
+    bound = "<=" if node == Nodetype.SEQUENCE and count else ""
+    return f"{written(one)}[{bound}{count or ''}]"

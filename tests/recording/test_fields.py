@@ -1,0 +1,149 @@
+"""Messages by our names are read where their schema has what is read, and as it is read; else a line says why not."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from facts_damping.errors import RecordingError
+from facts_damping.recording import RecordingWriter, load, schema_text
+from facts_damping.recording.bagfile import TopicInfo
+from facts_damping.recording.decode import decode
+from facts_damping.recording.fields import FIELDS, written
+from facts_damping.recording.reader import KINDS
+from facts_damping.recording.scan import scan
+from facts_damping.recording.schemas import SEPARATOR
+from facts_damping.signals import ESTIMATE
+from tests.nodes.graphs import assert_same
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from facts_damping.signals import Record
+
+TYPES = sorted({message_type for message_type, _ in KINDS.values()})
+# A number as another one, wider and narrower, as text, as a message, in a sequence or an array; text as numbers.
+OTHERS = [
+    *("float64", "float32", "uint64", "int64", "uint32", "int8", "bool", "string", "string<=9", "std_msgs/msg/Header"),
+    *("float64[]", "float64[2]", "float64[<=3]", "uint64[]", "string[]", "bool[1]", "std_msgs/msg/Header[]"),
+]
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_what_is_read_is_in_the_definitions_of_this_version(name: str) -> None:
+    for own, (_, fields) in get_types_from_msg(schema_text(name), name).items():
+        assert FIELDS[own].items() <= {field: written(kind) for field, kind in fields}.items()
+
+
+def changed(text: str, owner: str, field: str, other: str | None) -> str:
+    """A schema with another type of a field of one of its messages, or without the field."""
+    line = re.compile(rf"^\S+( +{field}\b)", re.MULTILINE)
+    head, found, own = text.partition(f"{SEPARATOR}\nMSG: {owner.replace('/msg/', '/')}\n")
+    parts = [head + found, own] if found else ["", text]
+    assert line.search(parts[1])
+    return parts[0] + line.sub(rf"{other}\1" if other else r"#\1", parts[1], count=1)
+
+
+@pytest.mark.parametrize(("owner", "field"), [(owner, field) for owner in FIELDS for field in FIELDS[owner]])
+def test_a_field_of_another_type_is_refused(owner: str, field: str) -> None:
+    name = next(one for one in TYPES if owner in get_types_from_msg(schema_text(one), one))
+    allowed = FIELDS[owner][field]
+    for other in [None, *(one for one in OTHERS if one != allowed)]:
+        topic = TopicInfo("/topic", name, changed(schema_text(name), owner, field, other), "", "")
+        with pytest.raises(RecordingError) as caught:
+            decode(topic, [bytes(4)])
+        given = f"{owner}.{field}: {other or 'no such field'} given; allowed: {allowed}"
+        assert str(caught.value) == f"schema of {name}: {given}"
+        assert decode(topic, []) == []
+
+
+@pytest.mark.parametrize(
+    ("owner", "field", "other"),
+    [("PlantState", "tick", "float64"), ("PmuFrame", "speed_deviation_pu", "uint64"), ("PlantState", "machines", None)],
+)
+def test_a_recording_of_other_fields_is_refused_in_a_line(
+    tmp_path: Path, random_record: Callable[..., Record], written: Any, owner: str, field: str, other: str | None
+) -> None:
+    """Its bytes would be read as other numbers: eight of a tick as a fraction, or the reverse."""
+    written(random_record(21, 3), tmp_path / "run")
+    content = scan(tmp_path / "run")
+    with RecordingWriter(tmp_path / "other", content.configuration) as writer:
+        for one in content.topics.values():
+            own = any(line.endswith(f"/{owner}") for line in (one.message_type, *one.schema.splitlines()))
+            text = changed(one.schema, f"facts_damping_msgs/msg/{owner}", field, other) if own else one.schema
+            writer.copy_topic(one._replace(schema=text))
+        for message in content.messages:
+            writer.write(message.topic, message.data, message.log_ns, message.publish_ns)
+    said = (
+        rf"/other: schema of facts_damping_msgs/msg/\w+: facts_damping_msgs/msg/{owner}\.{field}: .* given; allowed: "
+    )
+    with pytest.raises(RecordingError, match=said):
+        load(tmp_path / "other")
+
+
+def with_estimates(record: Record) -> Record:
+    """A record with what an identifier of two signals and two devices estimates."""
+    rows = np.zeros(4 * len(record.time_ns), ESTIMATE)
+    for i, field in enumerate(("jacobian", "prediction", "error", "ahead", "change")):
+        rows[field] = np.arange(len(rows)) // (1 if field == "jacobian" else 2) + i
+    rows["tick"], rows["controller"] = np.arange(len(rows)) // 4, 2
+    rows["signal"], rows["device"] = np.arange(len(rows)) // 2 % 2, np.arange(len(rows)) % 2
+    rows["ahead"] = 0.5
+    record.estimates.resize(len(rows), refcheck=False)
+    record.estimates[:] = rows
+    return record
+
+
+def test_fields_that_are_not_read_may_lack(
+    tmp_path: Path, messages: Any, random_record: Callable[..., Record], written: Any
+) -> None:
+    """So the table of what is read lacks nothing, and a recording of another version is read where it can be."""
+    record = with_estimates(random_record(22, 4))
+    written(record, tmp_path / "whole")
+    content = scan(tmp_path / "whole")
+    texts = {own: "".join(f"{kind} {name}\n" for name, kind in FIELDS[own].items()) for own in FIELDS}
+    schemas = {
+        name: "".join(
+            [texts[name], *(f"{SEPARATOR}\nMSG: {own}\n{text}" for own, text in texts.items() if own != name)]
+        )
+        for name in TYPES
+    }
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(schemas[TYPES[0]], TYPES[0]))
+    with RecordingWriter(tmp_path / "slim", content.configuration) as writer:
+        for topic in content.topics.values():
+            writer.add_topic(topic.name, topic.message_type, schema=schemas[topic.message_type])
+        for one in content.messages:
+            message_type = content.topics[one.topic].message_type
+            message = slim(store, messages.store.deserialize_cdr(one.data, message_type))
+            writer.write(one.topic, bytes(store.serialize_cdr(message, message_type)), one.log_ns, one.publish_ns)
+    assert_same(load(tmp_path / "slim"), load(tmp_path / "whole"))
+    assert len(load(tmp_path / "slim").estimates) == len(record.estimates)
+
+
+def slim(store: Any, value: Any) -> Any:
+    """A message, and those in it, with nothing but the fields that are read."""
+    if isinstance(value, list):
+        return [slim(store, one) for one in value]
+    name = getattr(value, "__msgtype__", None)
+    if name is None:
+        return value
+    return store.types[name](**{field: slim(store, getattr(value, field)) for field in FIELDS[name]})
+
+
+def test_a_tick_beyond_all_signed_numbers_is_refused(
+    tmp_path: Path, random_record: Callable[..., Record], written: Any
+) -> None:
+    def late(topic: str, message: Any) -> Any:
+        if topic == "/plant/state" and message.tick == 2:
+            message.tick = 2**64 - 5
+        return message
+
+    written(random_record(23, 3), tmp_path / "run", change=late)
+    with pytest.raises(RecordingError, match=r"/plant/state: tick 18446744073709551611 given; allowed: below 2\^63$"):
+        load(tmp_path / "run")
