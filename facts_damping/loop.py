@@ -239,6 +239,7 @@ def finish(case: Case, loop: Loop) -> Record:
         in_synchronism=kept.in_synchronism[:ticks],
         estimates=kept.estimates[:estimates],
         learning=kept.learning[:learning],
+        links=len(case.links),
         events=[event for event in grid_events(case) if event["time_ns"] <= kept.time_ns[ticks - 1]],
     )
 

@@ -67,8 +67,12 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str]) -> Ca
 def check_has_run(record: Record, source: str) -> None:
     """Raise `InputError` where a record does not hold the run that it is of, as those of `ros2 bag record`."""
     if not record.configuration:
-        notes = "".join(f"; {note}" for note in record.notes)
-        raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{notes}")
+        raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{_noted(record)}")
+
+
+def _noted(record: Record) -> str:
+    """What a record lacks, to be said with what cannot be done for it."""
+    return "".join(f"; {note}" for note in record.notes)
 
 
 def _forget(content: dict[str, Any], pairs: dict[str, str]) -> None:
@@ -95,13 +99,14 @@ def fitted(record: Record, case: Case) -> Record:
         raise InputError(f"stations: '{missing[0]}' was not recorded; there are {', '.join(record.stations)}")
     if not case.controllers:
         raise InputError("controllers: none given; allowed: at least one, --set controllers.0.name=...")
-    links = int(record.delivered["link"].max(initial=0)) + 1
-    if max(case.used_links) >= links:
-        raise InputError(f"controllers: {len(case.links)} links given; allowed: {links}, as recorded")
+    if max(case.used_links) >= record.links:
+        given, allowed = len(case.links), f"{record.links}, as recorded{_noted(record)}"
+        raise InputError(f"controllers: {given} links given; allowed: {allowed}")
     end = record.gap_tick if record.gap_tick is not None else int(record.ticks[-1]) + 1
     kept = record.ticks < end
     if not kept.any():
-        raise InputError(f"tick {end}: its frames, as delivered, or setpoints are missing; nothing can be replayed")
+        lacks = f"tick {end}: its frames, as delivered, or setpoints are missing"
+        raise InputError(f"{lacks}; nothing can be replayed{_noted(record)}")
     delivered = record.delivered[record.delivered["tick"] < end]
     places = np.array([names.index(name) if name in names else -1 for name in record.stations], np.int64)
     delivered["station"] = places[delivered["station"]]

@@ -175,6 +175,24 @@ def test_what_was_not_recorded_is_refused(sets: list[str], said: str) -> None:
         played(recorded(None, ["duration=1"]), *sets)
 
 
+def test_links_count_that_have_not_delivered_yet() -> None:
+    """As in the first ticks of every run: the links are those that were recorded, not those that were quick."""
+    delays = [f"controllers.{i}.link={link}" for i, link in enumerate(("pdci_100ms", "delay_100ms"))]
+    record = recorded("two_area_decentralised", ["scenario=large", "duration=0.05", *delays])
+    assert (len(record.delivered), record.links) == (0, 2)
+    part, issued, _ = played(record)
+    assert len(part.ticks) == 3
+    assert replay.first_difference(part, issued) is None
+
+
+def test_what_a_recording_lacks_is_said_where_nothing_can_be_replayed() -> None:
+    record = dataclasses.replace(recorded(None, ["duration=1"]), notes=["run_0.mcap: cut"])
+    with pytest.raises(InputError, match=r"^tick 0: its frames, .* nothing can be replayed; run_0.mcap: cut$"):
+        played(dataclasses.replace(record, gap_tick=0))
+    with pytest.raises(InputError, match=r"^controllers: 1 links given; allowed: 0, as recorded; run_0.mcap: cut$"):
+        played(dataclasses.replace(record, links=0))
+
+
 def test_a_station_that_was_not_recorded_is_refused() -> None:
     record = recorded(None, ["duration=1"])
     other = dataclasses.replace(record, stations=["X1", *record.stations[1:]])

@@ -30,3 +30,7 @@ class Content:
     lost: dict[str, int] = field(default_factory=dict)
     complete: bool = True
     notes: list[str] = field(default_factory=list)
+
+    def refusal(self, reason: str) -> str:
+        """Why nothing can be read, in one line: the reason, and the damage that may be behind it."""
+        return "; ".join([reason, *self.notes])

@@ -53,8 +53,8 @@ def load(path: Path | str) -> Record:
     """Record of a recording: a folder in rosbag2's layout or an `.mcap` file, whole or cut anywhere.
 
     Messages are decoded by the schemas stored in the file. Of a cut recording the ticks that all topics
-    have are kept. `Record.notes` say in a line each what is missing. Raises RecordingError (one line) if
-    a topic is missing, a schema is foreign, or there is no complete tick.
+    have are kept. `Record.notes` say in a line each what is missing. Raises RecordingError (one line, with
+    what is damaged) if a topic is missing, a schema is foreign, or there is no complete tick.
     """
     content = scan(path)
     configuration, notes = _configuration(content)
@@ -62,9 +62,10 @@ def load(path: Path | str) -> Record:
         record = _assemble(content, configuration, notes)
     except (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())
-        raise RecordingError(f"{path}: a message has not the fields of this package's messages ({reason})") from error
+        said = f"{path}: a message has not the fields of this package's messages ({reason})"
+        raise RecordingError(content.refusal(said)) from error
     except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
+        raise RecordingError(content.refusal(f"{path}: {error}")) from error
     return record
 
 
@@ -76,11 +77,11 @@ def origin(path: Path | str) -> tuple[dict[str, Any], str]:
     content = scan(path)
     configuration, _ = _configuration(content)
     if not configuration:
-        raise RecordingError(f"{path}: the run's configuration is missing")
+        raise RecordingError(content.refusal(f"{path}: the run's configuration is missing"))
     try:
         frames = _topics(content, controlled=False)["frames"][0]
     except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
+        raise RecordingError(content.refusal(f"{path}: {error}")) from error
     return configuration, frames.removesuffix(KINDS["frames"][1]) or "/"
 
 
@@ -121,6 +122,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         estimates=decode.estimates(cut["estimates"], devices),
         learning=decode.learning(cut["learning"], cut["estimates"]),
         in_synchronism=decode.column(state, attrgetter("in_synchronism"), np.bool_),
+        links=len(found["delivered"]),
         events=decode.events(block for topic in topics["events"] for block in messages[topic]),
         notes=notes,
         gap_tick=_unanswered(found, ticks),
@@ -204,19 +206,29 @@ def _ticks(found: dict[str, list[Series]], complete: bool) -> NDArray[np.int64]:
     Where a recorder came late, they begin when it had heard everybody: topics are not found all at once. The tick that
     ends an unstable run stays: nobody need answer it. Raises RecordingError if none is left.
     """
-    plant = [found[kind][0] for kind in REQUIRED]
+    plant, everything = [found[kind][0] for kind in REQUIRED], [one for parts in found.values() for one in parts]
     ticks: NDArray[np.int64] = reduce(np.intersect1d, [one.ticks for one in plant])
+    needed = everything if len(ticks) or not complete else plant
     synchronous = decode.column(plant[1], attrgetter("in_synchronism"), np.bool_)
     ended = len(synchronous) > 0 and not synchronous[-1]
     if not complete and not ended:
-        last = min(one.ticks[-1] if len(one.ticks) else -1 for parts in found.values() for one in parts)
+        last = min(one.ticks[-1] if len(one.ticks) else -1 for one in everything)
         ticks = ticks[ticks <= last]
     if len(ticks) and ticks[0] > 0:
         begin = max((one.ticks[0] for kind in HEARD for one in found[kind] if len(one.ticks)), default=0)
         ticks = ticks[ticks >= begin]
     if not len(ticks):
-        raise RecordingError("no tick is complete in the recording")
+        raise RecordingError(f"no tick is complete in the recording: {_apart(needed)}")
     return ticks
+
+
+def _apart(needed: Sequence[Series]) -> str:
+    """Why series have no tick in common: those without a message, else the one that ends first and that begins last."""
+    silent = [one.topic for one in needed if not len(one.ticks)]
+    if silent:
+        return f"no message of {', '.join(silent)}"
+    first, last = min(needed, key=lambda one: one.ticks[-1]), max(needed, key=lambda one: one.ticks[0])
+    return f"{first.topic} ends with tick {first.ticks[-1]}, {last.topic} begins with tick {last.ticks[0]}"
 
 
 def _gaps(found: dict[str, list[Series]], ticks: NDArray[np.int64]) -> list[str]:

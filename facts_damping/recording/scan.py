@@ -40,7 +40,7 @@ def scan(path: Path | str) -> Content:
         except OSError as error:
             raise RecordingError(f"{file} cannot be read: {error.strerror or error}") from error
     if not content.messages:
-        raise RecordingError(f"{path} holds no message" + "".join(f"; {note}" for note in content.notes))
+        raise RecordingError(content.refusal(f"{path} holds no message"))
     return content
 
 

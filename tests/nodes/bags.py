@@ -1,21 +1,30 @@
-"""Recordings as `ros2 bag record` would have made them: the same messages, no run, no versions."""
+"""Recordings made of others: as `ros2 bag record` would have made them, and in chunks of known content."""
 
 from __future__ import annotations
 
-from itertools import islice
+from itertools import chain, islice
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from facts_damping.recording import RecordingWriter
+from facts_damping.recording.decode import decode
+from facts_damping.recording.scan import scan
+
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
 STORAGES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
 
 def copy(recording: Path, out: Path, storage: str, late: float = 0.0) -> Path:
-    """A bag in `out` of the messages of a recording, at their times of reception; a share of `late` is cut off."""
+    """A bag in `out` of the messages of a recording, at their times of reception; a share of `late` is cut off.
+
+    It has neither run nor versions.
+    """
     with AnyReader([recording]) as reader, Writer(out, version=9, storage_plugin=STORAGES[storage]) as writer:
         made = {
             one.id: writer.add_connection(
@@ -30,3 +39,33 @@ def copy(recording: Path, out: Path, storage: str, late: float = 0.0) -> Path:
         for connection, log_ns, data in islice(reader.messages(), missing, None):
             writer.write(made[connection.id], log_ns, data)
     return out
+
+
+def in_chunks(recording: Path, out: Path, sizes: Iterable[int]) -> list[list[tuple[str, int]]]:
+    """A recording in `out` of the same messages in chunks of so many each: topic and tick of what is in each chunk.
+
+    A recorder's chunks end by wall time, and the messages of a tick come to it in any order. Here they come, and are
+    received, in the order of ticks, then of topics; before them, in a chunk of their own, those that are of no tick.
+    """
+    content = scan(recording)
+    ordered = []
+    for place, topic in enumerate(content.topics.values()):
+        own = [one for one in content.messages if one.topic == topic.name]
+        for block in decode(topic, [one.data for one in own]):
+            ticks = getattr(block.message, "tick", np.full(len(block.rows), -1)).tolist()
+            ordered += [(tick, place, row, own[row]) for tick, row in zip(ticks, block.rows.tolist(), strict=True)]
+    ordered.sort(key=lambda one: one[:3])
+    without_tick = sum(tick < 0 for tick, _, _, _ in ordered)
+    chunks, received = [], iter(enumerate(ordered))
+    with RecordingWriter(out, content.configuration, content.versions) as writer:
+        for topic in content.topics.values():
+            writer.copy_topic(topic)
+        for size in chain([without_tick], sizes):
+            chunk = list(islice(received, size))
+            for at, (_, _, _, message) in chunk:
+                writer.write(message.topic, message.data, at, at, message.sequence)
+            writer.flush()
+            chunks.append([(message.topic, tick) for _, (tick, _, _, message) in chunk])
+            if len(chunk) < size:
+                break
+    return chunks

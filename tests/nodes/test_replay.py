@@ -7,6 +7,8 @@ import os
 import signal
 import sqlite3
 import time
+from collections import Counter
+from itertools import chain, repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,20 +23,24 @@ from facts_damping import cli, graph, replay
 from facts_damping.configuration import load_case
 from facts_damping.errors import RecordingError, RunError
 from facts_damping.nodes.node import RELIABLE
-from facts_damping.recording.reader import load
+from facts_damping.recording.reader import KINDS, load
 from facts_damping.recording.scan import scan
-from tests.nodes.bags import STORAGES, copy
+from tests.nodes.bags import STORAGES, copy, in_chunks
 from tests.nodes.graphs import ARRAYS, LOADED_S, PATIENCE_S, nodes_left, payloads, quiet
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    Chunks = list[list[tuple[str, int]]]  # topic and tick of what is in each
+
 SETS = [
     *("duration=3", "scenario=large", "controllers.0.link=plc", "controllers.1.link=fibre"),
     *("controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "controllers.0.parameters={}"),
 ]
 LEAD_LAG = ["duration=2", "link=delay_100ms"]
+# Topics that have a message each tick.
+OF_A_TICK = tuple(suffix for kind, (_, suffix) in KINDS.items() if kind != "events")
 BY_NODES = ["--nodes", "--timeout", str(LOADED_S)]
 CENTRALISED = [
     "controllers.0.name=ANFTSC",
@@ -54,6 +60,13 @@ def graphs(module_domain: int, tmp_path_factory: Any) -> dict[str, Path]:
         case = load_case(f"two_area_{name}", [*sets, "scenario=large"])
         graph.run(case, "lockstep", folder / name, quiet, LOADED_S)
     return {name: folder / name / "recording" for name in runs}
+
+
+@pytest.fixture(scope="module")
+def in_order(graphs: dict[str, Path], tmp_path_factory: Any) -> tuple[Path, Chunks]:
+    """The first of these in chunks of known content: the first messages one by one, the others across ticks."""
+    folder = tmp_path_factory.mktemp("ordered") / "recording"
+    return folder, in_chunks(graphs["decentralised"], folder, chain(repeat(1, 15), repeat(311)))
 
 
 def called(capsys: Any, *arguments: str) -> tuple[int, str, str]:
@@ -194,26 +207,46 @@ def test_a_recorder_may_come_between_the_messages_of_a_tick(graphs: dict[str, Pa
 
 
 def test_recordings_cut_short_are_replayed_as_far_as_they_go(
-    graphs: dict[str, Path], tmp_path: Path, capsys: Any
+    in_order: tuple[Path, Chunks], tmp_path: Path, capsys: Any
 ) -> None:
-    file = next(graphs["decentralised"].glob("*.mcap"))
-    data = file.read_bytes()
-    seen: list[int] = []
+    """At every border of chunks, and within every chunk: up to the last tick that all topics have.
+
+    The first ticks, when no link has delivered anything yet, are replayed as well. Where not even the first is whole,
+    it is said which topics have no message, and that the recording is cut.
+    """
+    folder, chunks = in_order
+    file = next(folder.glob("*.mcap"))
+    data, cut = file.read_bytes(), tmp_path / "cut.mcap"
     with file.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
-    for chunk in summary.chunk_indexes[1:]:
-        (tmp_path / "cut.mcap").write_bytes(data[: chunk.chunk_start_offset + 100])
-        status, out, errors = called(capsys, "replay", str(tmp_path / "cut.mcap"))
-        if not seen and status == 2:
-            assert "no tick is complete" in errors
-            continue
-        assert status == 0, errors
-        assert "identical, bit for bit" in out
-        assert "the end is missing: the record ends with tick" in errors
-        seen.append(int(out.split()[0]))
+    needed = {topic for chunk in chunks for topic, tick in chunk if tick >= 0 and topic.endswith(OF_A_TICK)}
+    assert len(needed) == 12
+    left: Counter[str] = Counter()
+    seen = []
+    for index, chunk in zip(summary.chunk_indexes, chunks, strict=True):
+        ticks = min(left[topic] for topic in needed)
+        for length in (index.chunk_start_offset, index.chunk_start_offset + index.chunk_length // 2):
+            cut.write_bytes(data[:length])
+            status, out, errors = called(capsys, "replay", str(cut))
+            assert f"cut.mcap: cut or damaged at byte {index.chunk_start_offset} of {length}" in errors
+            if ticks:
+                assert (status, out.startswith(f"{ticks} ticks, ")) == (0, True), (out, errors)
+                assert out.endswith(": identical, bit for bit\n")
+                assert f"the end is missing: the record ends with tick {ticks - 1} at " in errors
+                continue
+            assert (status, errors.count("\n")) == (2, 1)
+            if left:
+                reason, _, silent = errors.partition(";")[0].partition(": no message of ")
+                assert reason.endswith("cut.mcap: no tick is complete in the recording")
+                assert set(silent.split(", ")) == {topic for topic in needed if not left[topic]}
+            else:
+                assert "cut.mcap holds no message" in errors
+        left.update(topic for topic, _ in chunk)
+        seen.append(ticks)
     assert seen == sorted(seen)
-    assert 0 < seen[-1] < 180
+    assert {0, 1} < set(seen)
+    assert seen[-1] > 150
 
 
 def test_a_database_that_is_cut_is_read_up_to_there_or_refused(graphs: dict[str, Path], tmp_path: Path) -> None:

@@ -38,22 +38,28 @@ def assert_prefix(part: Record, whole: Record) -> None:
 
 
 def test_cut_anywhere(tmp_path: Path, random_record: Callable[..., Record], write_record: Any) -> None:
+    """At and around every border of chunks, and at some random places: what whole chunks hold is read."""
     record = random_record(11)
     write_record(record, tmp_path / "run", chunk=3)
-    whole = (tmp_path / "run" / "run_0.mcap").read_bytes()
-    lengths = set()
-    for length in [0, 1, 8, len(whole) - 1, *random.Random(0).sample(range(len(whole)), 150)]:
-        cut = tmp_path / "cut.mcap"
+    file = tmp_path / "run" / "run_0.mcap"
+    whole, cut = file.read_bytes(), tmp_path / "cut.mcap"
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    ends = [one.chunk_start_offset + one.chunk_length for one in summary.chunk_indexes]
+    assert len(ends) == 10
+    lengths = [0, 1, 8, len(whole) - 1, *random.Random(0).sample(range(len(whole)), 150)]
+    for length in [*lengths, *(end + more for end in ends for more in (-1, 0, 1))]:
         cut.write_bytes(whole[:length])
-        try:
+        ticks = 3 * sum(end <= length for end in ends)
+        if ticks:
             part = load(cut)
-        except RecordingError as error:
-            assert "\n" not in str(error)  # noqa: PT017 (most cuts raise nothing)
-            continue
-        assert_prefix(part, record)
-        assert part.notes
-        lengths.add(len(part.time_ns))
-    assert {3, 15, 30} <= lengths
+            assert_prefix(part, record)
+            assert (len(part.time_ns), bool(part.notes)) == (ticks, True)
+        else:
+            with pytest.raises(RecordingError) as caught:
+                load(cut)
+            assert "\n" not in str(caught.value)
 
 
 def test_flipped_bytes(tmp_path: Path, random_record: Callable[..., Record], write_record: Any) -> None:
@@ -150,6 +156,18 @@ def test_tick_that_ends_an_unstable_run_stays(
     assert part.in_synchronism.tolist() == [True] * 29 + [False]
 
 
+def test_topics_that_are_found_one_after_the_other(
+    tmp_path: Path, random_record: Callable[..., Record], write_record: Any
+) -> None:
+    """A recorder that comes late may hear of some earlier than of others: the record begins when it heard all."""
+    record = random_record(19)
+    begins = {"/plant/state": 5, "/pmu/frames": 6, "/controller_2_A/setpoints": 8, "/pmu/delivered": 7}
+    write_record(record, tmp_path / "run", skip=lambda topic, tick: tick < begins.get(topic, 5))
+    part = load(tmp_path / "run")
+    assert part.time_ns.tobytes() == record.time_ns[8:].tobytes()
+    assert part.gap_tick is None
+
+
 @pytest.mark.parametrize("topic", ["/pmu/frames", "/pmu/delivered", "/plant/state"])
 def test_topic_without_messages(
     tmp_path: Path, random_record: Callable[..., Record], write_record: Any, topic: str
@@ -158,8 +176,36 @@ def test_topic_without_messages(
     if topic == "/pmu/delivered":
         assert load(tmp_path / "run").notes[0].startswith("/pmu/delivered: 29 of 30 ticks are missing")
         return
-    with pytest.raises(RecordingError, match="no tick is complete"):
+    with pytest.raises(RecordingError, match=f"no tick is complete in the recording: no message of {topic}$"):
         load(tmp_path / "run")
+
+
+def test_topics_that_have_no_tick_in_common(
+    tmp_path: Path, random_record: Callable[..., Record], write_record: Any
+) -> None:
+    ticks = {"/plant/state": range(10, 30), "/pmu/frames": range(8)}
+    write_record(random_record(20), tmp_path / "run", skip=lambda topic, tick: tick not in ticks.get(topic, range(30)))
+    said = "no tick is complete in the recording: /pmu/frames ends with tick 7, /plant/state begins with tick 10$"
+    with pytest.raises(RecordingError, match=said):
+        load(tmp_path / "run")
+
+
+def test_a_cut_recording_that_is_refused_says_so(
+    tmp_path: Path, random_record: Callable[..., Record], write_record: Any
+) -> None:
+    late = ("/pmu/delivered", "/controller_10_B/setpoints")
+    write_record(random_record(20), tmp_path / "run", skip=lambda topic, tick: topic in late and tick < 5)
+    file = tmp_path / "run" / "run_0.mcap"
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    end = summary.chunk_indexes[1].chunk_start_offset
+    file.write_bytes(file.read_bytes()[: end + 10])
+    with pytest.raises(RecordingError) as caught:
+        load(file)
+    reason, damage = str(caught.value).split("; ")
+    assert reason == f"{file}: no tick is complete in the recording: no message of {', '.join(late)}"
+    assert damage == f"run_0.mcap: cut or damaged at byte {end} of {end + 10}"
 
 
 def test_run_without_controllers_needs_no_setpoints(
