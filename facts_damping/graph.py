@@ -159,7 +159,7 @@ def graph(
     """
     run_file = out / "run.yaml"
     run_file.write_text(dump(case.document()), encoding="utf-8")
-    common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True}
+    common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "view": view_port is not None}
     senders = [str(address) for address in controller_addresses(case)]
     running: dict[str, Process] = {}
     try:

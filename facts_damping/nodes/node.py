@@ -64,7 +64,7 @@ def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Opt
         missing = [
             f"a subscriber of {publisher.topic_name}"
             for publisher, count in expected.items()
-            if publisher.get_subscription_count() < count + viewers(node, publisher)
+            if publisher.get_subscription_count() < count + max(viewers(node, publisher), int(options.view))
         ]
         missing += [
             f"a publisher of {subscription.topic_name}"

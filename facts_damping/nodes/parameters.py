@@ -43,6 +43,7 @@ OPTIONS: dict[str, tuple[Any, str]] = {
     "timeout": (5.0, "longest wait for a silent node once the run goes, s"),
     "start_timeout": (30.0, "longest wait for the other nodes at the start, s"),
     "recorder": (False, "true: wait for a recorder before starting"),
+    "view": (False, "true: wait for a live view before starting"),
 }
 
 
@@ -54,6 +55,7 @@ class Options:
     timeout: float
     start_timeout: float
     recorder: bool
+    view: bool
 
     @property
     def realtime(self) -> bool:

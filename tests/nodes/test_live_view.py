@@ -58,6 +58,7 @@ class Client:
         self.messages: dict[str, list[tuple[int, bytes]]] = {}
         self.times: list[int] = []
         self.info: dict[str, Any] = {}
+        self.subscribed: threading.Event | None = None
         self.thread = threading.Thread(target=self._listen, daemon=True)
         self.thread.start()
 
@@ -86,6 +87,13 @@ class Client:
             self.channels |= {channel["id"]: channel for channel in said["channels"]}
             wanted = [{"id": channel["id"], "channelId": channel["id"]} for channel in said["channels"]]
             connection.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+            self.subscribed = connection.ping()  # it is answered in order
+
+    def wait(self) -> None:
+        """Wait until the server knows what is wanted."""
+        _wait(lambda: self.subscribed is not None)
+        assert self.subscribed is not None
+        assert self.subscribed.wait(PATIENCE_S)
 
     def _bytes(self, data: bytes) -> None:
         if data[0] == MESSAGE:
@@ -101,8 +109,15 @@ class Client:
 
 
 @pytest.fixture
-def client(port: int) -> Iterator[Client]:
-    made = Client(port)
+def client(port: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Client]:
+    """One that graphs wait for, once their view serves."""
+    made, serving = Client(port), graph._wait_for_view
+
+    def serving_it(view: graph.Process) -> None:
+        serving(view)
+        made.wait()
+
+    monkeypatch.setattr(graph, "_wait_for_view", serving_it)
     yield made
     if made.connection is not None:
         made.connection.close()
@@ -254,9 +269,9 @@ def test_nodes_do_not_take_a_view_for_a_peer(domain: int) -> None:
             assert time.monotonic() < deadline
             time.sleep(0.01)
         with pytest.raises(RunError, match=r"missing after 0.5 s: a subscriber of /events"):
-            wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, 0.5, recorder=False))
+            wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, 0.5, recorder=False, view=False))
         other.create_subscription(GridEvent, "events", lambda _: None, RELIABLE)
-        wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, PATIENCE_S, recorder=False))
+        wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, PATIENCE_S, recorder=False, view=False))
     finally:
         other.destroy_node()
         node.destroy_node()
