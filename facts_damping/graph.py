@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 POLL_S = 0.02
 SOURCES = ("plant_sim", "replay_source")  # what a graph runs on: the plant, or a recording in place of it and the links
-STOPPED_FIRST = (*SOURCES, "recorder")  # the source, then who has to hear it all, then the others together
+RECORDER = "recorder"  # stopped last: it has to hear all that the others have said
 VIEW = "live_view"  # who only listens
 START_S = 60.0  # patience with its start
 STUCK = -signal.SIGALRM  # exit status of a node with its work done, whose middleware does not end (nodes/node.py)
@@ -119,6 +119,14 @@ def _end(processes: Iterable[Process], number: int) -> None:
             process.join()
 
 
+def _stop(running: dict[str, Process]) -> None:
+    """Stop the source, then the others together, who leave when their last messages have arrived, then the recorder."""
+    first = [process for name, process in running.items() if name in SOURCES]
+    last = [process for name, process in running.items() if name == RECORDER]
+    for processes in (first, [one for one in running.values() if one not in (*first, *last)], last):
+        _end(processes, signal.SIGINT)
+
+
 def _part(out: Path, name: str) -> Path:
     """Where a node saves what it has learnt."""
     return out / f"{name}.part.yaml"
@@ -152,7 +160,7 @@ def _wait_for_view(view: Process) -> None:
 def graph(
     case: Case, mode: str, out: Path, timeout: float, view_port: int | None = None, replayed: Path | str | None = None
 ) -> Iterator[dict[str, Process]]:
-    """The nodes of a case, started; on leaving, the source is stopped first, then the recorder, then the others.
+    """The nodes of a case, started; on leaving, the source is stopped first and the recorder last.
 
     `view_port`: of a live view; `replayed`: a recording that stands in for plant and links; identifiers then hear its
     setpoints.
@@ -166,7 +174,7 @@ def graph(
         if view_port is not None:
             running[VIEW] = start(VIEW, VIEW, {"run": run_file, "port": view_port})
             _wait_for_view(running[VIEW])
-        running["recorder"] = start("recorder", "recorder", {**common, "output": out / "recording"})
+        running[RECORDER] = start(RECORDER, RECORDER, {**common, "output": out / "recording"})
         for module, nodes in (
             ("wan_link", dict(enumerate(link_addresses(case))) if replayed is None else {}),
             ("controller", dict(enumerate(controller_addresses(case)))),
@@ -183,9 +191,7 @@ def graph(
             running["replay_source"] = start("replay_source", "replay_source", {**common, "recording": replayed})
         yield running
     finally:
-        for name in STOPPED_FIRST:
-            _end([running[name]] if name in running else [], signal.SIGINT)
-        _end(running.values(), signal.SIGINT)
+        _stop(running)
         for process in running.values():
             process.output.close()
             process.errors.close()
@@ -232,8 +238,8 @@ def run(
             progress(k, n)
         _check_others(running)  # who ended first knows why: a second graph in the same domain, say
         wall = time.monotonic() - began
-        recorder = running["recorder"]
-        _end([recorder], signal.SIGINT)
+        _stop(running)
+        recorder = running[RECORDER]
         if recorder.failed():
             raise RunError(recorder.reason())
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from facts_damping.errors import FactsDampingError, InputError, RunError
+from facts_damping.nodes.spinning import Stopped, check_wanted, stop_by_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -36,6 +36,7 @@ RELIABLE = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabil
 
 
 COMMON = "/diagnostics"  # everybody's topic
+HEARD_S = 2.0  # wall time that a node that was stopped waits at most for its last messages to arrive
 LEAVE_S = 5.0  # wall time that a node takes at most to leave the graph
 
 
@@ -77,8 +78,7 @@ def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Opt
         if time.monotonic() > deadline:
             raise RunError(f"missing after {options.start_timeout:g} s: {', '.join(missing)}")
         time.sleep(0.01)  # messages that come meanwhile wait in their queues
-        if not rclpy.ok():
-            raise ExternalShutdownException
+        check_wanted()
 
 
 def viewers(node: Node, publisher: Publisher[Any]) -> int:
@@ -88,19 +88,19 @@ def viewers(node: Node, publisher: Publisher[Any]) -> int:
 
 
 def publish(publisher: Publisher[Any], message: Any) -> None:
-    """Publish; name the topic whose reader has stopped reading, and end quietly when the context is going."""
+    """Publish; name the topic whose reader has stopped reading."""
     try:
         publisher.publish(message)
     except RCLError as error:
-        if not rclpy.ok():
-            raise ExternalShutdownException from error
         raise RunError(f"{publisher.topic_name}: a subscriber (the recorder?) no longer reads: {error}") from error
 
 
-def finish(publishers: list[Publisher[Any]], timeout: float) -> None:
-    """Wait until every reader has acknowledged what was published."""
+def finish(publishers: Iterable[Publisher[Any]], timeout: float) -> None:
+    """Wait, `timeout` seconds at most, until every reader has acknowledged what was published."""
+    deadline = time.monotonic() + timeout
     for publisher in publishers:
-        publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=timeout))
+        left = max(0.0, deadline - time.monotonic())
+        publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=left))
 
 
 class Part(Protocol):
@@ -120,7 +120,7 @@ def _from_wheels() -> bool:
         return False
 
 
-def run_node(name: str, make: Callable[[Node], Part], signals: SignalHandlerOptions = SignalHandlerOptions.ALL) -> None:
+def run_node(name: str, make: Callable[[Node], Part]) -> None:
     """Make a node and run it to its end: exit status 0 done or interrupted, 1 failed, 2 bad input.
 
     One line on standard error says why.
@@ -128,7 +128,8 @@ def run_node(name: str, make: Callable[[Node], Part], signals: SignalHandlerOpti
     status = 0
     if _from_wheels():
         os.environ.setdefault("FASTDDS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("fastdds.xml")))
-    rclpy.init(args=sys.argv, signal_handler_options=signals)
+    stop_by_signals()
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node(name, enable_rosout=False, start_parameter_services=True)
     try:
         part = make(node)
@@ -136,14 +137,11 @@ def run_node(name: str, make: Callable[[Node], Part], signals: SignalHandlerOpti
             part.run()
         finally:
             part.spinner.close()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+    except Stopped:
+        finish(node.publishers, HEARD_S)
     except (FactsDampingError, ParameterException) as error:
         status = 1 if isinstance(error, RunError) else 2
         sys.stderr.write(f"{node.get_fully_qualified_name().lstrip('/')}: {' '.join(str(error).split())}\n")
-    except Exception:
-        if rclpy.ok():
-            raise
     finally:
         _leave(node)
     sys.exit(status)

@@ -17,7 +17,7 @@ from facts_damping.loop import rehearse, tick_ns
 from facts_damping.nodes.messages import Truth, diagnostics, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
-from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.spinning import Spinner, check_wanted
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.parts import build_plant, grid_events, link_addresses
 from facts_damping.plant.integration import advance
@@ -118,6 +118,7 @@ class PlantSim:
         rate, ticks = self.case.run.frame_rate, self.case.ticks
         wall_start, told = time.monotonic(), -PROGRESS_S
         for k in range(ticks):
+            check_wanted()
             start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
             sound = self.measure(k, start)
             if k % rate == 0:

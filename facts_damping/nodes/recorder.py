@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import platform
-import signal
 import sys
 import time
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
-from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import facts_damping_msgs.msg as messages
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.signals import SignalHandlerOptions
 
 from facts_damping import __version__
 from facts_damping.nodes.node import RELIABLE, refuse_others, run_node
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
-from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.spinning import Spinner, told_to_stop
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.parts import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.recording.writer import RecordingWriter
@@ -75,10 +72,7 @@ class Recorder:
     """Subscribes to everything and writes it."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters, open the recording, subscribe; a signal ends the recording, not the context."""
-        self.stopped = Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: self.stopped.set())
+        """Read parameters, open the recording, subscribe."""
         self.case, self.options = read_case(node), read_options(node)
         folder: Any = node.declare_parameter("output", "recording", descriptor("folder of the new recording")).value
         self.writer = RecordingWriter(folder, dump(self.case.document()), versions())
@@ -90,7 +84,7 @@ class Recorder:
             self.lost[name] = 0
             node.create_subscription(kind, topic, partial(self.on_message, name), RELIABLE, raw=True)
         self.node = node
-        self.spinner = Spinner(node)
+        self.spinner = Spinner(node, listens_on=True)
 
     def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
         """Write one message; a gap in its publisher's sequence is a loss."""
@@ -111,20 +105,20 @@ class Recorder:
     def drain(self) -> None:
         """Empty the queues, rest, and flush by the clock; where another graph publishes too, nothing would ever end."""
         flushed = heard = time.monotonic()
-        while not self.stopped.is_set() or time.monotonic() - heard < QUIET_S:
+        while not told_to_stop() or time.monotonic() - heard < QUIET_S:
             while self.spinner.turn(0.0):
                 heard = time.monotonic()
             if time.monotonic() - flushed > FLUSH_S:
                 self.writer.flush()
                 flushed = time.monotonic()
-            if self.stopped.is_set():
+            if told_to_stop():
                 refuse_others(self.node, self.lost)
             time.sleep(POLL_S)
 
 
 def main() -> None:
     """Entry point of `ros2 run facts_damping recorder`."""
-    run_node("recorder", Recorder, signals=SignalHandlerOptions.NO)
+    run_node("recorder", Recorder)
 
 
 if __name__ == "__main__":

@@ -8,13 +8,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from facts_damping_msgs.msg import GridEvent, JacobianEstimate, PlantState, PmuDataFrame, VoltageSetpoints
+from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
 
 from facts_damping.errors import RunError
-from facts_damping.nodes.messages import Estimates, Truth, grid_event
+from facts_damping.nodes.messages import Truth, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
-from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.spinning import Spinner, check_wanted
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.parts import controller_addresses, identifier_addresses, link_addresses, recorded_topic
 from facts_damping.recording.reader import load
@@ -56,10 +56,7 @@ class ReplaySource:
             for i in range(1 + (c in identifiers)):
                 heard = partial(self.on_setpoints, str(controller)) if i == 0 else _nothing
                 node.create_subscription(VoltageSetpoints, f"{controller}/setpoints", heard, RELIABLE, raw=True)
-        for c, identifier in identifiers.items():
-            heard = partial(self.on_estimate, str(identifier), Estimates(self.case, c))
-            node.create_subscription(JacobianEstimate, f"{identifier}/estimate", heard, RELIABLE, raw=True)
-        self.answered = dict.fromkeys([*map(str, controllers), *map(str, identifiers.values())], -1)
+        self.answered = dict.fromkeys(map(str, controllers), -1)
         self.spinner = Spinner(node)
         listeners = [
             sum(link == i for link in used) + sum(used[c] == i for c in identifiers) for i in range(len(links))
@@ -69,12 +66,8 @@ class ReplaySource:
         wait_for_peers(node, expected | dict.fromkeys(self.recorded.values(), 1), self.options)
 
     def on_setpoints(self, controller: str, data: bytes) -> None:
-        """A controller has answered."""
+        """A controller has answered: it has the estimates of the tick before."""
         self.answered[controller] = self.setpoints.read(data)[0]
-
-    def on_estimate(self, identifier: str, estimates: Estimates, data: bytes) -> None:
-        """An identifier has answered."""
-        self.answered[identifier] = estimates.read(data)[0]
 
     def publish(self, at: int, tick: int, start: int) -> None:
         """What was delivered, and recorded, in a tick: first what others wait for."""
@@ -98,9 +91,10 @@ class ReplaySource:
         publish(self.to_state, self.truth.fill(tick, start, sound, record.machines[at], record.devices[at]))
 
     def run(self) -> None:
-        """All ticks that can be replayed, each when all have answered the one before."""
+        """All ticks that can be replayed, each when all controllers have answered the one before."""
         events, ticks, told = list(self.record.events), self.record.ticks.tolist(), -PROGRESS_S
         for at, (tick, start) in enumerate(zip(ticks, self.record.time_ns.tolist(), strict=True)):
+            check_wanted()
             self.publish(at, tick, start)
             while events and events[0]["time_ns"] <= start:
                 publish(self.to_events, grid_event(events.pop(0)))

@@ -6,44 +6,69 @@ subscriptions and services (so `ros2 param` works); the nodes here have no timer
 
 from __future__ import annotations
 
+import signal
 import time
 from contextlib import ExitStack
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
-import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.signals import SignalHandlerGuardCondition
 from rclpy.utilities import get_default_context
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-REQUESTS_S = 0.05  # wall time between two looks for requests
+REQUESTS_S = 0.05  # wall time between two looks for requests, and for whether the node was told to stop
+
+_told = Event()
+
+
+class Stopped(Exception):  # noqa: N818 (not an error: a signal told the node to stop)
+    """What a node was waiting for is not wanted any more."""
+
+
+def stop_by_signals() -> None:
+    """Take SIGINT and SIGTERM, here and not in rclpy, which shuts the middleware down under a node that works."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: _told.set())
+
+
+def told_to_stop() -> bool:
+    """Whether such a signal has come."""
+    return _told.is_set()
+
+
+def check_wanted() -> None:
+    """Raise `Stopped` once such a signal has come."""
+    if _told.is_set():
+        raise Stopped
 
 
 class Spinner:
     """Waits for messages and requests of one node and calls their callbacks."""
 
-    def __init__(self, node: Node) -> None:
-        """Take over the node's subscriptions and services; none may be added later."""
+    def __init__(self, node: Node, listens_on: bool = False) -> None:
+        """Take over the node's subscriptions and services; none may be added later.
+
+        `listens_on`: also when the node was told to stop.
+        """
+        self._listens_on = listens_on
         self._subscriptions = [(s.handle.pointer, s) for s in node.subscriptions]
         self._services = [(s.handle.pointer, s) for s in node.services]
         context: Any = get_default_context()
-        self._guard = SignalHandlerGuardCondition(context)
         self._entered = ExitStack()
-        entities: list[Any] = [*node.subscriptions, *node.services, self._guard, context]
+        entities: list[Any] = [*node.subscriptions, *node.services, context]
         for entity in entities:
             self._entered.enter_context(entity.handle)
         counts = (len(self._subscriptions), len(self._services))
-        self._messages: Any = rclpy_implementation.WaitSet(counts[0], 1, 0, 0, 0, 0, context.handle)
+        self._messages: Any = rclpy_implementation.WaitSet(counts[0], 0, 0, 0, 0, 0, context.handle)
         self._requests: Any = rclpy_implementation.WaitSet(0, 0, 0, 0, counts[1], 0, context.handle)
         self._asked = time.monotonic()
 
     def turn(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` seconds, then serve what is ready, one message a subscription.
 
-        Returns whether a message was; raises ExternalShutdownException once the context is shut down.
+        Returns whether a message was; raises `Stopped` once the node was told to stop and has taken all that is here.
         Requests are looked for now and then: waiting for them too would make every turn dearer.
         """
         if time.monotonic() - self._asked > REQUESTS_S:
@@ -52,15 +77,15 @@ class Spinner:
         wait_set.clear_entities()
         for _, subscription in self._subscriptions:
             wait_set.add_subscription(subscription.handle)
-        wait_set.add_guard_condition(self._guard.handle)
-        wait_set.wait(max(0, int(min(timeout_s, REQUESTS_S) * 1e9)))
-        if not rclpy.ok():
-            raise ExternalShutdownException
+        wanted = self._listens_on or not told_to_stop()
+        wait_set.wait(max(0, int(min(timeout_s, REQUESTS_S) * 1e9)) if wanted else 0)
         served = False
         ready = wait_set.get_ready_entities("subscription")
         for pointer, subscription in self._subscriptions if ready else ():
             if pointer in ready:
                 served |= _take(subscription)
+        if not (wanted or served):
+            raise Stopped
         return served
 
     def _serve(self) -> None:
@@ -82,7 +107,6 @@ class Spinner:
         """Let go of all entities."""
         self._messages = self._requests = None
         self._entered.close()
-        self._guard.destroy()
 
 
 def _take(subscription: Any) -> bool:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 STORAGES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
 
-def copy(recording: Path, out: Path, storage: str, late: float = 0.0) -> Path:
-    """A bag in `out` of the messages of a recording, at their times of reception; a share of `late` is cut off.
+def copy(recording: Path, out: Path, storage: str, late: int = 0) -> Path:
+    """A bag in `out` of the messages of a recording, at their times of reception, but for the first `late`.
 
     It has neither run nor versions.
     """
@@ -35,8 +35,7 @@ def copy(recording: Path, out: Path, storage: str, late: float = 0.0) -> Path:
             )
             for one in reader.connections
         }
-        missing = int(late * reader.message_count)
-        for connection, log_ns, data in islice(reader.messages(), missing, None):
+        for connection, log_ns, data in islice(reader.messages(), late, None):
             writer.write(made[connection.id], log_ns, data)
     return out
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 SETS = ["duration=1", "link=plc", "controllers.0.name=ANFTSC", "scenario=large"]
 PACKAGE = "facts_damping_msgs/msg/"
-FUZZ = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+FUZZ = settings(max_examples=60, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
 TABLES = ("delivered", "issued", "applied", "estimates")
 
 

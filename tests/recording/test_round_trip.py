@@ -36,7 +36,7 @@ def assert_identical(one: Record, other: Record, ignore: tuple[str, ...] = ()) -
 
 
 @given(seed=st.integers(0, 2**32 - 1), ticks=st.integers(1, 12), chunk=st.integers(1, 20))
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_round_trip(random_record: Any, write_record: Any, seed: int, ticks: int, chunk: int) -> None:
     record = random_record(seed, ticks)
     with tempfile.TemporaryDirectory() as folder:
