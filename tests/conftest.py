@@ -19,8 +19,12 @@ settings.load_profile("same")
 
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"  # before anything loads messages, also what nodes are copies of
 
-# Every second one for each of two processes; what one had before is long gone when it comes again.
-_DOMAINS = itertools.cycle(range(1 + int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]) % 2, 102, 2))
+# Each of the processes of `pytest -n` has its own; what one had before is long gone when it comes again.
+_PROCESS, _PROCESSES = (
+    os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:],
+    os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"),
+)
+_DOMAINS = itertools.cycle(range(1 + int(_PROCESS), 102, int(_PROCESSES)))
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups

@@ -2,11 +2,41 @@
 
 from __future__ import annotations
 
+import gc
+
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.type_support import check_for_type_support
+
 from facts_damping.configuration import load_case
 from facts_damping.loop import rehearse
 from facts_damping.nodes import controller, identifier, plant_sim, recorder, replay_source, wan_link
+from facts_damping.recording.schemas import schema_text, type_hash
 
 NODES = (controller, identifier, plant_sim, recorder, replay_source, wan_link)
 
+SERVICES = (
+    *(DescribeParameters, GetParameters, GetParameterTypes),
+    *(ListParameters, SetParameters, SetParametersAtomically),
+)
+CASE = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
+MESSAGES = set(recorder.topics(CASE).values())
+
+for kind in (ParameterEvent, *SERVICES, *MESSAGES):
+    check_for_type_support(kind)
+for name in map(recorder.message_type, MESSAGES):
+    type_hash(name, schema_text(name))
+
 # The kernels, out of their cache into this process: a network with an identifier uses them all.
-rehearse(load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]))
+rehearse(CASE)
+
+# What is here stays: a copy need not look through it for garbage, which would copy its memory, too.
+gc.collect()
+gc.freeze()

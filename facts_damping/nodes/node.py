@@ -51,11 +51,15 @@ def graph_prefix(node: Node, address: Address) -> str:
     return own.removesuffix(address.namespace) if address.namespace else ""
 
 
-def refuse_others(node: Node, topics: Iterable[str]) -> None:
-    """Raise `RunError` where somebody else publishes topics that have one publisher in a graph."""
-    shared = [topic for topic in topics if topic != COMMON and node.count_publishers(topic) > 1]
-    if shared:
-        raise RunError(f"another graph publishes {shared[0]} too; set another ROS_DOMAIN_ID (0 to 101)")
+def shared_topic(node: Node, topics: Iterable[str]) -> str | None:
+    """The first of topics, each of which has one publisher in a graph, that somebody else publishes, too."""
+    return next((topic for topic in topics if topic != COMMON and node.count_publishers(topic) > 1), None)
+
+
+def refuse_others(topic: str | None) -> None:
+    """Raise `RunError` where somebody else publishes a topic of this graph."""
+    if topic is not None:
+        raise RunError(f"another graph publishes {topic} too; set another ROS_DOMAIN_ID (0 to 101)")
 
 
 def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Options) -> None:
@@ -72,7 +76,8 @@ def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Opt
             for subscription in node.subscriptions
             if node.count_publishers(subscription.topic_name) < 1
         ]
-        refuse_others(node, [s.topic_name for s in node.subscriptions] + [p.topic_name for p in expected])
+        topics = [s.topic_name for s in node.subscriptions] + [p.topic_name for p in expected]
+        refuse_others(shared_topic(node, topics))
         if not missing:
             return
         if time.monotonic() > deadline:

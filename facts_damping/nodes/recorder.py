@@ -13,7 +13,7 @@ import facts_damping_msgs.msg as messages
 from diagnostic_msgs.msg import DiagnosticArray
 
 from facts_damping import __version__
-from facts_damping.nodes.node import RELIABLE, refuse_others, run_node
+from facts_damping.nodes.node import HEARD_S, RELIABLE, refuse_others, run_node, shared_topic
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner, told_to_stop
 from facts_damping.parameters.yaml_text import dump
@@ -76,6 +76,7 @@ class Recorder:
         self.case, self.options = read_case(node), read_options(node)
         folder: Any = node.declare_parameter("output", "recording", descriptor("folder of the new recording")).value
         self.writer = RecordingWriter(folder, dump(self.case.document()), versions())
+        self.taken: list[tuple[int, int, str, bytes]] = []  # source's time, sequence, topic, data
         self.next: dict[str, int] = {}
         self.lost: dict[str, int] = {}
         for topic, kind in topics(self.case).items():
@@ -84,14 +85,22 @@ class Recorder:
             self.lost[name] = 0
             node.create_subscription(kind, topic, partial(self.on_message, name), RELIABLE, raw=True)
         self.node = node
-        self.spinner = Spinner(node, listens_on=True)
+        self.spinner = Spinner(node)
 
     def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
-        """Write one message; a gap in its publisher's sequence is a loss."""
+        """Take one message; a gap in its publisher's sequence is a loss."""
         sequence = information["publication_sequence_number"]
         self.lost[topic] += max(0, sequence - self.next.get(topic, sequence))
         self.next[topic] = sequence + 1
-        self.writer.write(topic, data, time.time_ns(), information["source_timestamp"], sequence)
+        self.taken.append((information["source_timestamp"], sequence, topic, data))
+
+    def take(self) -> bool:
+        """Write what has come, in the order in which it was published; whether there was any."""
+        some = self.spinner.take_all()
+        for source_ns, sequence, topic, data in sorted(self.taken):
+            self.writer.write(topic, data, time.time_ns(), source_ns, sequence)
+        self.taken.clear()
+        return some
 
     def run(self) -> None:
         """Record until a signal, and then until nothing more comes; what was published by then is written."""
@@ -103,17 +112,23 @@ class Recorder:
         sys.stdout.flush()
 
     def drain(self) -> None:
-        """Empty the queues, rest, and flush by the clock; where another graph publishes too, nothing would ever end."""
-        flushed = heard = time.monotonic()
-        while not told_to_stop() or time.monotonic() - heard < QUIET_S:
-            while self.spinner.turn(0.0):
+        """Empty the queues, rest, and flush by the clock; told to stop, until nothing comes, for a while at most.
+
+        Raises `RunError` where somebody else published, too, when the graph was told to stop.
+        """
+        flushed = heard = told = time.monotonic()
+        shared = None
+        while not told_to_stop() or (time.monotonic() - heard < QUIET_S and time.monotonic() - told < HEARD_S):
+            if self.take():
                 heard = time.monotonic()
             if time.monotonic() - flushed > FLUSH_S:
                 self.writer.flush()
                 flushed = time.monotonic()
-            if told_to_stop():
-                refuse_others(self.node, self.lost)
+            if not told_to_stop():
+                told = time.monotonic()
+                shared = shared_topic(self.node, self.lost)
             time.sleep(POLL_S)
+        refuse_others(shared or shared_topic(self.node, self.lost))
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 REQUESTS_S = 0.05  # wall time between two looks for requests, and for whether the node was told to stop
+MOST = 100  # messages of a subscription that are taken at once: others' turn comes, whoever floods it
 
 _told = Event()
 
@@ -47,12 +48,8 @@ def check_wanted() -> None:
 class Spinner:
     """Waits for messages and requests of one node and calls their callbacks."""
 
-    def __init__(self, node: Node, listens_on: bool = False) -> None:
-        """Take over the node's subscriptions and services; none may be added later.
-
-        `listens_on`: also when the node was told to stop.
-        """
-        self._listens_on = listens_on
+    def __init__(self, node: Node) -> None:
+        """Take over the node's subscriptions and services; none may be added later."""
         self._subscriptions = [(s.handle.pointer, s) for s in node.subscriptions]
         self._services = [(s.handle.pointer, s) for s in node.services]
         context: Any = get_default_context()
@@ -71,13 +68,12 @@ class Spinner:
         Returns whether a message was; raises `Stopped` once the node was told to stop and has taken all that is here.
         Requests are looked for now and then: waiting for them too would make every turn dearer.
         """
-        if time.monotonic() - self._asked > REQUESTS_S:
-            self._serve()
+        self._serve()
         wait_set = self._messages
         wait_set.clear_entities()
         for _, subscription in self._subscriptions:
             wait_set.add_subscription(subscription.handle)
-        wanted = self._listens_on or not told_to_stop()
+        wanted = not told_to_stop()
         wait_set.wait(max(0, int(min(timeout_s, REQUESTS_S) * 1e9)) if wanted else 0)
         served = False
         ready = wait_set.get_ready_entities("subscription")
@@ -88,8 +84,24 @@ class Spinner:
             raise Stopped
         return served
 
+    def take_all(self) -> bool:
+        """Serve what is here, also when told to stop, without waiting; at most `MOST` messages a subscription.
+
+        Returns whether there was any.
+        """
+        self._serve()
+        served = False
+        for _, subscription in self._subscriptions:
+            for _ in range(MOST):
+                if not _take(subscription):
+                    break
+                served = True
+        return served
+
     def _serve(self) -> None:
-        """Answer the requests that wait, so that `ros2 param` works."""
+        """Answer the requests that wait, now and then, so that `ros2 param` works."""
+        if time.monotonic() - self._asked <= REQUESTS_S:
+            return
         self._asked = time.monotonic()
         wait_set = self._requests
         wait_set.clear_entities()

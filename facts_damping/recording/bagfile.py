@@ -78,7 +78,7 @@ def _topic(topic: TopicInfo, count: int) -> dict[str, Any]:
             "name": topic.name,
             "type": topic.message_type,
             "serialization_format": "cdr",
-            "offered_qos_profiles": yaml.safe_load(topic.qos) or [],
+            "offered_qos_profiles": yaml.load(topic.qos, yaml.CSafeLoader) or [],
             "type_description_hash": topic.type_hash,
         },
         "message_count": count,
@@ -92,7 +92,7 @@ def write_atomically(file: Path, text: str) -> None:
     draft.replace(file)
 
 
-class _PlainDumper(yaml.SafeDumper):
+class _PlainDumper(yaml.CSafeDumper):
     """YAML without anchors, which not every reader of a bag understands."""
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (PyYAML's signature)

@@ -63,7 +63,7 @@ def bag_files(path: Path) -> list[Path]:
 def _listed_files(metadata: Path) -> list[str]:
     """File names in metadata.yaml; none if it is missing or damaged, for the files tell the same."""
     try:
-        content = yaml.safe_load(metadata.read_text(encoding="utf-8"))
+        content = yaml.load(metadata.read_text(encoding="utf-8"), yaml.CSafeLoader)
         return [Path(str(name)).name for name in content["rosbag2_bagfile_information"]["relative_file_paths"]]
     except (
         OSError,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,6 +66,7 @@ def parse_schema(message_type: str, text: str) -> Typesdict:
         raise RecordingError(f"schema of {message_type}: {_one_line(error)}") from error
 
 
+@lru_cache(maxsize=64)
 def type_hash(message_type: str, text: str) -> str:
     """Type description hash RIHS01 (REP-2016) of a message type, from its schema text."""
     store = get_typestore(Stores.EMPTY)
