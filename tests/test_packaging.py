@@ -31,7 +31,9 @@ def install(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / part, source / part, ignore=shutil.ignore_patterns("__pycache__"))
     for name in FILES:
         shutil.copy(ROOT / name, source)
-    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    # Unoptimised: what is built is looked at, and not for long.
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "CFLAGS": "-O0", "CXXFLAGS": "-O0"}
     done = subprocess.run(
         [sys.executable, "-m", "colcon", "build"],
         cwd=source,

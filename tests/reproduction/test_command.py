@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -22,24 +23,32 @@ CHECKED = (("4.1", "light", "HBsWC"), ("5.3", "small", "ANFLeWC"), ("6.2", "mult
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = tmp_path_factory.mktemp("reproduce") / "first"
-    assert main(["reproduce", "3.1", "6.1", "--draws", "3", "--jobs", "2", "--out", str(made)]) == 0
+    made = tmp_path_factory.mktemp("reproduce")
+    options = ["--draws", "3", "--jobs", "2", "--out", str(made), "--json", str(made / "told.json")]
+    assert main(["reproduce", "3.1", "6.1", *options]) == 0
     return made
 
 
 @pytest.mark.timeout(900)
-def test_two_runs_give_identical_tables(folder: Path, tmp_path: Path) -> None:
+def test_a_second_run_with_other_jobs_that_goes_on_from_half_of_the_studies_gives_the_same(
+    folder: Path, tmp_path: Path
+) -> None:
     again = tmp_path / "again"
-    told = tmp_path / "told.json"
-    options = ["--draws", "3", "--jobs", "1", "--out", str(again), "--json", str(told)]
-    assert main(["reproduce", "3.1", "6.1", *options]) == 0
+    studies = sorted(path.name for path in (folder / "runs").iterdir())
+    assert len(studies) >= 6
+    for study in studies[::2]:
+        shutil.copytree(folder / "runs" / study, again / "runs" / study)
+    assert main(["reproduce", "3.1", "6.1", "--draws", "3", "--jobs", "1", "--out", str(again)]) == 0
     names = sorted(path.name for path in folder.iterdir() if path.suffix in (".md", ".csv", ".html", ".png"))
     assert {"reproduction.md", "tables.md", "cells.csv", "ensembles.csv", "complexity.csv"} <= set(names)
     for name in names:
         assert (folder / name).read_bytes() == (again / name).read_bytes(), name
-    content = json.loads(told.read_text())
+
+
+def test_what_is_told_is_what_is_written(folder: Path) -> None:
+    content = json.loads((folder / "told.json").read_text())
     assert content["tables"] == ["3.1", "6.1"]
-    with (again / "cells.csv").open() as file:
+    with (folder / "cells.csv").open() as file:
         assert len(content["cells"]) == len(list(csv.DictReader(file))) == 33
 
 

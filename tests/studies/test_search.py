@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,6 +45,9 @@ BEST = sorted(name for name in shipped("runs") if name.startswith(("best_", "lea
 
 def quiet(_done: int, _of: int) -> None:
     """No progress."""
+
+
+same_draws = cache(draws)  # of several shipped runs: made once
 
 
 def assert_close(again: Mapping[str, Value], values: Mapping[str, Value]) -> None:
@@ -407,6 +411,6 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     assert f"# {task.command(asked.controllers)}" == text.splitlines()[0]
     searched = structures(load_system(asked.system), asked.controllers, devices, asked.scheme)
     first = asked.draws * GROWTH ** (rungs(len(searched)) - 1)
-    fresh = draws(asked.system, asked.link, first + GROWTH * first, asked.study)[first:]
+    fresh = same_draws(asked.system, asked.link, first + GROWTH * first, asked.study)[first:]
     found = score(case.run.controllers[0], fresh, asked.worst, medians=asked.medians)
     assert found.value == pytest.approx(float(said[1]), abs=0.02)
