@@ -63,7 +63,7 @@ class Network:
         held = dict.fromkeys(self.grid.bolted, 0j)
         held |= {row[b.bus]: b.V * np.exp(1j * np.deg2rad(b.angle)) for b in system.infinite_buses}
         self.held, self.held_V = np.array(list(held), dtype=int), np.array(list(held.values()), complex)
-        self.inverse: Array | None = None
+        self.inverses: dict[Blocked, Array] = {}  # of the Jacobian where it last was needed
         self.first = self._unknowns(model.flow.V, model.I0, np.array(list(model.flow.I.values())))
         self.y = self.first
         if before is not None:
@@ -114,18 +114,18 @@ class Network:
         """Newton's method, with an old Jacobian for as long as that converges quickly; none: no solution found."""
         last = np.inf
         for _ in range(50):
-            inverse = self._inverse(y, known, blocked) if self.inverse is None else self.inverse
-            self.inverse = inverse
-            step = inverse @ self.residual(y, known, blocked)
+            if blocked not in self.inverses:
+                self.inverses[blocked] = self._inverse(y, known, blocked)
+            step = self.inverses[blocked] @ self.residual(y, known, blocked)
             y, size = y - step, float(np.abs(step).max())
             if size < TOLERANCE * (1.0 + float(np.abs(y).max())):
                 return y
             if not size < 0.1 * last:
-                self.inverse = None
+                del self.inverses[blocked]
             if not size < 1e6:
                 break
             last = size
-        self.inverse = None
+        self.inverses.pop(blocked, None)
         return None
 
     def _too_small(self, s: Solution) -> set[str]:
@@ -139,7 +139,6 @@ class Network:
         for count in range(len(installed) + 1):
             for some in combinations(installed, count):
                 blocked = frozenset(some)
-                self.inverse = None if blocked else self.inverse
                 found = (self._newton(start, known, blocked) for start in (self.y, self.y, self.first, 0.5 * self.y))
                 y = next((y for y in found if y is not None), None)
                 s = None if y is None else self.split(y)
