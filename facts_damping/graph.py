@@ -40,7 +40,8 @@ STUCK = -signal.SIGALRM  # exit status of a node with its work done, whose middl
 STOP_S = 15.0  # patience with a node that was told to stop
 MOST_DOMAIN = 232
 
-# UDP is as fast as shared memory here, and a killed node leaves no segment behind.
+# Within LOCALHOST rmw_fastrtps opens shared memory beside UDP, whatever is said here: it is as fast. A user who lets
+# nodes be seen from other hosts has UDP alone.
 ENVIRONMENT = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 
 
