@@ -233,8 +233,8 @@ class Setpoints(Table):
             if not self.shape(key).template.fits(data):
                 return message.tick, message.controller, self._read_slowly(message.tick, pairs, known)
         tick, rows = self._shapes[key].read(data)
-        for row, (controller, device) in zip(rows, key[1], strict=True):
-            row["controller"], row["device"] = controller, device
+        if key[1]:
+            rows["controller"], rows["device"] = zip(*key[1], strict=True)
         return tick, key[0], rows
 
     def _read_slowly(
