@@ -9,6 +9,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Errors only. They are complete, compiler output included.
 INSTALL := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input install
+# Python compiles a module when it is first imported: most never are.
+export PIP_NO_COMPILE := 1
 SAY := @printf '%s\n'
 
 MESSAGES := msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/pyproject.toml \
@@ -87,7 +89,7 @@ $(VENV)/.package: $(METADATA) $(VENV)/.python
 	@touch $@
 
 $(VENV)/.messages: $(MESSAGES) | $(VENV)/.package
-	$(SAY) "set-up: messages (compiled here, about half a minute)"
+	$(SAY) "set-up: messages (compiled here)"
 	@$(INSTALL) ./msg_defs
 	@touch $@
 

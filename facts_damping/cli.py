@@ -70,6 +70,7 @@ def _runs(add: Add) -> None:
     command = add("run", "commands.run", "The same loop as a ROS 2 graph.")
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
     command.add_argument("--mode", choices=["lockstep", "realtime"], default="lockstep", help="default: lockstep")
+    command.set_defaults(nodes=True)
     command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help="longest wait for a silent node")
     text = "serve a live view to Foxglove; default: port 8765"
     command.add_argument("--foxglove", nargs="?", const=8765, type=_whole(1, 65535), metavar="PORT", help=text)
@@ -295,6 +296,10 @@ def _do(arguments: argparse.Namespace) -> None:
     from facts_damping import files
 
     files.check_writable(arguments.json)
+    if getattr(arguments, "nodes", False):
+        from facts_damping.nodes import forked
+
+        forked.load()  # what nodes need, while this process loads what it needs itself
     module, _, name = arguments.function.partition(".")
     getattr(importlib.import_module(f"facts_damping.{module}"), name)(arguments)
 

@@ -106,10 +106,9 @@ def simulate(arguments: argparse.Namespace) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """The same loop as a ROS 2 graph."""
     from facts_damping import graph
-    from facts_damping.nodes import forked
+    from facts_damping.analysis import plots, summary  # noqa: F401 (while what nodes need is loaded, too)
     from facts_damping.recording.reader import load
 
-    forked.load()
     case = configuration.load_case(arguments.run, arguments.set)
     loop.build_loop(case)  # bad input is refused before anything starts
     name = label(case.summary())

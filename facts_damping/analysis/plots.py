@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 WIDTH, PANEL_HEIGHT, MARGIN = 9.0, 2.3, 1.3  # inch
 DPI = 150
+FAST = {"compress_level": 1}  # of PNG: a tenth of the time that a picture takes, for a fifth more bytes
 # Okabe and Ito's palette without its yellow: distinct also for the colour-blind.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 SETPOINT, LIMIT, CLIFF = "setpoint in force", "limit of the setpoint", "ends of the cliff region"
@@ -52,7 +53,7 @@ def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -
         figure = _figure(picture, records)
         if figure is not None:
             path = place / f"{picture.stem}.png"
-            figure.savefig(path, dpi=DPI)
+            figure.savefig(path, dpi=DPI, pil_kwargs=FAST)
             paths.append(path)
     return paths
 
