@@ -43,7 +43,7 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         "": ["py.typed"],
-        f"{NAME}.nodes": ["fastdds.xml"],
+        f"{NAME}.nodes": ["fastdds*.xml"],
         f"{NAME}.report": ["page.*"],
         f"{NAME}.reproduction": ["*.md", "page.html"],
     },

@@ -40,9 +40,7 @@ STUCK = -signal.SIGALRM  # exit status of a node with its work done, whose middl
 STOP_S = 15.0  # patience with a node that was told to stop
 MOST_DOMAIN = 232
 
-# Within LOCALHOST rmw_fastrtps opens shared memory beside UDP, whatever is said here: it is as fast. A user who lets
-# nodes be seen from other hosts has UDP alone.
-ENVIRONMENT = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+ENVIRONMENT = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}  # unless the user says otherwise
 
 
 @dataclass
@@ -225,7 +223,7 @@ def run(
         heard = time.monotonic() + 60.0  # patience with the start, above the nodes' own
         while plant.process.exitcode is None:
             for k, n, late in plant.progress():
-                heard, misses = time.monotonic(), late
+                heard, misses = time.monotonic() if k > 1 else heard, late  # by then all have been heard
                 progress(k, n)
             _check_others(running)
             if time.monotonic() - heard > timeout + 5.0:

@@ -55,4 +55,5 @@ def module_domain() -> Iterator[int]:
 def _new_domain(monkeypatch: pytest.MonkeyPatch) -> int:
     number = next(_DOMAINS)
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # for the tests' own nodes, and the commands of ROS 2
     return number

@@ -34,6 +34,7 @@ RCLError = rclpy_implementation.RCLError
 # Only the emulated link loses data: reliable, and nothing is overwritten before it is read.
 RELIABLE = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
 
+PROFILES, RANGE = "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 COMMON = "/diagnostics"  # everybody's topic
 HEARD_S = 2.0  # wall time that a node that was stopped waits at most for its last messages to arrive
@@ -125,14 +126,27 @@ def _from_wheels() -> bool:
         return False
 
 
+def _set_up_middleware() -> None:
+    """Have Fast DDS use UDP alone and, if it is that of the wheels, a profile of ours, unless the user says otherwise.
+
+    In shared memory a node that is killed would leave what is its own to whoever comes next in the domain.
+    """
+    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    if PROFILES in os.environ or not _from_wheels():
+        return
+    this_host = os.environ.get(RANGE) == "LOCALHOST"
+    os.environ[PROFILES] = str(Path(__file__).with_name("fastdds_this_host.xml" if this_host else "fastdds.xml"))
+    if this_host:
+        os.environ[RANGE] = "SYSTEM_DEFAULT"  # as the profile says
+
+
 def run_node(name: str, make: Callable[[Node], Part]) -> None:
     """Make a node and run it to its end: exit status 0 done or interrupted, 1 failed, 2 bad input.
 
     One line on standard error says why.
     """
     status = 0
-    if _from_wheels():
-        os.environ.setdefault("FASTDDS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("fastdds.xml")))
+    _set_up_middleware()
     stop_by_signals()
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node(name, enable_rosout=False, start_parameter_services=True)

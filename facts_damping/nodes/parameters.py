@@ -35,6 +35,8 @@ RUN_FIELDS = ("system", "scenario", "link", "frame_rate", "duration", "seed")
 
 FIXED = ("window", "start", "duration")  # of a link's stage: not to be changed while it runs
 
+FIRST_ANSWERS = 1  # tick by which every node has been heard: an identifier's first estimate is waited for in tick 1
+
 OPTIONS: dict[str, tuple[Any, str]] = {
     "mode": (
         "lockstep",
@@ -61,6 +63,10 @@ class Options:
     def realtime(self) -> bool:
         """Whether the plant is paced by the clock."""
         return self.mode == "realtime"
+
+    def patience(self, tick: int) -> float:
+        """Longest wait for an answer to a tick, s: until the first ones are there, nodes may still be starting."""
+        return max(self.timeout, self.start_timeout) if tick <= FIRST_ANSWERS else self.timeout
 
 
 def descriptor(description: str, unit: str = "", low: Any = None, high: Any = None, read_only: bool = True) -> Any:

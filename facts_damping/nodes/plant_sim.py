@@ -99,11 +99,12 @@ class PlantSim:
     def wait_lockstep(self, tick: int) -> None:
         """Wait for the setpoints of a tick; a link that stays silent is named."""
         # A link gives up on a silent controller first, and names it: its patience is shorter.
-        deadline = time.monotonic() + self.options.timeout + 1.0
+        patience = self.options.patience(tick)
+        deadline = time.monotonic() + patience + 1.0
         while min(self.answered) < tick:
             if not self.spinner.turn(0.05) and time.monotonic() > deadline:
                 who = ", ".join(str(self.links[i]) for i, newest in enumerate(self.answered) if newest < tick)
-                raise RunError(f"{who} is silent: no setpoints of tick {tick} within {self.options.timeout:g} s")
+                raise RunError(f"{who} is silent: no setpoints of tick {tick} within {patience:g} s")
 
     def wait_realtime(self, tick: int, wall_end: float) -> None:
         """Take what comes until the clock says that the tick is over; count it if its setpoints are not there."""

@@ -107,11 +107,12 @@ class ReplaySource:
 
     def wait(self, tick: int) -> None:
         """Wait for the answers to a tick; who stays silent is named."""
-        deadline = time.monotonic() + self.options.timeout + 1.0
+        patience = self.options.patience(tick)
+        deadline = time.monotonic() + patience + 1.0
         while min(self.answered.values()) < tick:
             if not self.spinner.turn(0.05) and time.monotonic() > deadline:
                 who = ", ".join(name for name, newest in self.answered.items() if newest < tick)
-                raise RunError(f"{who} is silent: no answer to tick {tick} within {self.options.timeout:g} s")
+                raise RunError(f"{who} is silent: no answer to tick {tick} within {patience:g} s")
 
 
 def _entries(start: int, frame: NDArray[np.float64]) -> NDArray[Any]:

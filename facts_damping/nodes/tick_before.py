@@ -22,7 +22,7 @@ class TickBefore:
     def __init__(self, options: Options, sender: str, step: Callable[[int, Any, list[Any]], None]) -> None:
         """`step(tick, frames, told)` is called for each tick in turn; `sender`: who tells, empty for nobody."""
         self._waits = bool(sender) and not options.realtime
-        self._sender, self._step, self._patience = sender, step, PATIENCE * options.timeout
+        self._sender, self._step, self._options = sender, step, options
         self._told: list[tuple[int, Any]] = []
         self._frames: list[tuple[int, Any]] = []
         self._newest, self._heard = -1, time.monotonic()
@@ -50,7 +50,9 @@ class TickBefore:
         """Serve until stopped. Raises `RunError` naming the sender when it is silent while frames wait."""
         while True:
             spinner.turn(0.1)
-            if self._frames and time.monotonic() - self._heard > self._patience:
-                raise RunError(
-                    f"{self._sender} is silent: nothing of tick {self._frames[0][0] - 1} within {self._patience:g} s"
-                )
+            if not self._frames:
+                continue
+            tick = self._frames[0][0]
+            patience = PATIENCE * self._options.patience(tick)
+            if time.monotonic() - self._heard > patience:
+                raise RunError(f"{self._sender} is silent: nothing of tick {tick - 1} within {patience:g} s")

@@ -132,7 +132,7 @@ class WanLink:
             if self.spinner.turn(0.1):
                 self.heard = time.monotonic()
                 continue
-            patience = self.options.timeout + (0.0 if self.missing else PATIENCE_S)
+            patience = self.options.patience(self.tick) + (0.0 if self.missing else PATIENCE_S)
             if self.owed() and time.monotonic() - self.heard > patience:
                 who = ", ".join(sorted(self.places[name] for name in self.missing)) or "plant_sim"
                 raise RunError(f"{who} is silent: nothing after tick {self.tick} within {patience:g} s")

@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +22,6 @@ from tests.nodes.graphs import PATIENCE_S, assert_named, assert_same, nodes_left
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.1234])
@@ -119,6 +120,20 @@ def test_dead_or_silent_node_is_named(
     domain: int, tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
 ) -> None:
     assert_named([], tmp_path, started, node, number, said)
+
+
+def test_nodes_share_no_memory(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
+    """A node that is killed would leave it to whoever comes next."""
+    mapped: dict[str, str] = {}
+
+    def look(_done: int, _of: int) -> None:
+        for name, node in started.items():
+            with suppress(OSError):  # it has ended
+                mapped[name] = Path(f"/proc/{node.process.pid}/maps").read_text()
+
+    graph.run(load_case(None, ["duration=2"]), "lockstep", tmp_path, look)
+    assert {"wan_link", "recorder"} <= set(mapped)
+    assert all("libfastdds" in maps and "/dev/shm/fastdds" not in maps for maps in mapped.values() if maps)
 
 
 def test_killed_recorder_leaves_what_it_had_flushed(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:

@@ -127,7 +127,7 @@ def test_a_graph_with_any_links_is_the_in_process_run_bit_for_bit(
     """It does not crash, does not wait for ever, and loses nothing but what the links lose."""
     seeded = [f"link={json.dumps(one)}", f"seed={seed}", "duration=3"]
     case = load_case(None, sets(scheme, {"signals": ["w13"], "compensation": compensation, "link": other}, *seeded))
-    outcome = graph.run(case, "lockstep", tmp_path_factory.mktemp("graph"), quiet)
+    outcome = graph.run(case, "lockstep", tmp_path_factory.mktemp("graph"), quiet, LOADED_S)
     assert outcome.messages_lost == 0
     assert_same(load(outcome.recording), loop.run(case))
 
@@ -171,7 +171,7 @@ def test_links_that_are_late_by_turns_change_nothing(domain: int, tmp_path: Path
             os.kill(pid, signal.SIGCONT)
 
     case = load_case(None, [*APART, "duration=10"])
-    graph.run(case, "lockstep", tmp_path, hold)
+    graph.run(case, "lockstep", tmp_path, hold, LOADED_S)
     assert next(turns, "none left") in (SUBSTATION, "none left")
     assert_same(load(tmp_path / "recording"), loop.run(case))
 

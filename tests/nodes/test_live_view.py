@@ -28,7 +28,7 @@ from facts_damping.nodes.live_view import LISTENING
 from facts_damping.nodes.node import RELIABLE, wait_for_peers
 from facts_damping.nodes.parameters import Options
 from facts_damping.recording.reader import load
-from tests.nodes.graphs import PATIENCE_S, assert_same, nodes_left, payloads, quiet
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, nodes_left, payloads, quiet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -176,7 +176,7 @@ def test_lockstep_recording_with_a_view_equals_the_in_process_run(
     domain: int, tmp_path: Path, port: int, client: Client
 ) -> None:
     case = load_case(None, SETS)
-    outcome = graph.run(case, "lockstep", tmp_path, quiet, view_port=port)
+    outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S, view_port=port)
     client.end()
     assert outcome.messages_lost == 0
     assert client.messages
@@ -198,7 +198,7 @@ def test_client_that_does_not_read_holds_nobody_up(domain: int, tmp_path: Path, 
                 stalled.append(opened.enter_context(one))
                 stalled[0].send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
 
-        outcome = graph.run(case, "lockstep", tmp_path, stall, view_port=port)
+        outcome = graph.run(case, "lockstep", tmp_path, stall, LOADED_S, view_port=port)
     assert stalled
     assert outcome.messages_lost == 0
     assert_same(load(outcome.recording), loop.run(case))
@@ -209,7 +209,7 @@ def test_view_that_dies_does_not_end_the_run(domain: int, tmp_path: Path, port: 
         started["live_view"].process.kill()
 
     case = load_case(None, ["duration=10"])
-    outcome = graph.run(case, "lockstep", tmp_path, strike, view_port=port)
+    outcome = graph.run(case, "lockstep", tmp_path, strike, LOADED_S, view_port=port)
     assert_same(load(outcome.recording), loop.run(case))
     assert started["live_view"].process.exitcode is not None
 
@@ -239,7 +239,7 @@ def test_view_by_hand_serves_graph_after_graph_and_ends_quietly(
     client = Client(port)
     _wait(lambda: bool(client.channels))
     for name in ("first", "second"):
-        graph.run(load_case(None, ["duration=10"]), "lockstep", tmp_path / name, quiet)
+        graph.run(load_case(None, ["duration=10"]), "lockstep", tmp_path / name, quiet, LOADED_S)
 
     def begins_again() -> bool:
         stamps = [log_time for log_time, _ in client.messages.get("/plant/state", [])]

@@ -19,7 +19,7 @@ from facts_damping.files import read_table
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.recording.reader import load
 from facts_damping.studies.architectures import controllers
-from tests.nodes.graphs import assert_named, assert_same, quiet
+from tests.nodes.graphs import LOADED_S, assert_named, assert_same, quiet
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -56,7 +56,7 @@ def test_a_graph_with_an_lqg_is_the_in_process_run_bit_for_bit(
     domain: int, tmp_path: Path, system: list[str], link: str
 ) -> None:
     case = load_case(None, [*system, "controllers.0.name=LQG", LINKS[link], "duration=4"])
-    graph.run(case, "lockstep", tmp_path, quiet)
+    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     recorded, computed = load(tmp_path / "recording"), loop.run(case)
     assert np.abs(computed.applied["value"]).max() > 0.01
     assert_same(recorded, computed)
@@ -68,7 +68,7 @@ def test_a_graph_with_identifier_is_the_in_process_run_bit_for_bit(
 ) -> None:
     own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"link={link}", "duration=4"]
     case = load_case(None, [*scenario, *own])
-    graph.run(case, "lockstep", tmp_path, quiet)
+    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     recorded, computed = load(tmp_path / "recording"), loop.run(case)
     assert np.any(computed.applied["value"] != 0.0)
     assert len(computed.estimates) == (240 if scheme == "indirect" else 0)
@@ -82,7 +82,7 @@ def test_a_centralised_graph_is_the_in_process_run_bit_for_bit(
     """Two signals, two devices; all of them: benchmarks/graphs.py."""
     own = [*controllers("centralised", name, scheme), f"scenario={scenario}", f"link={link}", "duration=2"]
     case = load_case(None, own)
-    graph.run(case, "lockstep", tmp_path, quiet)
+    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     recorded, computed = load(tmp_path / "recording"), loop.run(case)
     assert {0, 1} == set(computed.issued["device"])
     assert len(computed.estimates) == (4 * 120 if scheme == "indirect" else 0)
@@ -97,7 +97,7 @@ def test_two_indirect_controllers_each_with_its_identifier(domain: int, tmp_path
     rows[1] |= {"name": "HBsWC", "scheme": "indirect"}
     sets = ["devices=[sssc, statcom]", f"controllers={rows}", "scenario=large", "duration=4"]
     case = load_case(None, sets)
-    graph.run(case, "lockstep", tmp_path, quiet)
+    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     recorded = load(tmp_path / "recording")
     assert set(recorded.estimates["controller"]) == {0, 1}
     assert_same(recorded, loop.run(case))
@@ -107,12 +107,12 @@ def test_weights_are_saved_and_a_run_goes_on_from_them(domain: int, tmp_path: Pa
     case = load_case(None, [*HBSWC, "duration=4"])
     built = loop.build_loop(case)
     loop.finish(case, built)
-    graph.run(case, "lockstep", tmp_path / "first", quiet)
+    graph.run(case, "lockstep", tmp_path / "first", quiet, LOADED_S)
     (file,) = (tmp_path / "first").glob("*.weights.yaml")
     (learnt,) = adapted.all_adapted(case, built).values()
     assert read_table(file) == learnt.model_dump()
     warm = load_case(None, [*HBSWC, "duration=4", f"controllers.0.weights={file}"])
-    graph.run(warm, "lockstep", tmp_path / "second", quiet)
+    graph.run(warm, "lockstep", tmp_path / "second", quiet, LOADED_S)
     recorded = load(tmp_path / "second" / "recording")
     assert_same(recorded, loop.run(warm))
     assert recorded.configuration["controllers"][0]["weights"] == learnt.model_dump()
@@ -121,7 +121,7 @@ def test_weights_are_saved_and_a_run_goes_on_from_them(domain: int, tmp_path: Pa
 
 def test_inner_state_and_estimates_are_published_every_tick(domain: int, tmp_path: Path) -> None:
     case = load_case(None, [*HBSWC, "duration=3"])
-    graph.run(case, "lockstep", tmp_path, quiet)
+    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     found: dict[str, list[bytes]] = {}
     with next((tmp_path / "recording").glob("*.mcap")).open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
@@ -195,7 +195,7 @@ def test_parameters_that_are_safe_to_change_change_while_it_runs(start: Any, cli
 def test_an_unstable_run_with_identifier_ends_where_the_in_process_run_ends(domain: int, tmp_path: Path) -> None:
     sets = [*HBSWC, "controllers.0.parameters.weight=0", "controllers.0.parameters.eta=0", "frame_rate=30"]
     case = load_case(None, sets)
-    graph.run(case, "lockstep", tmp_path, quiet)
+    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     recorded = load(tmp_path / "recording")
     assert not recorded.in_synchronism[-1]
     assert_same(recorded, loop.run(case))
@@ -208,7 +208,7 @@ def test_a_graph_with_prediction_is_the_in_process_run_bit_for_bit(domain: int, 
     case = load_case(
         None, [*HBSWC, "controllers.0.compensation=prediction", link, "link.down=[{delay: 0.1}]", "duration=3"]
     )
-    graph.run(case, "lockstep", tmp_path, quiet)
+    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     recorded, computed = load(tmp_path / "recording"), loop.run(case)
     assert_same(recorded, computed)
     assert np.isfinite(recorded.estimates["change"]).mean() > 0.8

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import time
@@ -111,6 +112,25 @@ def test_missing_peer_is_named(start: Any) -> None:
     assert time.monotonic() - began < PATIENCE_S / 2
     assert node.returncode == 1
     assert "a subscriber of /pmu/frames, a publisher of /setpoints/delivered" in errors
+
+
+def test_first_answer_is_waited_for_as_long_as_the_start(start: Any, client: Any) -> None:
+    """A node may be there, and known to the others, before it works."""
+
+    def wait_until_it_serves(name: str) -> None:
+        client(GetParameters, f"/{name}/get_parameters", GetParameters.Request(names=["duration"]))
+
+    common = {"duration": 0.1, "timeout": 2.0, "start_timeout": PATIENCE_S}
+    link, controller = start("wan_link", **common), start("controller", **common)
+    wait_until_it_serves("controller")
+    controller.send_signal(signal.SIGSTOP)
+    plant = start("plant_sim", **common)
+    wait_until_it_serves("plant_sim")
+    time.sleep(2.0 * common["timeout"])
+    assert (plant.poll(), link.poll()) == (None, None)
+    controller.send_signal(signal.SIGCONT)
+    _, errors = plant.communicate(timeout=PATIENCE_S)
+    assert (plant.returncode, errors) == (0, "")
 
 
 STUCK = """

@@ -16,7 +16,7 @@ from facts_damping.files import share_folder
 from facts_damping.recording import RecordingWriter, load
 from facts_damping.recording.scan import scan
 from facts_damping.views import layouts
-from tests.nodes.graphs import assert_same, quiet
+from tests.nodes.graphs import LOADED_S, assert_same, quiet
 from tests.views.bags import (
     Bag,
     Found,
@@ -54,7 +54,7 @@ class Recorded(NamedTuple):
 def recorded(request: pytest.FixtureRequest, module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     name = request.param
     case = load_case(name, ["duration=2", *RUNS[name]])
-    folder = graph.run(case, "lockstep", tmp_path_factory.mktemp(name), quiet).recording
+    folder = graph.run(case, "lockstep", tmp_path_factory.mktemp(name), quiet, LOADED_S).recording
     texts = layouts(case)
     return Recorded(folder, read(folder), texts["foxglove.json"], texts["plotjuggler.xml"])
 
