@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import bokeh
+from bokeh.document import Document
 from bokeh.embed import components
 from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -54,6 +55,10 @@ def page(report: Report) -> str:
     """A report as HTML. Names and notes are text of the recordings: all is escaped but what Bokeh makes."""
     drawn = draw(report)
     flat: dict[str, Model] = {f"{key}-{i}": one.figure for key, parts in drawn.items() for i, one in enumerate(parts)}
+    document = Document()
+    with document.models.freeze():  # else all that they share is gone through again at each
+        for figure in flat.values():
+            document.add_root(figure)
     script, divs = components(flat) if flat else ("", {})
     figures = {
         key: [(one.title, Markup(divs[f"{key}-{i}"])) for i, one in enumerate(parts)]  # noqa: S704 (Bokeh's own)

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from tempfile import NamedTemporaryFile
+from typing import IO, TYPE_CHECKING, Any
 
 import pytest
 import rclpy
@@ -13,6 +19,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 from facts_damping import graph
+from facts_damping.nodes import forked
 from tests.nodes.graphs import PATIENCE_S
 
 if TYPE_CHECKING:
@@ -35,30 +42,81 @@ def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return found
 
 
+@dataclass
+class Started:
+    """A node that runs, and the files that take what it says."""
+
+    name: str
+    pid: int
+    poll: Callable[[], int | None]
+    output: IO[str]
+    errors: IO[str]
+
+    def wait(self, until: Callable[[], bool], timeout: float) -> None:
+        """Wait until something holds."""
+        deadline = time.monotonic() + timeout
+        while not until():
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"{self.name}: nothing within {timeout:g} s")
+            time.sleep(0.01)
+
+    def communicate(self, timeout: float) -> tuple[str, str]:
+        """Wait until it has ended; all that it said."""
+        self.wait(lambda: self.poll() is not None, timeout)
+        return self.said()
+
+    def said(self) -> tuple[str, str]:
+        """What it said so far, on standard output and error."""
+        return Path(self.output.name).read_text(), Path(self.errors.name).read_text()
+
+    @property
+    def returncode(self) -> int | None:
+        """Its exit status."""
+        return self.poll()
+
+    def send_signal(self, number: int) -> None:
+        """A signal, if it runs."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        """Tell it to stop."""
+        self.send_signal(signal.SIGTERM)
+
+
 @pytest.fixture
-def start(domain: int) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Starts executables by name with parameters; whatever still runs at the end is stopped, and told by a failure."""
-    running: list[tuple[str, subprocess.Popen[str]]] = []
+def start(domain: int) -> Iterator[Callable[..., Started]]:
+    """Starts executables by name with parameters; whatever still runs at the end is stopped, and told by a failure.
 
-    def start_one(executable: str, *options: str, **parameters: Any) -> subprocess.Popen[str]:
-        arguments = [str(Path(sys.executable).parent / executable), "--ros-args", *options]
-        for name, value in parameters.items():
-            arguments += ["-p", f"{name}:={value}"]
-        popen = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        running.append((executable, popen))
-        return popen
+    `cold`: as `ros2 run` does, not forked from a process that has everything loaded.
+    """
+    with ExitStack() as opened:
+        running: list[Started] = []
 
-    yield start_one
-    for executable, popen in running:
-        ended = popen.poll()
-        if ended is None:
-            popen.terminate()
-        try:
-            said = popen.communicate(timeout=10)
-        except subprocess.TimeoutExpired:
-            popen.kill()
-            said = popen.communicate()
-        print(f"{executable}: {'still ran' if ended is None else 'had ended'}, {popen.returncode}, said {said}")
+        def start_one(executable: str, *options: str, cold: bool = False, **parameters: Any) -> Started:
+            arguments = ["--ros-args", *options]
+            for name, value in parameters.items():
+                arguments += ["-p", f"{name}:={value}"]
+            output, errors = (opened.enter_context(NamedTemporaryFile("w")) for _ in range(2))
+            if cold:
+                command = [str(Path(sys.executable).parent / executable), *arguments]
+                popen = subprocess.Popen(command, stdout=output, stderr=errors)
+                running.append(Started(executable, popen.pid, popen.poll, output, errors))
+            else:
+                node = forked.start(executable, arguments, os.environ, output.name, errors.name)
+                running.append(Started(executable, node.pid or 0, lambda: node.exitcode, output, errors))
+            return running[-1]
+
+        yield start_one
+        ended = [node.poll() for node in running]
+        for node, status in zip(running, ended, strict=True):
+            node.terminate()
+            try:
+                node.communicate(timeout=10)
+            except TimeoutError:
+                node.send_signal(signal.SIGKILL)
+            state = "still ran" if status is None else "had ended"
+            print(f"{node.name}: {state}, {node.communicate(timeout=10)}, {node.poll()}")
 
 
 @pytest.fixture

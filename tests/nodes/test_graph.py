@@ -122,18 +122,23 @@ def test_dead_or_silent_node_is_named(
     assert_named([], tmp_path, started, node, number, said)
 
 
-def test_nodes_share_no_memory(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
-    """A node that is killed would leave it to whoever comes next."""
+def test_nodes_share_no_memory_and_ask_nobody_for_types(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
+    """A node that is killed would leave the one to whoever comes next, and the other without an answer."""
     mapped: dict[str, str] = {}
+    threads: set[str] = set()
 
     def look(_done: int, _of: int) -> None:
         for name, node in started.items():
             with suppress(OSError):  # it has ended
-                mapped[name] = Path(f"/proc/{node.process.pid}/maps").read_text()
+                process = Path(f"/proc/{node.process.pid}")
+                mapped[name] = (process / "maps").read_text()
+                threads.update(path.read_text().strip() for path in process.glob("task/*/comm"))
 
     graph.run(load_case(None, ["duration=2"]), "lockstep", tmp_path, look)
     assert {"wan_link", "recorder"} <= set(mapped)
     assert all("libfastdds" in maps and "/dev/shm/fastdds" not in maps for maps in mapped.values() if maps)
+    assert any(name.startswith("dds.udp") for name in threads)
+    assert not any(name.startswith(("dds.shm", "dds.tls")) for name in threads)
 
 
 def test_killed_recorder_leaves_what_it_had_flushed(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:

@@ -226,7 +226,7 @@ def test_a_second_graph_of_other_architecture_is_refused(domain: int, tmp_path: 
     common = {"scenario": "large", "start_timeout": PATIENCE_S}
     nodes = [start(name, **common) for name in ("wan_link", "controller")]
     plant = start("plant_sim", mode="realtime", duration=1000.0, **common)
-    assert "tick" in plant.stdout.readline()
+    plant.wait(lambda: "tick" in plant.said()[0], PATIENCE_S)
     with pytest.raises(RunError, match="another graph publishes /pmu/frames too"):
         graph.run(load_case(None, APART), "lockstep", tmp_path, quiet)
     assert all(node.poll() is None for node in (plant, *nodes))
@@ -266,7 +266,7 @@ def test_a_delay_may_be_changed_while_the_link_runs(start: Any, client: Any, tmp
     for name in ("wan_link", "controller"):
         start(name, **common)
     plant = start("plant_sim", **common)
-    assert "tick" in plant.stdout.readline()
+    plant.wait(lambda: "tick" in plant.said()[0], PATIENCE_S)
 
     def change(name: str, value: float) -> Any:
         asked = Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 def test_nodes_started_one_by_one_give_the_in_process_run(start: Any, tmp_path: Path) -> None:
     common = {"scenario": "large", "duration": 3.0, "link": "delay_100ms", "recorder": "true", "start_timeout": 60.0}
-    recorder = start("recorder", output=tmp_path / "bag", **common)
-    plant = start("plant_sim", **common)
-    start("wan_link", **common)
-    start("controller", "-r", "__node:=damper", **common)
+    recorder = start("recorder", cold=True, output=tmp_path / "bag", **common)
+    plant = start("plant_sim", cold=True, **common)
+    start("wan_link", cold=True, **common)
+    start("controller", "-r", "__node:=damper", cold=True, **common)
     _, errors = plant.communicate(timeout=PATIENCE_S)
     assert (plant.returncode, errors) == (0, "")
     recorder.terminate()
@@ -97,7 +97,7 @@ def test_parameters_have_description_unit_and_range(start: Any, client: Any) -> 
     ],
 )
 def test_bad_parameter_is_exit_2_and_one_line(start: Any, executable: str, parameters: Any, said: str) -> None:
-    node = start(executable, **parameters)
+    node = start(executable, cold=executable == "recorder", **parameters)
     output, errors = node.communicate(timeout=PATIENCE_S)
     assert node.returncode == 2
     assert output == ""
