@@ -31,15 +31,16 @@ def permitted() -> bool:
     """Whether namespaces, bridges, cables and TAP interfaces may be made here: tried."""
     if shutil.which("ip") is None:
         return False
+    probe = f"fd{os.getpid()}"  # other processes try at the same time
     tried = (
-        "netns add fd_probe",
-        "-n fd_probe link add hub type bridge",
-        "-n fd_probe link add one type veth peer name other",
+        f"netns add {probe}",
+        f"-n {probe} link add hub type bridge",
+        f"-n {probe} link add one type veth peer name other",
     )
     made = [subprocess.run(["ip", *one.split()], capture_output=True, check=False).returncode for one in tried]
-    subprocess.run(["ip", "netns", "delete", "fd_probe"], capture_output=True, check=False)
+    subprocess.run(["ip", "netns", "delete", probe], capture_output=True, check=False)
     try:
-        os.close(interface("fd_probe"))
+        os.close(interface(probe))
     except OSError:
         return False
     return not any(made)
