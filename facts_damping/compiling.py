@@ -27,18 +27,17 @@ if TYPE_CHECKING:
 
 PACKAGE = "facts_damping"
 ROOT = Path(__file__).parent
-# Where compiled functions are, and what they are given: rooms, and files of the package's ground floor.
-ROOMS = ("compiling", "control", "link", "loop", "matrices", "neurofuzzy", "plant", "signals")
+# Where compiled functions are, and what they are given: rooms, and single files.
+ROOMS = ("compiling", "control", "link", "loop", "matrices", "neurofuzzy", "nodes.packing", "plant", "signals")
 KEPT = 4  # folders of one file: those of other versions of it
 _IMPORT = re.compile(rf"^[ ]*from ({PACKAGE}[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 
 def _source(module: str) -> Path | None:
     """The source of a module of the kernels' rooms; None for any other name."""
-    name, *rest = module.split(".")
-    if name != PACKAGE or not rest or rest[0] not in ROOMS:
+    if not any(f"{module}.".startswith(f"{PACKAGE}.{room}.") for room in ROOMS):
         return None
-    path = ROOT.joinpath(*rest)
+    path = ROOT.joinpath(*module.split(".")[1:])
     return next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
 
 
@@ -150,6 +149,18 @@ def _inner(function: Any) -> Any:
     made = _compiled(function, no_cpython_wrapper=True)
     made._insert, made._compile_for_args = (lambda *_, **__: None), refuse  # noqa: SLF001 (Numba has no other place)
     return made
+
+
+def specialised(kernel: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
+    """A kernel for arguments of the types of these, compiled or found in the cache.
+
+    Numba looks at the types of all arguments at every call: of the hundred arrays of a controller's state for longer
+    than the call takes. Here they are looked at once; what is called later must be of the same types, arrays of the
+    same number of axes and order in memory.
+    """
+    made: Any = kernel
+    found: Callable[..., Any] = made.compile(tuple(map(numba.typeof, arguments)))
+    return found
 
 
 if TYPE_CHECKING:  # what the functions take and return

@@ -242,27 +242,3 @@ def finish(case: Case, loop: Loop) -> Record:
         links=len(case.links),
         events=[event for event in grid_events(case) if event["time_ns"] <= kept.time_ns[ticks - 1]],
     )
-
-
-def rehearse(case: Case) -> None:
-    """Call every function of a tick once, as the nodes do, on a state that is thrown away.
-
-    Compiles them, or loads them from the cache, before a clock runs.
-    """
-    loop = build_loop(case)
-    kept = room(case, loop, 1)
-    end = tick_ns(1, case.run.frame_rate)
-    measure(loop.plant, loop.plant_state, 0, kept.frames[0], kept.machines[0], kept.devices[0], loop.work)
-    delivered = [uplink(loop.links, link, 0, 0, end, kept.frames[0]) for link in range(len(case.links))]
-    arrived, issued, applied = loop.links.up.out, 0, 0
-    for c, link in enumerate(case.used_links):
-        issued = act(loop.bank, loop.bank_state, c, 0, arrived[link], delivered[link], loop.issued, issued)
-    for n, c in enumerate(loop.identifiers.controller):
-        link = case.used_links[c]
-        identify(loop.identifiers, loop.identifier_state, n, arrived[link], delivered[link])
-        remember(loop.identifiers, loop.identifier_state, n, loop.issued, issued)
-        tell(loop.identifiers, loop.identifier_state, n, 0, kept.estimates, 0)
-    for link in range(len(case.links)):
-        count = downlink(loop.links, link, 0, end, loop.issued, issued)
-        applied = merge(loop.applied, applied, loop.links.down.out[link], count)
-    advance(loop.plant, loop.plant_state, 0, end, loop.applied, applied, loop.work)

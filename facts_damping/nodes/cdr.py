@@ -10,12 +10,13 @@ does not fit it is read by rclpy as usual.
 from __future__ import annotations
 
 import re
-import struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from rclpy.serialization import serialize_message
 
+from facts_damping.compiling import specialised
+from facts_damping.nodes.packing import take
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -31,10 +32,10 @@ FORMATS = {
     "uint16": "u2",
     "int32": "i4",
     "uint32": "u4",
+    "int64": "i8",
     "uint64": "u8",
     "double": "f8",
 }
-_STAMP, _TICK = struct.Struct("<iI"), struct.Struct("<Q")
 _SEQUENCE = re.compile(r"sequence<(.+)>")
 
 
@@ -85,24 +86,39 @@ class Field(NamedTuple):
     places: NDArray[np.int64]
 
 
+class Room:
+    """Bytes of a message: all of them, and the stream by format of its numbers."""
+
+    def __init__(self, size: int) -> None:
+        """Make room for `size` bytes, the encapsulation included; the stream begins at a multiple of eight."""
+        room = np.zeros(HEADER + size, np.uint8)
+        self.all = room[HEADER:]
+        stream = room[2 * HEADER :]
+        self.of = {
+            form: stream[: len(stream) // int(form[1]) * int(form[1])].view(f"<{form}") for form in FORMATS.values()
+        }
+
+
 class Template:
-    """The bytes of a message whose strings and lengths stay; it begins with a header's stamp."""
+    """The bytes of a message whose strings and lengths stay; it begins with a header's stamp.
+
+    `sent` is what is written and published, `come` the newest message of its shape that was taken.
+    """
 
     def __init__(self, message: Any) -> None:
         """Lay out `message`; its numbers may be changed later, its strings and lengths may not."""
         serialised = np.frombuffer(serialize_message(message), np.uint8)
         self._places, shape, end = places(message)
-        self._shape = np.array(shape) + HEADER
-        self._constant = serialised[self._shape].tobytes()
-        self._tick = HEADER + self._places["tick"][0]
         # Padding is zero, between fields and at the end, where DDS fills up a word: equal runs, equal bytes.
         # (rclpy leaves room after empty sequences that the stream does not need.)
-        self._buffer = bytearray(_words(HEADER + end))
-        kept = np.frombuffer(self._buffer, np.uint8)
+        self.sent, self.come = Room(-(-(HEADER + end) // 4) * 4), Room(HEADER + end)
+        self._shape = np.array(shape, np.int64) + HEADER
+        self._names = serialised[self._shape]
         used = [np.arange(offset, offset + int(form[1])) + HEADER for offset, form in self._places.values()]
         for part in (np.arange(HEADER), self._shape, *used):
-            kept[part] = serialised[part]
-        self._views = {form: _numbers(self._buffer, form) for form in FORMATS.values()}
+            self.sent.all[part] = serialised[part]
+        self._tick = self._places["tick"][0] // 8
+        self._take = specialised(take, serialised, self.come.all, self._shape, self._names)
 
     def index(self, paths: Iterable[str]) -> Field:
         """The fields of some paths, all of one format."""
@@ -111,44 +127,32 @@ class Template:
         return Field(form, np.array([offset // int(form[1]) for offset, _ in known], np.int64))
 
     def write(self, field: Field, values: Any) -> None:
-        """Put values into fields."""
-        self._views[field.form][field.places] = values
+        """Put values into fields of what is sent."""
+        self.sent.of[field.form][field.places] = values
 
     def write_head(self, start_ns: int, tick: int) -> None:
         """Put the stamp of the header and the tick."""
-        _STAMP.pack_into(self._buffer, HEADER, *divmod(start_ns, NANOSECONDS))
-        _TICK.pack_into(self._buffer, self._tick, tick)
+        of = self.sent.of
+        of["i4"][0], of["u4"][1] = divmod(start_ns, NANOSECONDS)
+        of["u8"][self._tick] = tick
 
     def data(self) -> bytes:
         """The message as it stands, to be published raw."""
-        return bytes(self._buffer)
+        return self.sent.all.tobytes()
 
-    def fits(self, data: bytes) -> bool:
-        """Whether `data` is a message of this shape: equal but for its numbers (and what pads it)."""
-        if _words(len(data)) < len(self._buffer):
-            return False
-        return bool(np.frombuffer(data, np.uint8)[self._shape].tobytes() == self._constant)
+    def take(self, data: bytes) -> bool:
+        """Take a message if it is of this shape: equal but for its numbers (and what pads it)."""
+        return bool(self._take(np.frombuffer(data, np.uint8), self.come.all, self._shape, self._names))
 
-    def tick_of(self, data: bytes) -> int:
-        """Tick of a message that fits."""
-        return int(_TICK.unpack_from(data, self._tick)[0])
+    def tick(self) -> int:
+        """Tick of the message that was taken."""
+        return int(self.come.of["u8"][self._tick])
 
-    def start_of(self, data: bytes) -> int:
-        """Stamp of the header of a message that fits, ns."""
-        sec, nanosec = _STAMP.unpack_from(data, HEADER)
-        return int(sec * NANOSECONDS + nanosec)
+    def start_ns(self) -> int:
+        """Stamp of its header, ns."""
+        of = self.come.of
+        return int(of["i4"][0]) * NANOSECONDS + int(of["u4"][1])
 
-
-def read(data: bytes, field: Field) -> NDArray[Any]:
-    """Values of fields in a message that fits their template."""
-    return _numbers(data, field.form)[field.places]
-
-
-def _numbers(data: bytes | bytearray, form: str) -> NDArray[Any]:
-    """The stream as numbers of one format."""
-    return np.frombuffer(data, f"<{form}", (len(data) - HEADER) // int(form[1]), HEADER)
-
-
-def _words(size: int) -> int:
-    """A size filled up to whole words of four bytes."""
-    return -(-size // 4) * 4
+    def read(self, field: Field) -> NDArray[Any]:
+        """Values of its fields."""
+        return self.come.of[field.form][field.places]

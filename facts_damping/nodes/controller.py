@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
 from facts_damping.adapted import adapted
+from facts_damping.compiling import specialised
 from facts_damping.control.bank import act, serve
-from facts_damping.loop import issue_room, rehearse, tick_ns
+from facts_damping.loop import issue_room, tick_ns
 from facts_damping.nodes.messages import Estimate, Estimates, Inner
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
@@ -16,6 +18,7 @@ from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.nodes.tick_before import TickBefore
 from facts_damping.parts import build_control, controller_addresses, identifier_addresses, link_addresses
+from facts_damping.signals import DELIVERY, SETPOINT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -58,7 +61,9 @@ class ControllerNode:
                 RELIABLE,
                 raw=True,
             )
-        rehearse(self.case)
+        given, issued = np.zeros(0, DELIVERY), np.zeros(0, SETPOINT)
+        self.serve = specialised(serve, self.state, self.index, np.zeros((0, 0)), np.zeros(0), 0)
+        self.compute = specialised(act, self.bank, self.state, self.index, 0, given, 0, issued, 0)
         self.spinner = Spinner(node)
         extra = int(self.options.recorder)
         listeners = {self.to_link: 1 + bool(identifier) + extra, self.to_recorder: extra}
@@ -75,10 +80,10 @@ class ControllerNode:
         """One tick: act on what was delivered, answer also when nothing was."""
         c = self.index
         for estimate in estimates:
-            serve(self.state, c, *estimate)
+            self.serve(self.state, c, *estimate)
         start = tick_ns(tick, self.case.run.frame_rate)
         issued = issue_room(len(self.controller.devices), len(delivered))
-        count = act(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)
+        count = self.compute(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)
         publish(self.to_link, self.setpoints.fill(tick, start, issued[:count], self.name))
         publish(self.to_recorder, self.inner.fill(tick, start, len(delivered) > 0, self.state))
 

@@ -8,8 +8,8 @@ import numpy as np
 from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
 from facts_damping.adapted import adapted
+from facts_damping.compiling import specialised
 from facts_damping.control.identifier import identify, remember, tell
-from facts_damping.loop import rehearse
 from facts_damping.nodes.messages import Estimates
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
@@ -17,7 +17,7 @@ from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.nodes.tick_before import TickBefore
 from facts_damping.parts import build_control, controller_addresses, identifier_addresses, link_addresses
-from facts_damping.signals import ESTIMATE
+from facts_damping.signals import DELIVERY, ESTIMATE, SETPOINT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,7 +57,10 @@ class IdentifierNode:
             raw=True,
         )
         node.create_subscription(VoltageSetpoints, f"{graph}{sender}/setpoints", self.on_setpoints, RELIABLE, raw=True)
-        rehearse(self.case)
+        learner = self.identifiers, self.state, self.own
+        self.remember = specialised(remember, *learner, np.zeros(0, SETPOINT), 0)
+        self.identify = specialised(identify, *learner, np.zeros(0, DELIVERY), 0)
+        self.estimate = specialised(tell, *learner, 0, self.rows, 0)
         self.spinner = Spinner(node)
         wait_for_peers(node, {self.to_controller: 1 + int(self.options.recorder)}, self.options)
 
@@ -75,10 +78,11 @@ class IdentifierNode:
 
     def learn(self, tick: int, delivered: NDArray[Any], setpoints: list[NDArray[Any]]) -> None:
         """One tick: take in the setpoints of the ticks before, learn from what was delivered, publish."""
+        learner = self.identifiers, self.state, self.own
         for rows in setpoints:
-            remember(self.identifiers, self.state, self.own, rows, len(rows))
-        identify(self.identifiers, self.state, self.own, delivered, len(delivered))
-        tell(self.identifiers, self.state, self.own, tick, self.rows, 0)
+            self.remember(*learner, rows, len(rows))
+        self.identify(*learner, delivered, len(delivered))
+        self.estimate(*learner, tick, self.rows, 0)
         publish(self.to_controller, self.estimates.fill(tick, self.rows, self.state, self.own))
 
 

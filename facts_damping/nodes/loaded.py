@@ -16,9 +16,9 @@ from rcl_interfaces.srv import (
 from rclpy.type_support import check_for_type_support
 
 from facts_damping.configuration import load_case
-from facts_damping.loop import rehearse
 from facts_damping.nodes import controller, identifier, plant_sim, recorder, replay_source, wan_link
 from facts_damping.recording.schemas import schema_text, type_hash
+from facts_damping.warmup import PARTS, compile_part
 
 NODES = (controller, identifier, plant_sim, recorder, replay_source, wan_link)
 
@@ -34,8 +34,9 @@ for kind in (ParameterEvent, *SERVICES, *MESSAGES):
 for name in map(recorder.message_type, MESSAGES):
     type_hash(name, schema_text(name))
 
-# The kernels, out of their cache into this process: a network with an identifier uses them all.
-rehearse(CASE)
+# The kernels, out of their cache into this process.
+for part in PARTS:
+    compile_part(part)
 
 # What is here stays: a copy need not look through it for garbage, which would copy its memory, too.
 gc.collect()

@@ -22,7 +22,7 @@ from rclpy.serialization import deserialize_message
 from facts_damping.control.bank import network_of
 from facts_damping.errors import RunError
 from facts_damping.neurofuzzy.start import groups
-from facts_damping.nodes.cdr import Template, read
+from facts_damping.nodes.cdr import Template
 from facts_damping.nodes.tables import time_ns
 from facts_damping.parts import controller_names, identifier_names, identifier_network
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS
@@ -174,9 +174,9 @@ class Estimates:
     def read(self, data: bytes) -> tuple[int, Estimate]:
         """Tick and estimate of a message."""
         t = self._template
-        if t.fits(data):
-            jacobian = read(data, self._jacobian).reshape(self._shape)
-            return t.tick_of(data), Estimate(jacobian, read(data, self._by_signal["change"]), t.start_of(data))
+        if t.take(data):
+            jacobian = t.read(self._jacobian).reshape(self._shape)
+            return t.tick(), Estimate(jacobian, t.read(self._by_signal["change"]), t.start_ns())
         message = deserialize_message(data, JacobianEstimate)
         if (len(message.jacobian), len(message.change)) != (self._shape[0] * self._shape[1], self._shape[0]):
             raise RunError(

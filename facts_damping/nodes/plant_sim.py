@@ -11,9 +11,10 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
 
+from facts_damping.compiling import specialised
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import merge
-from facts_damping.loop import rehearse, tick_ns
+from facts_damping.loop import tick_ns
 from facts_damping.nodes.messages import Truth, diagnostics, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
@@ -60,7 +61,12 @@ class PlantSim:
         self.waiting: list[list[Any]] = [[] for _ in self.links]
         self.events = grid_events(self.case)
         self.misses = 0
-        rehearse(self.case)
+        table = np.zeros(0, SETPOINT)
+        self.observe = specialised(
+            measure, self.plant, self.state, 0, self.frame, self.machines, self.devices, self.work
+        )
+        self.merge = specialised(merge, table, 0, table, 0)
+        self.step = specialised(advance, self.plant, self.state, 0, 0, table, 0, self.work)
         self.spinner = Spinner(node)
         extra = int(self.options.recorder)
         wait_for_peers(
@@ -77,7 +83,8 @@ class PlantSim:
 
     def measure(self, tick: int, start_ns: int) -> bool:
         """Measure at the start of a tick and publish: the frame first, since others wait for it."""
-        sound = bool(measure(self.plant, self.state, start_ns, self.frame, self.machines, self.devices, self.work))
+        measured = self.plant, self.state, start_ns, self.frame, self.machines, self.devices, self.work
+        sound = bool(self.observe(*measured))
         self.entries["measured_ns"] = self.entries["arrival_ns"] = start_ns
         self.entries["values"] = self.frame
         publish(self.to_links, self.frames.fill(tick, start_ns, self.entries, len(self.entries)))
@@ -91,10 +98,10 @@ class PlantSim:
         come = [rows for kept in self.waiting for rows in kept]
         table, count = np.zeros(sum(map(len, come)), SETPOINT), 0
         for rows in come:
-            count = merge(table, count, rows, len(rows))
+            count = self.merge(table, count, rows, len(rows))
         for kept in self.waiting:
             kept.clear()
-        advance(self.plant, self.state, start_ns, end_ns, table, count, self.work)
+        self.step(self.plant, self.state, start_ns, end_ns, table, count, self.work)
 
     def wait_lockstep(self, tick: int) -> None:
         """Wait for the setpoints of a tick; a link that stays silent is named."""

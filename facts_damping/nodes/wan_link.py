@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, VoltageSetpoints
 
+from facts_damping.compiling import specialised
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import changed, downlink, uplink
-from facts_damping.loop import rehearse, tick_ns
+from facts_damping.loop import tick_ns
 from facts_damping.nodes.messages import link_statistics
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_stages, read_case, read_index, read_options
@@ -59,7 +60,8 @@ class WanLink:
         self.tick, self.heard = -1, time.monotonic()
         self.missing: set[str] = set()
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
-        rehearse(self.case)
+        self.uplink = specialised(uplink, self.links, self.index, 0, 0, 0, self.frame)
+        self.downlink = specialised(downlink, self.links, self.index, 0, 0, np.zeros(0, SETPOINT), 0)
         self.spinner = Spinner(node)
         extra = int(self.options.recorder)
         listeners = len(served) + sum(c in served for c in identifier_names(self.case))
@@ -86,7 +88,7 @@ class WanLink:
         self.tick, rows = self.frames.read(data)
         start, end = self.span(self.tick)
         self.frame[rows["station"]] = rows["values"]
-        count = uplink(self.links, self.index, self.tick, start, end, self.frame)
+        count = self.uplink(self.links, self.index, self.tick, start, end, self.frame)
         publish(self.to_controllers, self.frames.fill(self.tick, start, self.links.up.out[self.index], count))
         self.missing = set(self.places)
         if not self.missing:
@@ -110,7 +112,7 @@ class WanLink:
         given = np.concatenate(rows) if rows else np.zeros(0, SETPOINT)
         for kept in self.given.values():
             kept.clear()
-        count = downlink(self.links, self.index, self.tick, end, given, len(given))
+        count = self.downlink(self.links, self.index, self.tick, end, given, len(given))
         publish(self.to_plant, self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :count], ""))
         self.missing = set()
         refused = int(self.links.up.ring[self.index, 3] + self.links.down.ring[self.index, 3])

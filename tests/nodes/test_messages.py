@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from facts_damping.configuration import Case, load_case
+from facts_damping.nodes import packing
 from facts_damping.nodes.messages import Inner, Truth
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.parts import build_control
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
+from facts_damping.warmup import PARTS, compile_part
 
 TIMES = st.integers(0, 2**31 * NANOSECONDS - 1)
 FLOATS = st.floats(allow_nan=True, width=64)
@@ -109,6 +111,26 @@ def test_setpoints_as_bytes_are_the_message(
         seen_tick, seen_controller, seen = Setpoints(case).read(source)
         assert (seen_tick, seen_controller) == (tick, controller)
         assert seen.tobytes() == rows.tobytes()
+
+
+@settings(deadline=None, max_examples=20)
+@given(rows=deliveries(), cut=st.integers(1, 40))
+def test_a_message_cut_short_is_not_taken_for_a_whole_one(case: Case, rows: Any, cut: int) -> None:
+    frames = Frames(case)
+    data = frames.fill(7, 0, rows, len(rows))
+    shape = frames.shape(tuple(rows["station"].tolist()))
+    assert shape.template.take(data)
+    assert not shape.template.take(data[: max(0, len(data) - 3 - cut)])  # 3: what fills up the last word
+
+
+def test_warm_up_compiles_what_messages_use(case: Case) -> None:
+    for part in PARTS:
+        compile_part(part)
+    rows, given = np.zeros(2, DELIVERY), np.zeros(1, SETPOINT)
+    Frames(case).read(Frames(case).fill(1, 0, rows, 2))
+    Setpoints(case).read(Setpoints(case).fill(1, 0, given, ""))
+    for kernel in (packing.pack, packing.unpack, packing.mark, packing.take):
+        assert len(kernel.signatures) == 1, kernel
 
 
 def test_truth_and_inner_state_are_the_messages(case: Case) -> None:

@@ -1,0 +1,94 @@
+"""Rows of a table, between arrays and the places that their numbers have in a message; compiled.
+
+A row is of words of eight bytes (DELIVERY, SETPOINT). From its column `first` on come times in ns, of which a message
+has seconds and nanoseconds, then numbers, which a message has as they are, bit for bit. `places`, (rows, numbers of a
+row in the message): where these stand, in the same order, among the stream's numbers of their format.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.compiling import compiled
+from facts_damping.signals import CHANNELS, NANOSECONDS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+SPEED = list(CHANNELS).index("speed_deviation")
+
+
+@compiled
+def pack(
+    words: NDArray[np.int64],
+    first: int,
+    times: int,
+    places: NDArray[np.int64],
+    seconds: NDArray[np.int32],
+    nanoseconds: NDArray[np.uint32],
+    numbers: NDArray[np.int64],
+) -> None:
+    """Put rows into a message: `words`, (rows, columns), into the stream's numbers of three formats."""
+    for i in range(places.shape[0]):
+        for j in range(times):
+            time = words[i, first + j]
+            whole = time // NANOSECONDS
+            seconds[places[i, 2 * j]] = whole
+            nanoseconds[places[i, 2 * j + 1]] = time - whole * NANOSECONDS
+        for j in range(places.shape[1] - 2 * times):
+            numbers[places[i, 2 * times + j]] = words[i, first + times + j]
+
+
+@compiled
+def unpack(
+    words: NDArray[np.int64],
+    first: int,
+    times: int,
+    places: NDArray[np.int64],
+    seconds: NDArray[np.int32],
+    nanoseconds: NDArray[np.uint32],
+    numbers: NDArray[np.int64],
+) -> None:
+    """Take rows out of a message, the same way back."""
+    for i in range(places.shape[0]):
+        for j in range(times):
+            words[i, first + j] = seconds[places[i, 2 * j]] * NANOSECONDS + nanoseconds[places[i, 2 * j + 1]]
+        for j in range(places.shape[1] - 2 * times):
+            words[i, first + times + j] = numbers[places[i, 2 * times + j]]
+
+
+@compiled
+def mark(
+    rows: NDArray[Any],
+    frame_rate: int,
+    error: int,
+    places: NDArray[np.int64],
+    ticks: NDArray[np.uint64],
+    status: NDArray[np.uint16],
+) -> None:
+    """Put into a message of frames (DELIVERY) the tick of each one's measurement, and `error` where it lacks a value.
+
+    A bus without a machine has no speed. `places`: (rows, 2), of tick and status.
+    """
+    for i in range(places.shape[0]):
+        row = rows[i]
+        ticks[places[i, 0]] = -(-row.measured_ns * frame_rate // NANOSECONDS)
+        sound = True
+        for j in range(row.values.shape[0]):
+            sound &= j == SPEED or np.isfinite(row.values[j])
+        status[places[i, 1]] = 0 if sound else error
+
+
+@compiled
+def take(data: NDArray[np.uint8], kept: NDArray[np.uint8], shape: NDArray[np.int64], names: NDArray[np.uint8]) -> bool:
+    """Take over a message (the first `len(kept)` bytes of `data`) if its bytes at `shape` are `names`."""
+    if data.shape[0] < kept.shape[0]:
+        return False
+    for i in range(shape.shape[0]):
+        if data[shape[i]] != names[i]:
+            return False
+    for i in range(kept.shape[0]):
+        kept[i] = data[i]
+    return True
