@@ -18,7 +18,7 @@ from facts_damping import graph, loop
 from facts_damping.configuration import load_case
 from facts_damping.errors import RunError
 from facts_damping.recording.reader import load
-from tests.nodes.graphs import PATIENCE_S, assert_named, assert_same, nodes_left, payloads, quiet, run_graph
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_named, assert_same, nodes_left, payloads, quiet, run_graph
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -228,5 +228,5 @@ def test_json_of_run_and_simulate_agree(domain: int, tmp_path: Path) -> None:
 def test_second_graph_in_the_same_domain_is_refused(command: subprocess.Popen[str], tmp_path: Path) -> None:
     wait_until_recording(tmp_path)
     with pytest.raises(RunError, match="ROS_DOMAIN_ID"):
-        graph.run(load_case(None, ["duration=1"]), "lockstep", tmp_path / "second", quiet)
+        graph.run(load_case(None, ["duration=30"]), "realtime", tmp_path / "second", quiet, LOADED_S)
     assert command.poll() is None
