@@ -30,7 +30,7 @@ endif
 .PHONY: demo test explore setup test-setup prerequisites clean
 
 demo: setup
-	@$(BIN)/python -m facts_damping.demo
+	@$(BIN)/python -m facts_damping.cli.demo
 
 test: test-setup
 	$(BIN)/ruff check
@@ -95,7 +95,7 @@ $(VENV)/.messages: $(MESSAGES) | $(VENV)/.package
 
 $(VENV)/.warm: $(SOURCES) $(VENV)/.package
 	$(SAY) "set-up: compiling the numerical kernels"
-	@$(BIN)/python -m facts_damping.warmup
+	@$(BIN)/python -m facts_damping.nodes.warmup
 	@touch $@
 
 $(VENV)/.tools: $(METADATA) $(VENV)/.messages

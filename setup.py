@@ -115,7 +115,7 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            f"facts-damping = {NAME}.cli:main",
+            f"facts-damping = {NAME}.cli.main:main",
             *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
         ],
     },

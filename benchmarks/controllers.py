@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping import loop
+from facts_damping.case.loading import load_case
 from facts_damping.compiling import compiled
-from facts_damping.configuration import load_case
 from facts_damping.control.bank import act, serve
 from facts_damping.control.identifier import identify, remember, tell
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.signals import CHANNELS, DELIVERY, ESTIMATE, SETPOINT
+from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -12,10 +12,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from facts_damping import graph, loop
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
+from facts_damping.simulation import loop
 from facts_damping.studies import architectures
 from facts_damping.studies.compare import SYSTEMS, scenarios
 

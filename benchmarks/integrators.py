@@ -20,11 +20,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numba import njit
 
-from facts_damping import loop, parts
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.model import begin_stage, copy, workspace
 from facts_damping.signals import to_ns
+from facts_damping.simulation import build, loop
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -162,7 +162,7 @@ def implicit(
 
 def follow(case: Any, method: str, rate: int, end: float) -> tuple[NDArray[np.float64], int, float]:
     """Speeds (instants, machines), evaluations and seconds of a run by a method with steps of 1/rate at most."""
-    built = parts.build_plant(case)
+    built = build.build_plant(case)
     plant, state = built.plant, copy(built.state)
     work, n = workspace(plant, state), len(state.x)
     own = plant.machines["offset"] + 1

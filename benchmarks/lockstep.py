@@ -13,8 +13,8 @@ import rclpy
 from facts_damping_msgs.msg import PmuDataFrame, PmuFrame
 from mcap.reader import make_reader
 
-from facts_damping import graph
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
+from facts_damping.nodes import graph
 from facts_damping.nodes.node import RELIABLE
 from facts_damping.nodes.spinning import Spinner
 

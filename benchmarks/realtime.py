@@ -5,9 +5,9 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from facts_damping import graph
 from facts_damping.analysis.latency import frames_lost
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
+from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
 
 SECONDS = 60.0

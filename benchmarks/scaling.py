@@ -14,8 +14,8 @@ import statistics
 import time
 from typing import Any
 
-from facts_damping import loop, parts
-from facts_damping.configuration import load_case, load_system
+from facts_damping.case.loading import load_case, load_system
+from facts_damping.simulation import build, loop
 
 SECONDS = 5.0
 RUNS = 5
@@ -81,7 +81,7 @@ def measured(name: str, system: dict[str, Any] | str, load: str) -> None:
     sets = [f"scenario={json.dumps(step)}", "devices=[]", "controllers=[]", f"duration={SECONDS}"]
     case = load_case(None, [f"system={system if isinstance(system, str) else json.dumps(system)}", *sets])
     began = time.perf_counter()
-    built = parts.build_plant(case)
+    built = build.build_plant(case)
     setup = time.perf_counter() - began
     times = []
     for _ in range(RUNS + 1):

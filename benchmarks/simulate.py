@@ -8,8 +8,8 @@ import statistics
 import time
 from typing import TYPE_CHECKING
 
-from facts_damping import loop
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
+from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable

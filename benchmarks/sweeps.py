@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any
 from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
-from facts_damping import loop
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.oscillation import is_damped, settling_time
 from facts_damping.analysis.ringdown import ringdown_modes
 from facts_damping.analysis.summary import summarise
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
+from facts_damping.simulation import loop
 from facts_damping.studies import batch, sweep
 from facts_damping.studies.pool import workers
 from facts_damping.terminal import Progress

@@ -28,7 +28,17 @@ if TYPE_CHECKING:
 PACKAGE = "facts_damping"
 ROOT = Path(__file__).parent
 # Where compiled functions are, and what they are given: rooms, and single files.
-ROOMS = ("compiling", "control", "link", "loop", "matrices", "neurofuzzy", "nodes.packing", "plant", "signals")
+ROOMS = (
+    "compiling",
+    "control",
+    "link",
+    "matrices",
+    "neurofuzzy",
+    "nodes.packing",
+    "plant",
+    "signals",
+    "simulation.loop",
+)
 KEPT = 4  # folders of one file: those of other versions of it
 _IMPORT = re.compile(rf"^[ ]*from ({PACKAGE}[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 

@@ -11,8 +11,8 @@ from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from facts_damping.configuration import load_case
-from facts_damping.parts import Address, controller_addresses, identifier_addresses, link_addresses
+from facts_damping.case.loading import load_case
+from facts_damping.case.names import Address, controller_addresses, identifier_addresses, link_addresses
 from launch import LaunchContext, LaunchDescription
 
 ARGUMENTS = {

@@ -14,8 +14,8 @@ import pytest
 import scipy.linalg  # noqa: F401 (with it, its BLAS)
 from threadpoolctl import threadpool_info
 
-from facts_damping import loop
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
+from facts_damping.simulation import loop
 
 RUNS = Path(__file__).parents[1] / "config" / "runs"
 BOTH = ["devices=[sssc, statcom]", "controllers.0.devices=[sssc, statcom]", "controllers.0.signals=[speed, power]"]

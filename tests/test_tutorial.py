@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from facts_damping import loop
 from facts_damping.analysis.summary import summarise
-from facts_damping.configuration import load_case, load_system
+from facts_damping.case.loading import load_case, load_system
 from facts_damping.plant.build import build
-from facts_damping.plant.linear import linearise, modes
 from facts_damping.plant.power_flow import solve
+from facts_damping.simulation import loop
+from facts_damping.small_signal.linearisation import linearise, modes
 
 if TYPE_CHECKING:
-    from facts_damping.plant.linear import Mode
+    from facts_damping.small_signal.linearisation import Mode
 
 TEXT = (Path(__file__).parents[1] / "docs" / "tutorial_nine_bus.md").read_text(encoding="utf-8")
 

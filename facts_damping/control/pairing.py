@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from facts_damping.control.identifier import Identifiers, IdentifierState
+    from facts_damping.control.identifier_model import Identifiers, IdentifierState
 
 
 @compiled

@@ -25,7 +25,7 @@ from facts_damping.control.pairing import between, fill
 from facts_damping.neurofuzzy.network import FLOOR, Network, forward
 
 if TYPE_CHECKING:
-    from facts_damping.control.identifier import Identifiers, IdentifierState
+    from facts_damping.control.identifier_model import Identifiers, IdentifierState
     from facts_damping.neurofuzzy.learning import Learner
 
 FARTHEST = 10.0  # times the largest that was measured: a prediction beyond is none

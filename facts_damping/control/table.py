@@ -85,7 +85,7 @@ LEAD_LAG_PARAMETERS = {
     **COMPENSATION_PARAMETERS,
 }
 
-# Its matrices follow from these at the start (lqg.py).
+# Its matrices follow from these at the start (small_signal/lqg.py).
 LQG_PARAMETERS = {
     "effort": Parameter(1e-6, "p.u.", 1e-12, 1e3, "price of a device's limit, beside speeds' squares", live=False),
     "noise": Parameter(

@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
-from facts_damping.adapted import adapted
+from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.compiling import specialised
 from facts_damping.control.bank import act, serve
-from facts_damping.loop import issue_room, tick_ns
 from facts_damping.nodes.messages import Estimate, Estimates, Inner
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.nodes.tick_before import TickBefore
-from facts_damping.parts import build_control, controller_addresses, identifier_addresses, link_addresses
 from facts_damping.signals import DELIVERY, SETPOINT
+from facts_damping.simulation.build import build_control
+from facts_damping.simulation.learnt_weights import adapted
+from facts_damping.simulation.loop import issue_room, tick_ns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

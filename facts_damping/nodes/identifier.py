@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
-from facts_damping.adapted import adapted
+from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.compiling import specialised
 from facts_damping.control.identifier import identify, remember, tell
 from facts_damping.nodes.messages import Estimates
@@ -16,8 +16,9 @@ from facts_damping.nodes.parameters import declare_settings, read_case, read_ind
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.nodes.tick_before import TickBefore
-from facts_damping.parts import build_control, controller_addresses, identifier_addresses, link_addresses
 from facts_damping.signals import DELIVERY, ESTIMATE, SETPOINT
+from facts_damping.simulation.build import build_control
+from facts_damping.simulation.learnt_weights import adapted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -15,10 +15,10 @@ from rcl_interfaces.srv import (
 )
 from rclpy.type_support import check_for_type_support
 
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.nodes import controller, identifier, plant_sim, recorder, replay_source, wan_link
+from facts_damping.nodes.warmup import PARTS, compile_part
 from facts_damping.recording.schemas import schema_text, type_hash
-from facts_damping.warmup import PARTS, compile_part
 
 NODES = (controller, identifier, plant_sim, recorder, replay_source, wan_link)
 

@@ -19,21 +19,22 @@ from facts_damping_msgs.msg import (
 )
 from rclpy.serialization import deserialize_message
 
+from facts_damping.case.names import controller_names, identifier_names
 from facts_damping.control.bank import network_of
 from facts_damping.errors import RunError
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.nodes.cdr import Template
 from facts_damping.nodes.tables import time_ns
-from facts_damping.parts import controller_names, identifier_names, identifier_network
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS
+from facts_damping.simulation.build import identifier_network
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
     from numpy.typing import NDArray
 
-    from facts_damping.configuration import Case
+    from facts_damping.case.model import Case
     from facts_damping.control.bank import BankState
-    from facts_damping.control.identifier import IdentifierState
+    from facts_damping.control.identifier_model import IdentifierState
 
 
 class Truth:

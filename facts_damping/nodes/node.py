@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.publisher import Publisher
 
+    from facts_damping.case.names import Address
     from facts_damping.nodes.parameters import Options
     from facts_damping.nodes.spinning import Spinner
-    from facts_damping.parts import Address
 
 RCLError = rclpy_implementation.RCLError
 

@@ -11,13 +11,14 @@ from annotated_types import Ge, Gt, Le, Lt
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
-from facts_damping.checking import check
-from facts_damping.configuration import Case, check_parameter, load_case
+from facts_damping.case.controllers import check_parameter
+from facts_damping.case.loading import load_case
 from facts_damping.control.bank import put
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
-from facts_damping.files import check_writable, write_whole
+from facts_damping.parameters.files import check_writable, write_whole
 from facts_damping.parameters.run import Controller, Run, Weights
+from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
     from rclpy.node import Node
 
+    from facts_damping.case.model import Case
     from facts_damping.parameters.link import Link
 
 # Fields of a run that are parameters of every node; the others are reached through `set`.

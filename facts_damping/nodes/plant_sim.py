@@ -11,20 +11,21 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
 
+from facts_damping.case.names import link_addresses
 from facts_damping.compiling import specialised
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import merge
-from facts_damping.loop import tick_ns
 from facts_damping.nodes.messages import Truth, diagnostics, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
 from facts_damping.nodes.spinning import Spinner, check_wanted
 from facts_damping.nodes.tables import Frames, Setpoints
-from facts_damping.parts import build_plant, grid_events, link_addresses
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import workspace
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
+from facts_damping.simulation.build import build_plant, grid_events
+from facts_damping.simulation.loop import tick_ns
 
 if TYPE_CHECKING:
     from rclpy.node import Node

@@ -13,17 +13,17 @@ import facts_damping_msgs.msg as messages
 from diagnostic_msgs.msg import DiagnosticArray
 
 from facts_damping import __version__
+from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.nodes.node import HEARD_S, RELIABLE, refuse_others, run_node, shared_topic
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner, told_to_stop
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.parts import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.recording.writer import RecordingWriter
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-    from facts_damping.configuration import Case
+    from facts_damping.case.model import Case
 
 FLUSH_S = 0.5  # wall time after which the chunk in progress goes to disk: the most that a kill can cost
 QUIET_S = 0.2  # wall time without a message after which a stopped recorder is done

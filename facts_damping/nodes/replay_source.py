@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
 
+from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses, recorded_topic
 from facts_damping.errors import RunError
 from facts_damping.nodes.messages import Truth, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner, check_wanted
 from facts_damping.nodes.tables import Frames, Setpoints
-from facts_damping.parts import controller_addresses, identifier_addresses, link_addresses, recorded_topic
 from facts_damping.recording.reader import load
-from facts_damping.replay import fitted
 from facts_damping.signals import DELIVERY
+from facts_damping.simulation.replay import fitted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

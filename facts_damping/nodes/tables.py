@@ -12,10 +12,10 @@ import numpy as np
 from facts_damping_msgs.msg import PmuDataFrame, PmuFrame, VoltageSetpoint, VoltageSetpoints
 from rclpy.serialization import deserialize_message
 
+from facts_damping.case.names import controller_names
 from facts_damping.compiling import specialised
 from facts_damping.nodes.cdr import Template
 from facts_damping.nodes.packing import mark, pack, unpack
-from facts_damping.parts import controller_names
 from facts_damping.signals import CHANNELS, DELIVERY, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
     from numpy.typing import NDArray
 
-    from facts_damping.configuration import Case
+    from facts_damping.case.model import Case
 
 TIMES_AND_VALUES, MARKS = ("i4", "u4", "i8"), ("u8", "u2")  # formats, as the kernels want them
 MOST_SHAPES = 64  # of one topic; when there are more, all are laid out anew as they come

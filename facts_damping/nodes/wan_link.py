@@ -8,24 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, VoltageSetpoints
 
+from facts_damping.case.names import controller_addresses, controller_names, identifier_names, link_addresses
 from facts_damping.compiling import specialised
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import changed, downlink, uplink
-from facts_damping.loop import tick_ns
 from facts_damping.nodes.messages import link_statistics
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_stages, read_case, read_index, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
-from facts_damping.parts import (
-    build_links,
-    controller_addresses,
-    controller_names,
-    identifier_names,
-    link_addresses,
-    ways,
-)
 from facts_damping.signals import CHANNELS, SETPOINT
+from facts_damping.simulation.build import build_links, ways
+from facts_damping.simulation.loop import tick_ns
 
 if TYPE_CHECKING:
     from rclpy.node import Node

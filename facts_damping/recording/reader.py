@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.checking import check
 from facts_damping.errors import InputError, RecordingError
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.system import System
+from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording import decode
 from facts_damping.recording.scan import scan

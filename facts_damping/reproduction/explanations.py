@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.configuration import tuned
+from facts_damping.case.controllers import tuned
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.reproduction import agreement, ranking
 from facts_damping.reproduction.printed import SCENARIOS

@@ -11,7 +11,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 from pyarrow import csv
 
-from facts_damping import __version__, files
+from facts_damping import __version__
+from facts_damping.parameters import files
 from facts_damping.reproduction import charts, extracts, side_by_side
 from facts_damping.reproduction.agreement import flat, markdown, name
 from facts_damping.reproduction.ensembles import Interval

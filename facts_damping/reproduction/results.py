@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping import files
 from facts_damping.errors import check_known
+from facts_damping.parameters import files
 from facts_damping.reproduction import explanations, pictures, runs
 from facts_damping.reproduction.operations import complexity
 from facts_damping.reproduction.printed import COMPLEXITY, LLC, SCENARIOS, TABLES, Who, cells

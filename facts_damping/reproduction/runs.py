@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping import files
 from facts_damping.analysis.indices import INDICES
-from facts_damping.checking import check
 from facts_damping.control.table import kind
+from facts_damping.parameters import files
 from facts_damping.parameters.study import Study
+from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.reproduction.agreement import Run, name
 from facts_damping.reproduction.printed import LLC, SCENARIOS, SMOOTHNESS, Who

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping import loop
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.analysis.summary import summarise
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.control.table import CONTROLLERS, MIMO_GAIN, kind
+from facts_damping.simulation import loop
 from facts_damping.studies import compare
 from facts_damping.studies.batch import INTERAREA_HZ
 from facts_damping.studies.pages import at, heads, line, save

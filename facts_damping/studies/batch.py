@@ -12,23 +12,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from facts_damping import configuration, loop
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import ages_ms
 from facts_damping.analysis.ringdown import METHOD
 from facts_damping.analysis.summary import summarise
+from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError
 from facts_damping.parameters.run import Run
-from facts_damping.parts import asks_sensitivity, build_plant, build_sensitivity
 from facts_damping.plant.model import copy
+from facts_damping.simulation import loop
+from facts_damping.simulation.build import asks_sensitivity, build_plant, build_sensitivity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from facts_damping.configuration import Case
+    from facts_damping.case.model import Case
     from facts_damping.plant.build import Built
-    from facts_damping.sensitivity import Sensitivity
     from facts_damping.signals import Record
+    from facts_damping.small_signal.residues import Sensitivity
 
 T = TypeVar("T")
 
@@ -63,8 +64,8 @@ def make(base: Base, changes: Mapping[str, Any]) -> Case:
     """The case of a run. Raises `InputError` that begins with the `--set` that is at fault."""
     content, values = deepcopy(base.content), {**base.set, **changes}
     sets = {path: dumps(value, default=str) for path, value in values.items()}
-    configuration.change(content, values, sets)
-    return configuration.make_case(content, base.source, sets)
+    loading.change(content, values, sets)
+    return loading.make_case(content, base.source, sets)
 
 
 def one_run(base: Base, task: Task) -> tuple[str, dict[str, Any]]:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from facts_damping import files, loop
 from facts_damping.analysis.summary import summarise
-from facts_damping.configuration import load_case, tuned
+from facts_damping.case.controllers import tuned
+from facts_damping.case.loading import load_case
 from facts_damping.control.table import kind
+from facts_damping.parameters import files
+from facts_damping.simulation import loop
 from facts_damping.studies.pages import at, heads, line
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.tune import SCENARIO, Scheme, rows

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.configuration import load_system
+from facts_damping.case.loading import load_system
 from facts_damping.errors import InputError
 from facts_damping.plant.build import build
-from facts_damping.sensitivity import sensitivity
+from facts_damping.small_signal.residues import sensitivity
 from facts_damping.studies.architectures import ARCHITECTURES, SYSTEM
 from facts_damping.studies.pages import heads, line
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping import loop
 from facts_damping.analysis.plots import COLOURS
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.simulation import loop
 from facts_damping.studies import architectures, compare
 from facts_damping.studies.pages import heads, line, save
 from facts_damping.studies.pool import run_all
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from facts_damping.configuration import Case
+    from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
 LEAST = 1e-9  # on logarithmic axes

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.optimize import brentq, linear_sum_assignment
 
-from facts_damping.delayed import approximate, delayed_loop, eigen, link_delays, sampled
-from facts_damping.plant import linear
+from facts_damping.small_signal import linearisation
+from facts_damping.studies.linear_closed_loop import approximate, delayed_loop, eigen, link_delays, sampled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.configuration import Case
-    from facts_damping.delayed import DelayedLoop, Eigen
+    from facts_damping.case.model import Case
+    from facts_damping.studies.linear_closed_loop import DelayedLoop, Eigen
 
 STEP = 0.005  # s, between the delays that are looked at, beside those of whole frames; what is narrower may be missed
 EXACT = 1e-6  # s, of a margin
@@ -29,7 +29,7 @@ class Track(NamedTuple):
     """A mode followed from delay to delay: what it is where it begins, and the mode at each delay; none: not there."""
 
     label: str
-    modes: list[linear.Mode | None]
+    modes: list[linearisation.Mode | None]
 
 
 class Margin(NamedTuple):
@@ -42,7 +42,7 @@ class Margin(NamedTuple):
     tracks: list[Track]  # electromechanical modes, then others that become unstable
     stable: list[tuple[float, float]]  # s, intervals in which the loop is stable
     margin: float | None  # s, smallest delay at which it is not; none: stable at all delays looked at
-    critical: linear.Mode | None  # the mode that is at the limit there
+    critical: linearisation.Mode | None  # the mode that is at the limit there
     pade: dict[str, float | None]  # s, the margin of the loop in continuous time with a Pade term; empty: not asked for
 
 
@@ -79,20 +79,20 @@ def looks(longest: float, frame_rate: int) -> NDArray[np.float64]:
     return np.unique(np.round([*steps, *frames, longest], 9))
 
 
-def oscillations(loop: DelayedLoop, found: Eigen, case: Case) -> list[linear.Mode]:
+def oscillations(loop: DelayedLoop, found: Eigen, case: Case) -> list[linearisation.Mode]:
     """The modes up to 10 Hz that oscillate, or grow."""
     shown = (found.values.imag > 0.0) | ((found.values.imag == 0.0) & (found.values.real > STILL))
     return [
-        linear.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)
+        linearisation.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)
         for i in np.flatnonzero(shown & (np.abs(found.values) < FASTEST))
     ]
 
 
-def _critical(loop: DelayedLoop, delay: float, case: Case) -> linear.Mode:
+def _critical(loop: DelayedLoop, delay: float, case: Case) -> linearisation.Mode:
     """The mode with the largest real part."""
     found = eigen(loop, sampled(loop, delay))
     i = int(np.argmax(found.values.real + 1e-12 * (found.values.imag >= 0.0)))
-    return linear.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)
+    return linearisation.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)
 
 
 def intervals(
@@ -129,7 +129,7 @@ def _pade_margin(loop: DelayedLoop, delays: NDArray[np.float64], order: int, hol
     return first_limit(intervals(growth, delays[: len(values)], np.array(values)), float(delays[-1]))
 
 
-def follow(listed: Sequence[Sequence[linear.Mode]]) -> list[Track]:
+def follow(listed: Sequence[Sequence[linearisation.Mode]]) -> list[Track]:
     """Modes at each delay (s) as tracks: the electromechanical ones of no delay, then others that become unstable."""
     swings = [mode for mode in listed[0] if mode.label not in ("common", "control")]
     columns = _follow(swings, listed[1:])
@@ -142,10 +142,12 @@ def follow(listed: Sequence[Sequence[linear.Mode]]) -> list[Track]:
     return tracks
 
 
-def _follow(first: Sequence[linear.Mode], listed: Sequence[Sequence[linear.Mode]]) -> list[list[linear.Mode | None]]:
+def _follow(
+    first: Sequence[linearisation.Mode], listed: Sequence[Sequence[linearisation.Mode]]
+) -> list[list[linearisation.Mode | None]]:
     """What becomes of each of some modes in the lists that follow, each taken once; none from where it is lost."""
-    columns: list[list[linear.Mode | None]] = [[] for _ in first]
-    now: list[linear.Mode | None] = list(first)
+    columns: list[list[linearisation.Mode | None]] = [[] for _ in first]
+    now: list[linearisation.Mode | None] = list(first)
     for modes in listed:
         there = [(i, mode) for i, mode in enumerate(now) if mode is not None]
         cost = np.array([[_unlike(mode, other) for other in modes] for _, mode in there])
@@ -158,7 +160,7 @@ def _follow(first: Sequence[linear.Mode], listed: Sequence[Sequence[linear.Mode]
     return columns
 
 
-def _unlike(one: linear.Mode, other: linear.Mode) -> float:
+def _unlike(one: linearisation.Mode, other: linearisation.Mode) -> float:
     """How unlike two modes are, at most 1: change of the eigenvalue, relative, and of the shape, 1 - MAC."""
     a, b = (np.array(list(mode.shape.values())) for mode in (one, other))
     size = np.vdot(a, a).real * np.vdot(b, b).real

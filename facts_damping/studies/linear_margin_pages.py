@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.plots import COLOURS
-from facts_damping.modal import figures
+from facts_damping.small_signal.modal_analysis import figures
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from facts_damping.plant import linear
+    from facts_damping.small_signal import linearisation
     from facts_damping.studies.linear_margin import Margin
     from facts_damping.studies.linear_margin_runs import Beside
 
@@ -85,7 +85,7 @@ def _limit(value: float | None, longest: float) -> str:
     return f"beyond {_ms(longest)}" if value is None else _ms(value)
 
 
-def _cell(mode: linear.Mode | None) -> str:
+def _cell(mode: linearisation.Mode | None) -> str:
     return "-" if mode is None else f"{mode.frequency_hz:.4f}  {mode.damping_ratio:7.4f}"
 
 
@@ -103,7 +103,7 @@ def _runs(found: Margin, beside: Beside) -> Iterator[str]:
             yield f"{1e3 * delay:8.0f}   {mode.frequency_hz:15.4f}  {mode.damping_ratio:7.4f}  {_cell(other):>26}"
 
 
-def nearest(found: Margin, delay: float, hertz: float) -> linear.Mode | None:
+def nearest(found: Margin, delay: float, hertz: float) -> linearisation.Mode | None:
     """The linear mode, of those that are followed, whose frequency is nearest."""
     i = int(np.argmin(np.abs(found.delays - delay)))
     there = [track.modes[i] for track in found.tracks]

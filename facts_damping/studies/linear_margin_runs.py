@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from facts_damping import loop
 from facts_damping.analysis.measures import columns, event_times, speed_differences
 from facts_damping.analysis.oscillation import WINDOW, envelope, is_damped
 from facts_damping.analysis.ringdown import ringdown_modes
-from facts_damping.delayed import with_delay
 from facts_damping.parameters.run import Scenario
+from facts_damping.simulation import loop
+from facts_damping.studies.linear_closed_loop import with_delay
 from facts_damping.studies.margins import edge
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from facts_damping.analysis.ringdown import Mode
-    from facts_damping.configuration import Case
+    from facts_damping.case.model import Case
     from facts_damping.signals import Record
     from facts_damping.studies.linear_margin import Margin
 

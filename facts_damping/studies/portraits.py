@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping import files, loop
 from facts_damping.analysis.measures import speed_differences
 from facts_damping.analysis.plots import COLOURS
-from facts_damping.configuration import load_case, tuned
+from facts_damping.case.controllers import tuned
+from facts_damping.case.loading import load_case
 from facts_damping.control.bank import network_of
 from facts_damping.control.table import kind
 from facts_damping.neurofuzzy.network import Network, forward, passes
+from facts_damping.parameters import files
+from facts_damping.simulation import loop
 from facts_damping.studies.pages import save
 
 if TYPE_CHECKING:
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from facts_damping.configuration import Case
+    from facts_damping.case.model import Case
     from facts_damping.signals import Record
     from facts_damping.studies.tune import Scheme
 

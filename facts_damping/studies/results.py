@@ -14,7 +14,7 @@ import pyarrow as pa
 from pyarrow import csv, parquet
 
 from facts_damping import __version__
-from facts_damping.files import share_folder, write_whole
+from facts_damping.parameters.files import share_folder, write_whole
 from facts_damping.studies.margins import share
 from facts_damping.studies.pages import heads, line
 

@@ -21,9 +21,10 @@ import numpy as np
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.measures import columns, event_times, setpoint_limits, speed_differences
 from facts_damping.analysis.oscillation import is_damped
-from facts_damping.configuration import make_case, tuned
+from facts_damping.case.controllers import tuned
+from facts_damping.case.loading import make_case
 from facts_damping.errors import FactsDampingError, InputError, check_known
-from facts_damping.files import shipped
+from facts_damping.parameters.files import shipped
 from facts_damping.parameters.run import Controller
 from facts_damping.studies import sweep
 from facts_damping.studies.axes import drawn_columns
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.configuration import Case
+    from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
 LOST, UNDAMPED, PRICE = 10.0, 1.0, 0.1

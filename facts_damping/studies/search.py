@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.stats import norm, qmc
 
-from facts_damping.configuration import load_system
+from facts_damping.case.loading import load_system
 from facts_damping.errors import InputError
 from facts_damping.studies.optimisers import METHODS
 from facts_damping.studies.pool import run_all

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.control.table import Kind, Value
-    from facts_damping.sensitivity import Sensitivity
+    from facts_damping.small_signal.residues import Sensitivity
 
 
 def _four(value: float) -> float:

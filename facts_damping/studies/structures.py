@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.configuration import load_case, make_case, tuned
+from facts_damping.case.controllers import tuned
+from facts_damping.case.loading import load_case, make_case
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.table import OFF_ON, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.parameters.run import Controller
-from facts_damping.parts import build_sensitivity
+from facts_damping.simulation.build import build_sensitivity
 from facts_damping.studies.scoring import REFERENCE
 from facts_damping.studies.space import GUARDS, Space
 from facts_damping.studies.tune import every_scheme

@@ -7,11 +7,12 @@ import json
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping import __version__, files
-from facts_damping.checking import check
+from facts_damping import __version__
 from facts_damping.errors import InputError, check_known
-from facts_damping.files import find, parse_set, read_table, read_value
+from facts_damping.parameters import files
+from facts_damping.parameters.files import find, parse_set, read_table, read_value
 from facts_damping.parameters.study import Study
+from facts_damping.parameters.validation import check
 from facts_damping.studies import axes, margins
 from facts_damping.studies.batch import IDENTITY, Base, Task, make, one_run
 from facts_damping.studies.journal import Journal

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping import loop
 from facts_damping.control.lead_lag import section
-from facts_damping.loop import tick_ns
-from facts_damping.parts import build_plant
 from facts_damping.plant.integration import advance
-from facts_damping.plant.linear import weights_of
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, Record
+from facts_damping.simulation import loop
+from facts_damping.simulation.build import build_plant
+from facts_damping.simulation.loop import tick_ns
+from facts_damping.small_signal.linearisation import weights_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.configuration import Case
+    from facts_damping.case.model import Case
     from facts_damping.plant.model import PlantState
 
 MOVE = 1e-4  # p.u., of a reference

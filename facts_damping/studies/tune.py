@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from facts_damping import loop
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.configuration import Case, make_case
+from facts_damping.case.loading import make_case
 from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
-from facts_damping.files import find
+from facts_damping.parameters.files import find
 from facts_damping.parameters.run import Controller, Tuned, TunedController
-from facts_damping.parts import build_control, build_sensitivity
+from facts_damping.simulation import loop
+from facts_damping.simulation.build import build_control, build_sensitivity
 from facts_damping.studies.optimisers import differential_evolution
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.space import Space
@@ -32,8 +32,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.case.model import Case
     from facts_damping.control.table import Value
-    from facts_damping.sensitivity import Sensitivity
+    from facts_damping.small_signal.residues import Sensitivity
 
 SCENARIO = "training"
 POPULATION = 24

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.integrate import simpson
 
-from facts_damping.configuration import load_system
+from facts_damping.case.loading import load_system
 from facts_damping.parameters.placement import place
 from facts_damping.parameters.system import System
 from facts_damping.plant.build import build

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping import loop
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.ringdown import ringdown_modes
-from facts_damping.configuration import load_case, load_system
-from facts_damping.modal import analyse
+from facts_damping.case.loading import load_case, load_system
 from facts_damping.parameters.system import System
 from facts_damping.plant.build import build
-from facts_damping.plant.linear import linearise
+from facts_damping.simulation import loop
+from facts_damping.small_signal.linearisation import linearise
+from facts_damping.small_signal.modal_analysis import analyse
 from facts_damping.validation.table import Row, Table, compare, figures, furthest, within
 
 if TYPE_CHECKING:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from facts_damping import loop
-from facts_damping.configuration import load_case, load_system
-from facts_damping.files import shipped
+from facts_damping.case.loading import load_case, load_system
+from facts_damping.parameters.files import shipped
 from facts_damping.plant.build import build
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.model import copy, workspace
 from facts_damping.plant.power_flow import solve
 from facts_damping.signals import CHANNELS
+from facts_damping.simulation import loop
 from facts_damping.validation.table import Row, Table, compare, figures, within
 
 TWO_AREA = {"G1": 0.7778 + 0.1021j, "G2": 0.7777 + 0.1307j, "G3": 0.7989 + 0.0914j, "G4": 0.7778 + 0.0919j}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.files import share_folder
+from facts_damping.parameters.files import share_folder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping import loop
-from facts_damping.configuration import load_case, load_system
+from facts_damping.case.loading import load_case, load_system
 from facts_damping.parameters.run import Scenario
 from facts_damping.plant.build import build
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, to_ns
+from facts_damping.simulation import loop
 from facts_damping.validation.small_signal import MACHINES, STABILISERS, STATIC, TURBINE, varied
 from facts_damping.validation.table import Row, Table, figures, within
 

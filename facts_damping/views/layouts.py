@@ -8,7 +8,7 @@ from facts_damping.views import foxglove, plotjuggler
 from facts_damping.views.panels import tabs
 
 if TYPE_CHECKING:
-    from facts_damping.configuration import Case
+    from facts_damping.case.model import Case
 
 
 def layouts(case: Case, namespace: str = "/") -> dict[str, str]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.control.bank import network_of
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.devices import Series as SeriesDevice
-from facts_damping.parts import controller_addresses, identifier_addresses, identifier_network, link_addresses
+from facts_damping.simulation.build import identifier_network
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from facts_damping.configuration import Case
+    from facts_damping.case.model import Case
 
 PLOT, STATES, TABLE, MESSAGE, DIAGNOSTICS = "plot", "states", "table", "message", "diagnostics"
 

@@ -12,7 +12,7 @@ import pytest
 from facts_damping.analysis import summarise
 from facts_damping.analysis.details import compare, details, lines
 from facts_damping.analysis.poles import METHODS
-from facts_damping.cli import MODES
+from facts_damping.cli.main import MODES
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from facts_damping import loop
 from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty, smoothness
 from facts_damping.analysis.latency import ages_ms, cdf, frames_lost, hops_ms, latency
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.signals import DEVICE_TRUTH, SETPOINT
+from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping import loop
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.poles import METHODS
 from facts_damping.analysis.ringdown import Fit, fit_ringdown, interval, ringdown_modes
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
-from facts_damping.loop import run
-from facts_damping.plant import linear
 from facts_damping.plant.build import build as build_plant
+from facts_damping.simulation import loop
+from facts_damping.simulation.loop import run
+from facts_damping.small_signal import linearisation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -197,7 +197,8 @@ def test_small_disturbance_shows_the_mode_of_the_linearised_plant() -> None:
     case = load_case("two_area_small", ["controllers=[]", step])
     built = build_plant(case.system, case.run.devices, case.scenario.events)
     known = min(
-        linear.modes(linear.linearise(built)[0], built.state_names), key=lambda mode: abs(mode.frequency_hz - 0.6)
+        linearisation.modes(linearisation.linearise(built)[0], built.state_names),
+        key=lambda mode: abs(mode.frequency_hz - 0.6),
     )
     record = run(case)
     for method in METHODS:

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping import loop
 from facts_damping.analysis.measures import columns, event_times, speed_differences
 from facts_damping.analysis.oscillation import is_damped
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.control.compensation import MOST_LEAD, compensate, compensators, lead, phasor
 from facts_damping.control.table import COMPENSATION_PARAMETERS, SETTINGS
-from facts_damping.delayed import delayed_loop
 from facts_damping.errors import InputError
+from facts_damping.simulation import loop
+from facts_damping.studies.linear_closed_loop import delayed_loop
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.control.identifier import Identified, identifiers, identify, remember, tell
+from facts_damping.control.identifier import identifiers, identify, remember, tell
+from facts_damping.control.identifier_model import Identified
 from facts_damping.neurofuzzy.table import IDENTIFIERS
 from facts_damping.signals import ESTIMATE, NANOSECONDS, SETPOINT, to_ns
 from tests.control.bench import (

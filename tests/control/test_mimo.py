@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.control.bank import bank, pull
-from facts_damping.control.identifier import Identified, identifiers, identify, remember
+from facts_damping.control.identifier import identifiers, identify, remember
+from facts_damping.control.identifier_model import Identified
 from facts_damping.control.known import Known
 from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS

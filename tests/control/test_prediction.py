@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from facts_damping import loop
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.control.compensation import HELD_NS, compensate, compensators
 from facts_damping.control.table import SETTINGS
 from facts_damping.errors import InputError
+from facts_damping.simulation import loop
 from tests.control.bench import FRAMES, SCALE
 from tests.control.test_identifier import LIMIT, Observer, asked
 

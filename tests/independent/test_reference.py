@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from facts_damping.plant.linear import linearise
+from facts_damping.small_signal.linearisation import linearise
 from tests.independent import two_area as earlier
 from tests.independent.reference import Model, Run
 from tests.independent.reference_cases import CASES, Case

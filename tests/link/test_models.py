@@ -14,9 +14,9 @@ from scipy import stats
 
 from facts_damping.link.chain import Way
 from facts_damping.link.transfer import Links, changed, downlink, links, uplink
-from facts_damping.loop import tick_ns
 from facts_damping.parameters.link import Link, Stage
 from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
+from facts_damping.simulation.loop import tick_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from facts_damping import loop
 from facts_damping.analysis.latency import frames_lost, latency
-from facts_damping.configuration import load_case, make_case
+from facts_damping.case.delay_traces import of_record
+from facts_damping.case.loading import load_case, make_case
 from facts_damping.errors import InputError
-from facts_damping.files import shipped
-from facts_damping.traces import of_record
+from facts_damping.parameters.files import shipped
+from facts_damping.simulation import loop
 from tests.link.test_models import anything, waits
 
 if TYPE_CHECKING:

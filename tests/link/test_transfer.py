@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from facts_damping.link.chain import Chain, Packets, Way, longest_delay_ns
 from facts_damping.link.transfer import Direction, Links, downlink, links, merge, uplink
-from facts_damping.loop import tick_ns
 from facts_damping.parameters.link import Constant, Link
 from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
+from facts_damping.simulation.loop import tick_ns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

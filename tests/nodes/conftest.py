@@ -18,8 +18,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
-from facts_damping import graph
-from facts_damping.nodes import forked
+from facts_damping.nodes import forked, graph
 from tests.nodes.graphs import PATIENCE_S
 
 if TYPE_CHECKING:

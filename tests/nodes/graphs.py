@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from mcap.reader import make_reader
 
-from facts_damping import graph
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.errors import RunError
+from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
 
 if TYPE_CHECKING:

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping import graph, loop
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.errors import RunError
+from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
+from facts_damping.simulation import loop
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_named, assert_same, nodes_left, payloads, quiet, run_graph
 
 if TYPE_CHECKING:
@@ -163,7 +164,7 @@ def _as_at_a_terminal() -> None:
 
 @pytest.fixture
 def command(domain: int, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    arguments = ["-m", "facts_damping.cli", "run", "--set", "duration=1000", "--out", str(tmp_path / "out")]
+    arguments = ["-m", "facts_damping.cli.main", "run", "--set", "duration=1000", "--out", str(tmp_path / "out")]
     popen = subprocess.Popen(
         [sys.executable, *arguments],
         stderr=subprocess.PIPE,
@@ -215,7 +216,10 @@ def test_json_of_run_and_simulate_agree(domain: int, tmp_path: Path) -> None:
     results = []
     for verb in (["run", "--out", str(tmp_path / "out")], ["simulate"]):
         done = subprocess.run(
-            [sys.executable, "-m", "facts_damping.cli", *verb, *arguments], capture_output=True, text=True, check=True
+            [sys.executable, "-m", "facts_damping.cli.main", *verb, *arguments],
+            capture_output=True,
+            text=True,
+            check=True,
         )
         results.append(json.loads(done.stdout))
     recorded, computed = results

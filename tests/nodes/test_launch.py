@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from facts_damping import loop
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.recording.reader import load
+from facts_damping.simulation import loop
 from tests.nodes.graphs import PATIENCE_S, assert_same
 
 if TYPE_CHECKING:

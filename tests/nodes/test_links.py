@@ -16,12 +16,13 @@ from hypothesis import strategies as st
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 
-from facts_damping import graph, loop
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.control.compensation import COMPENSATIONS
 from facts_damping.errors import RunError
+from facts_damping.nodes import graph
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.reader import load
+from facts_damping.simulation import loop
 from tests.link.test_presets import any_link
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_named, assert_same, payloads, quiet
 

@@ -20,14 +20,14 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from facts_damping import graph, loop
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError, RunError
-from facts_damping.nodes import live_view
+from facts_damping.nodes import graph, live_view
 from facts_damping.nodes.live_view import LISTENING
 from facts_damping.nodes.node import RELIABLE, wait_for_peers
 from facts_damping.nodes.parameters import Options
 from facts_damping.recording.reader import load
+from facts_damping.simulation import loop
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, nodes_left, payloads, quiet
 
 if TYPE_CHECKING:

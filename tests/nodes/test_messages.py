@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -11,13 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
-from facts_damping.configuration import Case, load_case
+from facts_damping.case.loading import load_case
 from facts_damping.nodes import packing
 from facts_damping.nodes.messages import Inner, Truth
 from facts_damping.nodes.tables import Frames, Setpoints
-from facts_damping.parts import build_control
+from facts_damping.nodes.warmup import PARTS, compile_part
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
-from facts_damping.warmup import PARTS, compile_part
+from facts_damping.simulation.build import build_control
+
+if TYPE_CHECKING:
+    from facts_damping.case.model import Case
 
 TIMES = st.integers(0, 2**31 * NANOSECONDS - 1)
 FLOATS = st.floats(allow_nan=True, width=64)

@@ -13,11 +13,12 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.serialization import deserialize_message
 
-from facts_damping import adapted, graph, loop
-from facts_damping.configuration import load_case
-from facts_damping.files import read_table
+from facts_damping.case.loading import load_case
 from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.nodes import graph
+from facts_damping.parameters.files import read_table
 from facts_damping.recording.reader import load
+from facts_damping.simulation import learnt_weights, loop
 from facts_damping.studies.architectures import controllers
 from tests.nodes.graphs import LOADED_S, assert_named, assert_same, quiet
 
@@ -109,7 +110,7 @@ def test_weights_are_saved_and_a_run_goes_on_from_them(domain: int, tmp_path: Pa
     loop.finish(case, built)
     graph.run(case, "lockstep", tmp_path / "first", quiet, LOADED_S)
     (file,) = (tmp_path / "first").glob("*.weights.yaml")
-    (learnt,) = adapted.all_adapted(case, built).values()
+    (learnt,) = learnt_weights.all_adapted(case, built).values()
     assert read_table(file) == learnt.model_dump()
     warm = load_case(None, [*HBSWC, "duration=4", f"controllers.0.weights={file}"])
     graph.run(warm, "lockstep", tmp_path / "second", quiet, LOADED_S)

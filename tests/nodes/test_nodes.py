@@ -12,9 +12,10 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 
-from facts_damping import graph, loop
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
+from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
+from facts_damping.simulation import loop
 from tests.nodes.graphs import PATIENCE_S
 
 if TYPE_CHECKING:

@@ -19,14 +19,15 @@ from mcap.reader import make_reader
 from rclpy.context import Context
 from rosbags.highlevel import AnyReader
 
-from facts_damping import cli, graph, replay
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
 from facts_damping.errors import RecordingError, RunError
-from facts_damping.nodes import forked
+from facts_damping.nodes import forked, graph
 from facts_damping.nodes.controller import ControllerNode
 from facts_damping.nodes.node import RELIABLE
 from facts_damping.recording.reader import KINDS, load
 from facts_damping.recording.scan import scan
+from facts_damping.simulation import replay
 from tests.nodes.bags import STORAGES, copy, in_chunks
 from tests.nodes.graphs import ARRAYS, LOADED_S, PATIENCE_S, SILENCE_S, nodes_left, payloads, quiet
 
@@ -73,7 +74,7 @@ def in_order(graphs: dict[str, Path], tmp_path_factory: Any) -> tuple[Path, Chun
 
 
 def called(capsys: Any, *arguments: str) -> tuple[int, str, str]:
-    status = cli.main([str(argument) for argument in arguments])
+    status = main.main([str(argument) for argument in arguments])
     said = capsys.readouterr()
     return status, said.out, said.err
 
@@ -279,7 +280,7 @@ def test_a_database_that_is_cut_is_read_up_to_there_or_refused(
     for share in np.linspace(0.0, 1.0, 24, endpoint=False):
         cut = tmp_path / "cut.db3"
         cut.write_bytes(data[: int(share * len(data))])
-        status = cli.main(["replay", str(cut), "--run", run])
+        status = main.main(["replay", str(cut), "--run", run])
         assert status in (0, 2)
         if status == 0:
             part = load(cut)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.configuration import load_system
+from facts_damping.case.loading import load_system
 from facts_damping.parameters.devices import Sssc
 from facts_damping.parameters.run import Scenario
 from facts_damping.parameters.system import System

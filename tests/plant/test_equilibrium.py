@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facts_damping.files import shipped as names
-from facts_damping.plant.linear import linearise
+from facts_damping.parameters.files import shipped as names
+from facts_damping.small_signal.linearisation import linearise
 from tests.plant.running import follow, frame_times, plant, shipped, slopes
 
 CASES = [(name, with_devices) for name in names("systems") for with_devices in (False, True)]

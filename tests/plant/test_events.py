@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 import pytest
 
-from facts_damping.configuration import make_case
+from facts_damping.case.loading import make_case
 from facts_damping.errors import InputError
 from facts_damping.parameters.run import Event
 from facts_damping.plant.events import stages, timeline

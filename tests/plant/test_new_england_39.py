@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facts_damping.plant.linear import linearise, modes
 from facts_damping.plant.power_flow import solve
+from facts_damping.small_signal.linearisation import linearise, modes
 from tests.plant.running import follow, frame_times, plant, shipped
-from tests.plant.test_modes import furthest, moving
+from tests.small_signal.test_modes import furthest, moving
 
 DATA = Path(__file__).parents[2] / "config" / "references"
 GENERATED = {  # MATPOWER, case39 solved: MW and Mvar

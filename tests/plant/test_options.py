@@ -16,12 +16,12 @@ import pytest
 from scipy.linalg import expm
 
 from facts_damping.parameters.grid import Line
-from facts_damping.plant.linear import linearise
 from facts_damping.plant.network import line_section
 from facts_damping.plant.power_flow import solve
+from facts_damping.small_signal.linearisation import linearise
 from tests.independent import kundur_circuits
 from tests.plant.running import changed, follow, plant, shipped
-from tests.plant.test_modes import furthest
+from tests.small_signal.test_modes import furthest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from facts_damping.errors import InputError
-from facts_damping.files import shipped as names
+from facts_damping.parameters.files import shipped as names
 from facts_damping.plant.power_flow import TOLERANCE, solve
 from tests.independent import two_area as reference
 from tests.plant.running import BYPASS, changed, shipped, split

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import simpson
 
-from facts_damping.plant.linear import linearise
 from facts_damping.plant.network import series_devices
 from facts_damping.signals import CHANNELS
+from facts_damping.small_signal.linearisation import linearise
 from tests.plant.running import Trace, changed, events, follow, frame_times, plant, shipped, ssscs
 
 if TYPE_CHECKING:

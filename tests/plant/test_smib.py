@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping import loop
-from facts_damping.configuration import load_case
-from facts_damping.plant.linear import linearise, modes
+from facts_damping.case.loading import load_case
 from facts_damping.signals import CHANNELS
+from facts_damping.simulation import loop
+from facts_damping.small_signal.linearisation import linearise, modes
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
 if TYPE_CHECKING:

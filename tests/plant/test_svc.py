@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from facts_damping.plant.linear import linearise
 from facts_damping.signals import CHANNELS
+from facts_damping.small_signal.linearisation import linearise
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 from tests.plant.small import SPUR, between_infinite_buses
 from tests.plant.test_properties import everywhere

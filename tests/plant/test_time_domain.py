@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from facts_damping import loop
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
 from facts_damping.plant.integration import advance
-from facts_damping.plant.linear import linearise
 from facts_damping.plant.model import workspace
 from facts_damping.signals import to_ns
+from facts_damping.simulation import loop
+from facts_damping.small_signal.linearisation import linearise
 from tests.independent import two_area as reference
 from tests.plant.running import BYPASS, Trace, follow, frame_times, plant, shipped, split, table
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from facts_damping.plant.linear import linearise
 from facts_damping.plant.power_flow import solve
+from facts_damping.small_signal.linearisation import linearise
 from tests.plant.running import changed, follow, frame_times, plant, shipped
-from tests.plant.test_modes import furthest, moving
+from tests.small_signal.test_modes import furthest, moving
 
 if TYPE_CHECKING:
     from facts_damping.parameters.system import System

@@ -9,10 +9,11 @@ import pandas as pd
 import pyarrow.parquet
 import pytest
 
-from facts_damping import cli, loop
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
 from facts_damping.recording import load
 from facts_damping.signals import CHANNELS
+from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -84,7 +85,7 @@ def test_frame_rate_is_told_by_the_ticks_where_nothing_else_tells(record: Record
 def test_export_holds_the_same_columns(tmp_path: Path, record: Record, write_record: Any, kind: str) -> None:
     write_record(record, tmp_path / "run")
     file = tmp_path / f"table.{kind}"
-    assert cli.main(["export", str(tmp_path / "run"), "--out", str(file)]) == 0
+    assert main.main(["export", str(tmp_path / "run"), "--out", str(file)]) == 0
     arrays = load(tmp_path / "run").arrays
     table = pd.read_parquet(file) if kind == "parquet" else pd.read_csv(file, engine="pyarrow")
     assert list(table.columns) == list(arrays)
@@ -103,5 +104,5 @@ def test_export_refuses_in_one_line(
     tmp_path: Path, record: Record, write_record: Any, capsys: Any, out: str, said: str
 ) -> None:
     write_record(record, tmp_path / "run")
-    assert cli.main(["export", str(tmp_path / "run"), "--out", str(tmp_path / out)]) == 2
+    assert main.main(["export", str(tmp_path / "run"), "--out", str(tmp_path / out)]) == 2
     assert said in capsys.readouterr().err

@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 from mcap.records import Attachment
 from mcap.stream_reader import StreamReader
 
-from facts_damping import cli, loop, replay
-from facts_damping.configuration import load_case
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
 from facts_damping.errors import FactsDampingError
 from facts_damping.recording import RecordingWriter, load, schema_text
+from facts_damping.simulation import loop, replay
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -290,7 +291,7 @@ def test_commands_say_it_in_lines(
     if data is not None:
         file.write_bytes(data)
     out = {"analyze": ["--out", str(tmp_path / "out")], "export": ["--out", str(tmp_path / "out.csv")]}.get(verb, [])
-    status = cli.main([verb, str(file), *out])
+    status = main.main([verb, str(file), *out])
     said = capsys.readouterr().err
     sound = damage in ("cut", "middle") or (damage == "run" and verb == "export")
     assert status == (0 if sound else 2), said

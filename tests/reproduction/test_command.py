@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from facts_damping.cli import main
-from facts_damping.files import share_folder
+from facts_damping.cli.main import main
+from facts_damping.parameters.files import share_folder
 from facts_damping.reproduction.agreement import Run, compare
 from facts_damping.reproduction.printed import Who, cells
 from facts_damping.reproduction.results import TITLES

@@ -12,8 +12,8 @@ import pytest
 
 from facts_damping.analysis.indices import INDICES
 from facts_damping.errors import InputError
-from facts_damping.files import shipped
 from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.parameters.files import shipped
 from facts_damping.reproduction import printed
 from facts_damping.reproduction.printed import DIRECT, LLC, TABLES, Cell, Who, cells, folder, inconsistent, operations
 

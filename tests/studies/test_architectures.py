@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from facts_damping import loop
-from facts_damping.cli import main
-from facts_damping.configuration import load_case
-from facts_damping.parts import build_plant
-from facts_damping.sensitivity import sensitivity
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
+from facts_damping.simulation import loop
+from facts_damping.simulation.build import build_plant
+from facts_damping.small_signal.residues import sensitivity
 from facts_damping.studies import architectures, interaction, jacobians
 from facts_damping.studies.true_jacobian import Respondent, figures, follow
 from tests.studies.pages import assert_same_lines

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from facts_damping.checking import check
 from facts_damping.parameters.study import Margin, Study
+from facts_damping.parameters.validation import check
 from facts_damping.studies import axes, margins
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facts_damping import loop
-from facts_damping.configuration import load_case, load_system
-from facts_damping.files import shipped
-from facts_damping.parts import build_plant
+from facts_damping.case.loading import load_case, load_system
+from facts_damping.parameters.files import shipped
 from facts_damping.signals import CHANNELS
+from facts_damping.simulation import loop
+from facts_damping.simulation.build import build_plant
 from facts_damping.studies import sweep
 from facts_damping.studies.batch import make, one_run
 

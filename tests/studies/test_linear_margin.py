@@ -12,10 +12,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from facts_damping import cli, loop
-from facts_damping.configuration import load_case
-from facts_damping.delayed import DelayedLoop, Discrete, approximate, delayed_loop, eigen, sampled
-from facts_damping.plant.linear import LinearModel
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
+from facts_damping.simulation import loop
+from facts_damping.small_signal.linearisation import LinearModel
+from facts_damping.studies.linear_closed_loop import DelayedLoop, Discrete, approximate, delayed_loop, eigen, sampled
 from facts_damping.studies.linear_margin import Margin, first_limit, intervals, margin
 from facts_damping.studies.linear_margin_pages import document, draw, text
 from facts_damping.studies.linear_margin_runs import bears, beside, bounds, pulse_margin, pulsed
@@ -276,7 +277,7 @@ def test_ringdown_of_runs_is_that_of_the_linear_modes() -> None:
 @pytest.fixture
 def inside(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     def run(*arguments: str) -> tuple[int, str, str]:
-        status = cli.main(["margin", *arguments])
+        status = main.main(["margin", *arguments])
         return status, *capsys.readouterr()
 
     return run

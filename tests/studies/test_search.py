@@ -14,14 +14,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from facts_damping import files
 from facts_damping.analysis.indices import INDICES
-from facts_damping.cli import main, parser
-from facts_damping.configuration import load_case, load_system
+from facts_damping.case.loading import load_case, load_system
+from facts_damping.cli.main import main, parser
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
-from facts_damping.files import shipped
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
+from facts_damping.parameters import files
+from facts_damping.parameters.files import shipped
 from facts_damping.parameters.run import Controller
 from facts_damping.studies import scoring
 from facts_damping.studies import search as study

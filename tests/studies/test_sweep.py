@@ -19,12 +19,13 @@ from typing import TYPE_CHECKING, Any
 import pyarrow.parquet as pq
 import pytest
 
-from facts_damping import files, loop
 from facts_damping.analysis.summary import summarise
-from facts_damping.cli import main
-from facts_damping.configuration import load_case
-from facts_damping.files import shipped
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
+from facts_damping.parameters import files
+from facts_damping.parameters.files import shipped
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.simulation import loop
 from facts_damping.studies import axes, batch, sweep
 from facts_damping.studies.batch import Task, make, names, one_run
 from facts_damping.studies.journal import Journal
@@ -284,7 +285,7 @@ def table(out: Path) -> list[dict[str, Any]]:
 WAITING = """
 import sys, time
 from pathlib import Path
-from facts_damping import cli
+from facts_damping.cli.main import main
 from facts_damping.studies.journal import Journal
 
 append = Journal.append

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping.checking import check
-from facts_damping.cli import main
-from facts_damping.configuration import tuned
+from facts_damping.case.controllers import tuned
+from facts_damping.cli.main import main
 from facts_damping.control.table import CONTROLLERS, kind
-from facts_damping.files import read_table, shipped
+from facts_damping.parameters.files import read_table, shipped
 from facts_damping.parameters.run import Tuned, TunedController
+from facts_damping.parameters.validation import check
 from facts_damping.studies import tune
 from facts_damping.studies.space import LEAD_LAG
 from facts_damping.studies.tune import LOST, Job, Task, Trainer, objective, rows, search

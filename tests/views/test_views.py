@@ -9,10 +9,10 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from facts_damping import graph
-from facts_damping.cli import main
-from facts_damping.configuration import load_case
-from facts_damping.files import share_folder
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
+from facts_damping.nodes import graph
+from facts_damping.parameters.files import share_folder
 from facts_damping.recording import RecordingWriter, load
 from facts_damping.recording.scan import scan
 from facts_damping.views import layouts

@@ -1,0 +1,149 @@
+"""A run's controllers filled in: scheme, all parameters (the table's, the tuned, its own), weights."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from facts_damping.case.links import mean_delays
+from facts_damping.control import bank, identifier_model
+from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
+from facts_damping.control.table import STATE_SPACE, Parameter, Value, defaults, kind
+from facts_damping.errors import InputError, check_known
+from facts_damping.parameters import files
+from facts_damping.parameters.run import Controller, Tuned, Weights
+from facts_damping.parameters.validation import check, origin
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from facts_damping.parameters.link import Link
+    from facts_damping.parameters.system import System
+
+SPAN = 6.0  # frames of `identifier_span`, where an identifier predicts: with one value it does not know an oscillation
+
+
+def filled(
+    controller: Controller, here: str, system: System, link: Link, source: str, sets: dict[str, str] | None
+) -> Controller:
+    """A controller with scheme, all parameters and its weights: the table's, then the system's tuned, then its own."""
+
+    def where(field: str) -> str:
+        return origin(f"{here}.{field}", source, sets)
+
+    row = kind(controller.name, where("name"))
+    if row.network is None and controller.scheme is not None:
+        raise InputError(f"{where('scheme')}: '{controller.scheme}' given; allowed: none for {controller.name}")
+    scheme = None if row.network is None else controller.scheme or "indirect"
+    if row.code == STATE_SPACE and controller.compensation != "none":
+        raise InputError(
+            f"{where('compensation')}: '{controller.compensation}' given; allowed: none for {controller.name}, which "
+            "reckons with its lag by itself"
+        )
+    if controller.compensation in OF_IDENTIFIERS and scheme != "indirect":
+        raise InputError(
+            f"{where('compensation')}: '{controller.compensation}' given; allowed: {', '.join(COMPENSATIONS)} for "
+            f"{controller.name}{f' {scheme}' if scheme else ''}, or an indirect controller, whose identifier predicts"
+        )
+    counts = {"signal": len(controller.signals), "device": len(controller.devices)}
+    for name, value in controller.parameters.items():
+        check_parameter(where(f"parameters.{name}"), name, value, row.parameters, counts)
+    known = tuned(system.name, controller.signals, controller.devices)
+    if controller.name == "LLC-tuned" and (controller.name, None) not in known and not controller.parameters:
+        raise InputError(
+            f"{where('name')}: 'LLC-tuned' given, which is not tuned for {system.name} with these signals and devices; "
+            f"allowed: LLC, or `facts-damping tune {system.name}` first"
+        )
+    own = defaults(row, controller.profile, *counts.values())
+    values = {**own, **known.get((controller.name, scheme), {}), **controller.parameters}
+    if controller.compensation in OF_IDENTIFIERS and "identifier_span" not in controller.parameters:
+        values["identifier_span"] = SPAN
+    order = identifier_model.past_values(values.get("identifier_span"))
+    if order > 1 and "identifier" not in controller.parameters:
+        values["identifier"] = "ANFTSI"  # whose consequents are then affine
+    if values.get("identifier") == "ANFGuMoI" and max(*counts.values(), order) > 1:
+        raise InputError(
+            f"{where('parameters.identifier')}: 'ANFGuMoI' given; "
+            "allowed: ANFTSI with several signals or devices, or an identifier_span"
+        )
+    whole, down = mean_delays(controller, system, link)
+    if values.get("lag") == -1.0:
+        values["lag"] = whole
+    if values.get("down_delay") == -1.0:
+        values["down_delay"] = down
+    weights = _weights(controller, scheme, values, where)
+    return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})
+
+
+def check_parameter(where: str, name: str, value: Value, table: dict[str, Parameter], counts: dict[str, int]) -> None:
+    """Raise `InputError` for a parameter that is not in a kind's table, or a value that it must not have.
+
+    `counts`: how many signals and devices the controller has.
+    """
+    check_known(where, name, list(table))
+    p = table[name]
+    if isinstance(value, list) and (not p.each or len(value) != counts[p.each]):
+        allowed = f"a number, or {counts[p.each]}, one a {p.each}" if p.each else "one value"
+        raise InputError(f"{where}: {len(value)} numbers given; allowed: {allowed}")
+    for one in value if isinstance(value, list) else [value]:
+        if p.choices:
+            check_known(where, str(one), p.choices)
+        elif isinstance(one, str) or not p.low <= one <= p.high or (p.whole and one != round(one)):
+            shown, whole = one if isinstance(one, str) else f"{one:g}", "whole numbers, " if p.whole else ""
+            raise InputError(f"{where}: {shown} given; allowed: {whole}{p.low:g} to {p.high:g} {p.unit}")
+
+
+def _weights(
+    controller: Controller, scheme: str | None, values: dict[str, Value], where: Callable[[str], str]
+) -> Weights | None:
+    """The weights that a controller starts from, read if they are named by a file."""
+    if controller.weights is None:
+        return None
+    found = controller.weights
+    if isinstance(found, str):
+        path = Path(found)
+        if not path.is_file():
+            raise InputError(f"{where('weights')}: {path}: no such file; allowed: weights that a run has saved")
+        found = check(Weights, files.read_table(path), str(path))
+    if (found.name, found.scheme) != (controller.name, scheme):
+        raise InputError(
+            f"{where('weights')}: weights of {found.name} ({found.scheme}) given; "
+            f"allowed: those of {controller.name} ({scheme})"
+        )
+    wanted = {"controller": bank.network_of(controller).size, "identifier": 0}
+    if scheme == "indirect":
+        kind_of_identifier = str(values["identifier"])
+        counts = len(controller.signals), len(controller.devices)
+        order = identifier_model.past_values(values["identifier_span"])
+        wanted["identifier"] = identifier_model.network_of(kind_of_identifier, *counts, order).size
+    for part, size in wanted.items():
+        given = getattr(found, part)
+        if given is not None and len(given) != size:
+            raise InputError(f"{where('weights')}: {part}: {len(given)} numbers given; allowed: {size}")
+    return found
+
+
+def tuned(
+    system: str, signals: list[str] | None = None, devices: list[str] | None = None
+) -> dict[tuple[str, str | None], dict[str, Value]]:
+    """Parameters that `facts-damping tune` chose for a system, by controller and scheme.
+
+    Known for the signals and devices alone that they were chosen with, by default those of a run; a lead-lag takes
+    the first of the signals.
+    """
+    own = Controller()
+    signals, devices = signals or own.signals, devices or own.devices
+    found: dict[tuple[str, str | None], dict[str, Value]] = {}
+    for path in files.shipped("controllers").values():
+        file = _read_tuned(path)
+        for row in file.controllers:
+            most = kind(row.name).signals
+            if (file.system, file.devices, file.signals[:most]) == (system, devices, signals):
+                found[row.name, row.scheme] = row.parameters
+    return found
+
+
+@cache
+def _read_tuned(path: Path) -> Tuned:
+    return check(Tuned, files.read_table(path), str(path))

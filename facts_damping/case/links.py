@@ -1,0 +1,77 @@
+"""The links of a run: read, checked, and which one each controller uses."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.case.delay_traces import with_traces
+from facts_damping.link.draws import mean_delay
+from facts_damping.parameters.files import find, read_table
+from facts_damping.parameters.link import Link
+from facts_damping.parameters.run import Run
+from facts_damping.parameters.validation import check, origin
+
+if TYPE_CHECKING:
+    from facts_damping.parameters.run import Controller
+    from facts_damping.parameters.system import System
+
+
+def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link, list[Link], list[int]]:
+    """The run's link; all links that are used; the index among these of the one that each controller uses.
+
+    The run's is first, where a controller has none of its own or there is no controller. Each own link is one by
+    itself, also where it bears the same name as another.
+    """
+    link = _read(run.link, "link", source, sets)
+    links = [link] if not run.controllers or any(c.link is None for c in run.controllers) else []
+    used = []
+    for i, controller in enumerate(run.controllers):
+        if controller.link is None:
+            used.append(0)
+        else:
+            used.append(len(links))
+            links.append(_read(controller.link, f"controllers.{i}.link", source, sets))
+    return link, links, used
+
+
+def mean_delays(controller: Controller, system: System, link: Link) -> tuple[float, float]:
+    """Mean delay, s, of what a controller waits for longest: from station to device, and of that the way down."""
+    signals = [name for name in controller.signals if name in system.signals]
+    stations = {station for name in signals for station in system.signals[name].weights}
+    groups = {s: {s, *(n for n, signal in system.signals.items() if s in signal.weights)} for s in stations}
+    ways = [[*groups[s], device] for s in sorted(stations) for device in controller.devices]
+    whole = [mean_delay([*link.up, *link.down], names) for names in ways]
+    return max(whole, default=0.0), max((mean_delay(link.down, [device]) for device in controller.devices), default=0.0)
+
+
+def with_own(controller: Controller, link: Link) -> Controller:
+    """A controller with the link that it uses inline, if that is its own."""
+    return controller if controller.link is None else controller.model_copy(update={"link": link.model_dump()})
+
+
+def _read(given: str | dict[str, Any], field: str, source: str, sets: dict[str, str] | None) -> Link:
+    """A link by name or path, or inline in a field of the run."""
+    if isinstance(given, str):
+        path = find("links", given)
+        return with_traces(check(Link, read_table(path), str(path)), str(path))
+    return with_traces(check(Link, given, source, sets, field), origin(field, source, sets))
+
+
+def open_own(content: dict[str, Any], path: str) -> None:
+    """Where a `--set` goes below `controllers.<path>` into a link, put the named file's content in the name's place.
+
+    A controller that has no link yet starts from the run's.
+    """
+    place, _, field = path.partition(".")
+    rows = content.get("controllers")
+    if not field.startswith("link.") or not isinstance(rows, list) or not place.isdigit() or int(place) > len(rows):
+        return
+    if int(place) == len(rows):
+        rows.append({})
+    row = rows[int(place)]
+    if isinstance(row, dict):
+        named = row.get("link")
+        if named is None:
+            named = content.get("link", Run.model_fields["link"].default)
+        row["link"] = read_table(find("links", named)) if isinstance(named, str) else deepcopy(named)

@@ -1,0 +1,129 @@
+"""From what the user wrote (YAML files, `--set`) to a checked case that everything else is built from."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.case.checks import check_case, check_events
+from facts_damping.case.controllers import filled
+from facts_damping.case.links import open_own, read_links, with_own
+from facts_damping.case.model import Case
+from facts_damping.errors import check_known
+from facts_damping.parameters.files import find, parse_set, read_table, read_value, set_field
+from facts_damping.parameters.placement import place
+from facts_damping.parameters.run import Run, Scenario
+from facts_damping.parameters.system import System
+from facts_damping.parameters.validation import check
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+def load_system(name: str, sets: list[str] | None = None, scenario: str | None = None) -> System:
+    """A system by name or path, with `--set` applied to its fields, and a scenario's dispatch."""
+    path = find("systems", name)
+    content = read_table(path)
+    pairs = dict(parse_set(text) for text in sets or [])
+    for key, value in pairs.items():
+        set_field(content, key, read_value(value, f"--set {key}={value}"), f"--set {key}={value}")
+    system = check(System, content, str(path), pairs)
+    if scenario is not None:
+        file = find("scenarios", scenario, f"{system.name}/")
+        system = _dispatched(system, check(Scenario, read_table(file), str(file)), str(file))
+    return place(system)
+
+
+def installed(system: System, names: str | None) -> list[str]:
+    """Devices by the names on a command line, `none` for none; by default those of a run, where the system has them."""
+    have = [d.name for d in system.devices]
+    if names is None:
+        return [name for name in Run.model_fields["devices"].default if name in have]
+    asked = [] if names == "none" else names.split(",")
+    for i, name in enumerate(asked):
+        check_known("--devices", name, [other for other in have if other not in asked[:i]])
+    return asked
+
+
+def load_case(name: str | None, sets: list[str] | None = None) -> Case:
+    """A run by name or path (none: all defaults), with `--set` applied, and all that it names."""
+    path = None if name is None else find("runs", name)
+    content = {} if path is None else read_table(path)
+    pairs = dict(parse_set(text) for text in sets or [])
+    change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
+    return make_case(content, str(path or "defaults"), pairs)
+
+
+def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str, str]) -> None:
+    """Set fields of a run's content by their paths; `sets`: each value as the text that `--set` would take."""
+    if values:
+        content.pop("asked", None)  # no longer what was asked for
+    for key in sorted(values, key=lambda key: key.count(".")):  # names before what lies below them
+        _open_name(content, key)
+        set_field(content, key, deepcopy(values[key]), f"--set {key}={sets[key]}")
+
+
+def _open_name(content: dict[str, Any], key: str) -> None:
+    """Where a `--set` goes below a name (system, scenario, link), put the named file's content in its place."""
+    top, _, below = key.partition(".")
+    if not below:
+        return
+    if top == "controllers":
+        content.setdefault(top, [{}])
+        open_own(content, below)
+    if top not in ("system", "scenario", "link"):
+        return
+    named = content.get(top, Run.model_fields[top].default)
+    if not isinstance(named, str):
+        return
+    if top == "scenario":
+        system = content.get("system", Run.model_fields["system"].default)
+        own = system if isinstance(system, dict) else read_table(find("systems", str(system)))
+        within = own.get("name", "")
+        scenario = read_table(find("scenarios", named, f"{within}/"))
+        content.setdefault("duration", scenario.get("duration", Scenario.model_fields["duration"].default))
+        content[top] = scenario.get("events", [])
+        if scenario.get("dispatch"):
+            _open_name(content, "system.machines")
+            for row in content["system"].get("machines", []):
+                row.update({"P": scenario["dispatch"].get(row.get("name"), row.get("P"))})
+    else:
+        content[top] = read_table(find(f"{top}s", named))
+
+
+def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> Case:
+    """A case from the content of a run file."""
+    run = check(Run, content, source, sets)
+    if isinstance(run.system, str):
+        system_path = find("systems", run.system)
+        system = check(System, read_table(system_path), str(system_path))
+    else:
+        system = check(System, run.system, source, sets, "system")
+    if isinstance(run.scenario, str):
+        path = find("scenarios", run.scenario, f"{system.name}/")
+        scenario = check(Scenario, read_table(path), str(path))
+    else:
+        scenario = check(Scenario, {"name": "inline", "events": run.scenario}, source, sets, "scenario")
+    link, links, used = read_links(run, source, sets)
+    scenario_file = str(path) if isinstance(run.scenario, str) else ""
+    placed = place(_dispatched(system, scenario, scenario_file))
+    rows = [
+        filled(with_own(c, links[used[i]]), f"controllers.{i}", system, links[used[i]], source, sets)
+        for i, c in enumerate(run.controllers)
+    ]
+    case = Case(run, rows, placed, scenario, link, links, used)
+    check_case(case, source, sets)
+    check_events(case, scenario_file, source, sets)
+    return case
+
+
+def _dispatched(system: System, scenario: Scenario, where: str) -> System:
+    """The system with the active powers that a scenario starts from."""
+    scheduled = [m.name for m in system.machines if not m.slack]
+    for name in scenario.dispatch:
+        check_known(f"{where}: dispatch", name, scheduled)
+    machines = [
+        m.model_copy(update={"P": scenario.dispatch[m.name]}) if m.name in scenario.dispatch else m
+        for m in system.machines
+    ]
+    return system.model_copy(update={"machines": machines})

@@ -1,0 +1,54 @@
+"""A checked run with all that it names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from facts_damping.parameters.link import Link
+    from facts_damping.parameters.run import Controller, Run, Scenario
+    from facts_damping.parameters.system import System
+
+
+@dataclass(frozen=True)
+class Case:
+    """A checked run: what the user asked for, and the files it names, read.
+
+    `controllers` are the run's with scheme, all parameters, weights and own link filled in. `links` are the run's,
+    where it is used, then each controller's own; `used_links` says which one each controller uses.
+    """
+
+    run: Run
+    controllers: list[Controller]
+    system: System
+    scenario: Scenario
+    link: Link
+    links: list[Link]
+    used_links: list[int]
+
+    @property
+    def duration(self) -> float:
+        """Simulated time, s."""
+        return self.scenario.duration if self.run.duration is None else self.run.duration
+
+    @property
+    def ticks(self) -> int:
+        """Number of PMU frames in the run."""
+        return max(1, round(self.duration * self.run.frame_rate))
+
+    def summary(self) -> dict[str, Any]:
+        """The run with its names, as JSON output shows it."""
+        return self.run.asked or {**self.run.model_dump(exclude={"asked"}), "duration": self.duration}
+
+    def document(self) -> dict[str, Any]:
+        """The run with everything it names inline: a run file by itself."""
+        return {
+            **self.run.model_dump(),
+            "controllers": [controller.model_dump() for controller in self.controllers],
+            "asked": self.summary(),
+            "duration": self.duration,
+            "system": self.system.model_dump(by_alias=True),
+            "scenario": [event.model_dump() for event in self.scenario.events],
+            "link": self.link.model_dump(),
+        }

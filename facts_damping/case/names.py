@@ -1,0 +1,75 @@
+"""Names and places of a case's controllers, identifiers and links as ROS nodes, and of their topics."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from facts_damping.case.model import Case
+
+
+def controller_names(case: Case) -> list[str]:
+    """Names of the controllers as nodes: their place in the run and their kind, `controller_0_LLC`."""
+    return [f"controller_{c}_{re_name(controller.name)}" for c, controller in enumerate(case.run.controllers)]
+
+
+def identifier_names(case: Case) -> dict[int, str]:
+    """Names of the identifiers as nodes, by the index of the controller that each serves: `identifier_0_ANFTSI`."""
+    return {
+        c: f"identifier_{c}_{controller.parameters['identifier']}"
+        for c, controller in enumerate(case.controllers)
+        if controller.scheme == "indirect"
+    }
+
+
+class Address(NamedTuple):
+    """A node's place: a namespace below that of the graph (empty: the graph's own), and its name."""
+
+    namespace: str
+    name: str
+
+    def __str__(self) -> str:
+        """Both, as seen from the graph's namespace."""
+        return self.topic(self.name)
+
+    def topic(self, name: str) -> str:
+        """A topic in its namespace, as seen from the graph's."""
+        return f"{self.namespace}/{name}" if self.namespace else name
+
+
+def controller_addresses(case: Case) -> list[Address]:
+    """Places of the controllers: `area_1/controller_0_LLC`, without a namespace `controller_0_LLC`."""
+    names = controller_names(case)
+    return [Address(c.namespace or "", name) for c, name in zip(case.run.controllers, names, strict=True)]
+
+
+def identifier_addresses(case: Case) -> dict[int, Address]:
+    """Places of the identifiers, beside the controllers that they serve."""
+    controllers = controller_addresses(case)
+    return {c: Address(controllers[c].namespace, name) for c, name in identifier_names(case).items()}
+
+
+def link_addresses(case: Case) -> list[Address]:
+    """Places of the links: the run's in the graph's namespace, a controller's own in one that no other node shares.
+
+    That is its controller's namespace, or one by its controller's name where others are in that, or there is none.
+    """
+    controllers = controller_addresses(case)
+    crowd = Counter(address.namespace for address in controllers)
+    own = [c for c, controller in enumerate(case.run.controllers) if controller.link is not None]
+    places = [""] if len(case.links) > len(own) else []
+    for c in own:
+        alone = controllers[c].namespace and crowd[controllers[c].namespace] == 1
+        places.append(controllers[c].namespace if alone else str(controllers[c]))
+    return [Address(place, "wan_link") for place in places]
+
+
+def recorded_topic(controller: str) -> str:
+    """The topic, in a replay, of what was recorded as the setpoints of a controller (its place in the graph)."""
+    return f"recorded/{controller}/setpoints"
+
+
+def re_name(kind: str) -> str:
+    """A kind's name as a ROS name: letters, digits and underscores."""
+    return "".join(letter if letter.isalnum() else "_" for letter in kind)

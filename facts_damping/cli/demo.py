@@ -1,0 +1,83 @@
+"""The main job, as `make demo` runs it: no control, lead-lag control, and the same with 100 ms of delay."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+from facts_damping import report
+from facts_damping.analysis import details
+from facts_damping.analysis.summary import table
+from facts_damping.case import loading
+from facts_damping.cli.main import runs
+from facts_damping.errors import FactsDampingError
+from facts_damping.nodes import graph
+from facts_damping.recording.reader import load
+from facts_damping.terminal import Progress
+
+CASES = {
+    "no control": ["controllers=[]"],
+    "LLC": [],
+    "LLC, 100 ms": ["link=delay_100ms"],
+}
+
+
+def run_all(folder: Path) -> None:
+    """Run the three graphs in lockstep, put their figures side by side, plot them together, write their report."""
+    named = []
+    for name, sets in CASES.items():
+        case = loading.load_case("two_area_small", sets)
+        place = folder / _place(name)
+        progress = Progress(name)
+        try:
+            outcome = graph.run(case, "lockstep", place, progress)
+        finally:
+            progress.close()
+        record = load(outcome.recording)
+        named.append((name, record))
+        print(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
+    print("\nscenario small of two_area: load of area 2 decreased by 10 % at t = 1 s\n")
+    results = [runs.summarise(record, None, str(folder / _place(name) / "recording")) for name, record in named]
+    details.compare(results, 0)
+    print(table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
+    print()
+    for path in runs.plot(named, folder):
+        print(f"plot: {path}")
+    print(f"recordings: {folder}/*/recording")
+    report.write(folder / "report.html", named, results)
+    print(f"report, for a browser: {_newest(folder)}/report.html")
+
+
+def _newest(folder: Path) -> Path:
+    """A link to the newest folder, `results/demo`, or the folder itself where something else has that name."""
+    link = folder.parent / "demo"
+    if link.is_symlink():
+        link.unlink()
+    if link.exists():
+        return folder
+    link.symlink_to(folder.name)
+    return link
+
+
+def _place(name: str) -> str:
+    """Name of the folder of a run."""
+    return name.replace(",", "").replace(" ", "_")
+
+
+def main() -> int:
+    """Entry point of `python -m facts_damping.cli.demo`."""
+    folder = Path("results") / f"demo-{time.strftime('%Y%m%d-%H%M%S')}"
+    try:
+        run_all(folder)
+    except FactsDampingError as error:
+        sys.stderr.write(f"demo: {error}\n")
+        return 1
+    except KeyboardInterrupt:
+        sys.stderr.write("demo: interrupted\n")
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

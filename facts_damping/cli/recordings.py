@@ -1,0 +1,134 @@
+"""What the commands for recordings do beyond analysis: replay and export."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.cli.runs import out_folder, say
+from facts_damping.errors import InputError, RunError
+from facts_damping.parameters import files
+from facts_damping.simulation import loop
+from facts_damping.simulation import replay as again
+from facts_damping.terminal import Progress, write_json
+
+if TYPE_CHECKING:
+    import argparse
+
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.signals import Record
+
+
+def replay(arguments: argparse.Namespace) -> None:
+    """A recording's delivered frames, once more into its controllers, or into others."""
+    from facts_damping.recording.reader import load
+
+    record = load(arguments.recording)
+    case = again.case_of(record, str(arguments.recording), arguments.run, arguments.set)
+    played = again.fitted(record, case)
+    folder = None if arguments.out is None and not arguments.nodes else out_folder(arguments, "replay")
+    issued, estimates, recording = (_by_nodes if arguments.nodes else _in_process)(arguments, case, played, folder)
+    found, estimated = again.first_difference(played, issued), again.first_estimate(played, estimates)
+    result = {
+        "recording": str(arguments.recording),
+        "controllers": [controller.model_dump() for controller in case.controllers],
+        "ticks": len(played.ticks),
+        "setpoints": len(issued),
+        "estimates": len(estimates),
+        "identical": found is None and estimated is None,
+        "first_difference": None if found is None else found._asdict(),
+        "devices": again.beside(case, played, issued),
+        "notes": again.notes_on(record, played),
+        "replayed": recording,
+    }
+    lines = [] if recording is None else [f"recording: {recording}"]
+    if folder is not None:
+        lines.append(f"plot: {_picture(case, record, played, issued, files.new_folder(folder))}")
+        write_json(str(folder / "result.json"), result)
+    write_json(arguments.json, result)
+    _tell(arguments, result, lines)
+    if found is not None and not arguments.set:
+        raise RunError(f"the setpoints are not those recorded, from {found}")
+    if estimated is not None and not arguments.set:
+        raise RunError(f"the setpoints are those recorded, but the estimates are not, from tick {estimated}")
+
+
+def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str]) -> None:
+    """Notes on standard error; verdict, and of other setpoints the table."""
+    from facts_damping.analysis import shadow
+
+    for note in result["notes"]:
+        sys.stderr.write(f"{arguments.recording}: {note}\n")
+    counted = ", ".join(f"{result[what]} {what}" for what in ("ticks", "setpoints", "estimates") if result[what])
+    if result["identical"]:
+        say(arguments, f"{counted}: identical, bit for bit")
+    else:
+        say(arguments, shadow.table(result["devices"]))
+        first = result["first_difference"]
+        others = "the same setpoints, other estimates" if first is None else f"others from tick {first['tick']} on"
+        say(arguments, f"{counted}: {others}")
+    for line in lines:
+        say(arguments, line)
+
+
+def _in_process(
+    _arguments: argparse.Namespace, case: Case, played: Record, _folder: Path | None
+) -> tuple[NDArray[Any], NDArray[Any], None]:
+    """Setpoints and estimates of the compiled steps."""
+    progress = Progress("replay")
+    try:
+        return *again.play(case, played, progress), None
+    finally:
+        progress.close()
+
+
+def _by_nodes(
+    arguments: argparse.Namespace, case: Case, played: Record, folder: Path | None
+) -> tuple[NDArray[Any], NDArray[Any], str]:
+    """Setpoints and estimates of the nodes, and the recording of the graph."""
+    from facts_damping.nodes import graph
+    from facts_damping.recording.reader import load
+
+    if played.ticks[0] > 0:
+        raise InputError(f"--nodes: a recording from tick {played.ticks[0]} on given; allowed: one from tick 0 on")
+    loop.build_loop(case)  # bad input is refused before anything starts
+    progress = Progress("replay")
+    try:
+        outcome = graph.run(
+            case, "lockstep", folder or Path(), progress, arguments.timeout, replayed=arguments.recording
+        )
+    finally:
+        progress.close()
+    by_nodes = load(outcome.recording)
+    return by_nodes.issued, by_nodes.estimates, str(outcome.recording)
+
+
+def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], folder: Path) -> Path:
+    from facts_damping.analysis import shadow
+
+    grids = {
+        name: (again.on_grid(played, played.issued, d), again.on_grid(played, issued, d))
+        for d, name in enumerate(case.run.devices)
+    }
+    limits = {name: case.system.device(name).v_max for name in case.run.devices}
+    names = ", ".join(record.controller_names) or "none", ", ".join(played.controller_names)
+    return shadow.plot(played.time_s, grids, limits, names, folder / "setpoints.png")
+
+
+def export(arguments: argparse.Namespace) -> None:
+    """All signals of a recording on the grid of its ticks, as Parquet or CSV."""
+    from facts_damping.recording.export import KINDS, write
+    from facts_damping.recording.reader import load
+
+    path = Path(arguments.out)
+    if path.suffix not in KINDS:
+        raise InputError(f"--out {path}: given; allowed: a file that ends with {' or '.join(KINDS)}")
+    files.check_writable(str(path), "--out")
+    record = load(arguments.recording)
+    write(record, path)
+    for note in record.notes:
+        sys.stderr.write(f"{arguments.recording}: {note}\n")
+    say(arguments, f"{len(record.time_ns)} ticks, {len(record.arrays)} columns: {path}")

@@ -1,0 +1,324 @@
+"""What the commands for one run or system do, each from the parsed command line (studies: studies.py)."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.case import loading
+from facts_damping.errors import InputError, RunError, check_known
+from facts_damping.parameters import files
+from facts_damping.parameters.run import Run
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.simulation import learnt_weights, loop
+from facts_damping.simulation.replay import check_has_run
+from facts_damping.terminal import Progress, write_json
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
+    from facts_damping.signals import Record
+
+
+def out_folder(arguments: argparse.Namespace, name: str) -> Path:
+    """Folder for results: `--out`, or a new one under `results`, named by date and run."""
+    if arguments.out is not None:
+        return Path(arguments.out)
+    return Path("results") / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
+
+
+def say(arguments: argparse.Namespace, text: str) -> None:
+    """Tell the user, unless standard output belongs to JSON."""
+    if arguments.json != "-":
+        sys.stdout.write(text + "\n")
+
+
+def summarise(
+    record: Record, wall_s: float | None, recording: str | None, method: str = "matrix_pencil"
+) -> dict[str, Any]:
+    """The JSON of a run (docs/commands.md)."""
+    from facts_damping.analysis import summary
+
+    return {**summary.summarise(record, method=method), "wall_s": wall_s, "recording": recording}
+
+
+def plot(records: Sequence[tuple[str, Record]], folder: Path) -> list[Path]:
+    """Plots of speeds, tie flow and injected voltage as PNG."""
+    from facts_damping.analysis.plots import plot_comparison
+
+    return plot_comparison(records, folder)
+
+
+def _report(
+    arguments: argparse.Namespace,
+    named: list[tuple[str, Record]],
+    results: list[dict[str, Any]],
+    folder: Path | None,
+    *more: str,
+) -> None:
+    """Files first, the table on the terminal after them: a reader that closes its end loses no result."""
+    from facts_damping.analysis.summary import table
+
+    one = arguments.command != "analyze"
+    pictures = [] if folder is None else plot(named, files.new_folder(folder))
+    if folder is not None:
+        write_json(str(folder / "result.json"), results[0] if one else results)
+    write_json(arguments.json, results[0] if one else results)
+    for name, record in named:
+        for note in record.notes:
+            sys.stderr.write(f"{name}: {note}\n")
+    say(arguments, table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
+    for line in (*(f"plot: {path}" for path in pictures), *more):
+        say(arguments, line)
+
+
+def label(run: dict[str, Any]) -> str:
+    """A short name of a run: system, scenario, controllers, links."""
+    links = [run["link"] if c.get("link") is None else c["link"] for c in run["controllers"]] or [run["link"]]
+    parts = [
+        [run["system"]],
+        [run["scenario"]],
+        [c["name"] for c in run["controllers"]] or ["none"],
+        links if any(c.get("link") is not None for c in run["controllers"]) else links[:1],
+    ]
+    named = ("+".join(one if isinstance(one, str) else "custom" for one in part) for part in parts)
+    return "-".join(named).replace("/", "_")
+
+
+def simulate(arguments: argparse.Namespace) -> None:
+    """One closed loop in process."""
+    case = loading.load_case(arguments.run, arguments.set)
+    began = time.perf_counter()
+    built = loop.build_loop(case)
+    record = loop.finish(case, built)
+    result = summarise(record, time.perf_counter() - began, None)
+    folder, saved = None, []
+    if arguments.out is not None:
+        folder = files.new_folder(Path(arguments.out))
+        for name, weights in learnt_weights.all_adapted(case, built).items():
+            saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
+            files.write_whole(folder / f"{name}.weights.yaml", dump(weights.model_dump()))
+    _report(arguments, [(label(case.summary()), record)], [result], folder, *saved)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """The same loop as a ROS 2 graph."""
+    from facts_damping.analysis import plots, summary  # noqa: F401 (while what nodes need is loaded, too)
+    from facts_damping.nodes import graph
+    from facts_damping.recording.reader import load
+
+    case = loading.load_case(arguments.run, arguments.set)
+    loop.build_loop(case)  # bad input is refused before anything starts
+    name = label(case.summary())
+    folder = out_folder(arguments, name)
+    progress = Progress(name)
+    if arguments.foxglove is not None:
+        say(arguments, f"live view: ws://127.0.0.1:{arguments.foxglove}")
+    try:
+        outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, arguments.foxglove)
+    finally:
+        progress.close()
+    record = load(outcome.recording)
+    result = summarise(record, outcome.wall_s, str(outcome.recording))
+    result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
+    counted = f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}"
+    _report(arguments, [(name, record)], [result], folder, counted, f"recording: {outcome.recording}")
+
+
+def analyze(arguments: argparse.Namespace) -> None:
+    """Figures and plots of recordings."""
+    from facts_damping.analysis import details
+    from facts_damping.recording.reader import load
+
+    files.check_writable(arguments.report, "--report", standard=False)
+    if arguments.spwvd is None and (arguments.windows or arguments.band):
+        raise InputError("--windows, --band: given without --spwvd; allowed: with --spwvd SIGNAL,...")
+    given = arguments.recordings
+    first = given[0] if arguments.baseline is None else arguments.baseline
+    check_known("--baseline", first, given)
+    named, progress = [], Progress("read", "recordings")
+    for i, path in enumerate(given):
+        progress(i, len(given))
+        record = _explained(load(path), path, arguments.run)
+        named.append((label(Run.model_validate(record.asked).model_dump()), record))
+    progress.close()
+    if len({name for name, _ in named}) < len(named):
+        named = [(f"{i + 1} {name}", record) for i, (name, record) in enumerate(named)]
+    results = []
+    for (_, record), path in zip(named, given, strict=True):
+        result = summarise(record, None, str(path), arguments.modes_method)
+        results.append(result | details.details(record))
+    details.compare(results, given.index(first))
+    folder = Path(arguments.out) if arguments.out is not None else Path(given[0]).parent / "analysis"
+    names = [name for name, _ in named]
+    more = [
+        *details.lines(names, results, given.index(first)),
+        *_distributions(arguments, named, results, folder),
+        *_page(arguments, named, results, given.index(first)),
+    ]
+    _report(arguments, named, results, folder, *more)
+
+
+def _distributions(
+    arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]], folder: Path
+) -> list[str]:
+    """Time-frequency pictures, where they are asked for: a line each."""
+    if arguments.spwvd is None:
+        return []
+    from facts_damping.analysis.time_frequency_plots import Settings, distribution_figures, save
+
+    asked = Settings()
+    if arguments.windows:
+        asked = asked._replace(lag=arguments.windows[0], time=arguments.windows[1])
+    if arguments.band:
+        asked = asked._replace(band=arguments.band)
+    modes = [[mode["frequency_hz"] for mode in result["modes"]] for result in results]
+    records = [(name, record, lines) for (name, record), lines in zip(named, modes, strict=True)]
+    figures, notes = distribution_figures(records, arguments.spwvd.split(","), asked)
+    paths = save(figures, files.new_folder(folder))
+    for note in notes:
+        sys.stderr.write(f"{note}\n")
+    return [f"plot: {path}" for path in paths]
+
+
+def _page(
+    arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]], baseline: int
+) -> list[str]:
+    """The report, where it is asked for: a line that says where it is."""
+    if arguments.report is None:
+        return []
+    from facts_damping import report
+
+    report.write(Path(arguments.report), named, results, baseline)
+    return [f"report: {arguments.report}"]
+
+
+def views(arguments: argparse.Namespace) -> None:
+    """Layouts for Foxglove and PlotJuggler of a run or of a recording, and that one by simulated time."""
+    from facts_damping.recording import in_simulated_time, origin
+    from facts_damping.views import layouts
+
+    given = None if arguments.what is None else Path(arguments.what)
+    if given is not None and (given.is_dir() or given.suffix == ".mcap"):
+        if arguments.set:
+            raise InputError(f"--set {arguments.set[0]}: given with a recording; allowed: with a run")
+        content, namespace = origin(given)
+        case = loading.make_case(content, str(given), {})
+        folder = given.parent / "views" if arguments.out is None else Path(arguments.out)
+        for note in in_simulated_time(given, folder / "simulated_time"):
+            sys.stderr.write(f"{given}: {note}\n")
+        say(arguments, f"recording: {folder / 'simulated_time'}")
+    else:
+        case, namespace = loading.load_case(arguments.what, arguments.set), "/"
+        folder = files.new_folder(out_folder(arguments, "views"))
+    for name, text in layouts(case, namespace).items():
+        files.write_whole(folder / name, text)
+        say(arguments, f"layout: {folder / name}")
+
+
+def _explained(record: Record, path: str, run: str | None) -> Record:
+    """The record; where it holds no run (`ros2 bag record` keeps none), with that of a name or file."""
+    if record.configuration or run is None:
+        check_has_run(record, path)
+        return record
+    return replace(record, configuration=loading.load_case(run).document())
+
+
+def modes(arguments: argparse.Namespace) -> None:
+    """Power flow, eigenvalues, mode shapes and residues of a system at its start."""
+    from facts_damping.small_signal import modal_analysis
+
+    system = loading.load_system(arguments.system, arguments.set, arguments.scenario)
+    found = modal_analysis.analyse(system, loading.installed(system, arguments.devices))
+    pictures = [] if arguments.out is None else modal_analysis.plot(found, files.new_folder(Path(arguments.out)))
+    write_json(arguments.json, modal_analysis.document(found))
+    for line in (*modal_analysis.text(found), *(f"plot: {path}" for path in pictures)):
+        say(arguments, line)
+
+
+def validate(arguments: argparse.Namespace) -> None:
+    """The plant against published figures, other programs, analytic solutions and finer steps."""
+    from facts_damping.validation import report, table
+
+    files.check_writable(arguments.out, "--out")
+    for name in arguments.tables:
+        check_known("TABLE", name, report.TABLES)
+    names, progress, made = arguments.tables or list(report.TABLES), Progress("validate", "tables"), []
+    for i, name in enumerate(names):
+        progress(i, len(names))
+        made.append(report.TABLES[name]())
+    progress.close()
+    write_json(arguments.json, table.document(made))
+    if arguments.out is not None:
+        Path(arguments.out).write_text(report.page(made), encoding="utf-8")
+    for line in (line for one in made for line in [*table.text(one), ""]):
+        say(arguments, line)
+    failed = [row.what for one in made for row in one.rows if not row.passed]
+    if failed:
+        raise RunError(f"validate: {len(failed)} rows fail: {'; '.join(failed)}")
+    say(arguments, f"{sum(len(one.rows) for one in made)} rows pass")
+
+
+def list_(arguments: argparse.Namespace) -> None:
+    """What there is: systems, scenarios, controllers, links."""
+    if arguments.kind == "controllers":
+        rows = _controllers()
+    else:
+        rows = []
+        for name, path in files.shipped(arguments.kind).items():
+            content = files.read_table(path)
+            rows.append({"name": name, "description": str(content.get("description", ""))})
+    if arguments.kind == "controllers":
+        heads = ("name", "antecedent", "consequent", "parameter_count", "identifier", "schemes")
+        cells = [[head.replace("_", " ") for head in heads]] + [[_cell(row[head]) for head in heads] for row in rows]
+    else:
+        cells = [[str(row["name"]), row["description"]] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for line in cells:
+        say(arguments, "  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
+    write_json(arguments.json, rows)
+
+
+def _cell(value: Any) -> str:
+    """A value in a table on the terminal."""
+    return ", ".join(value) if isinstance(value, list) else "-" if value is None else str(value)
+
+
+def _controllers() -> list[dict[str, Any]]:
+    """The table of controllers: a single signal, a single device."""
+    from facts_damping.control.bank import RULES
+    from facts_damping.control.table import CONTROLLERS
+    from facts_damping.neurofuzzy.network import counted
+
+    return [
+        {
+            "name": name,
+            "description": row.description,
+            "antecedent": row.network and row.network.antecedent,
+            "consequent": row.network and row.network.consequent,
+            "parameter_count": row.network and counted(row.network.antecedent, row.network.consequent, 2, RULES, 1),
+            "identifier": row.network and row.network.identifier,
+            "schemes": ["direct", "indirect"] if row.network else None,
+            "parameters": {p: one.default for p, one in row.parameters.items()},
+        }
+        for name, row in CONTROLLERS.items()
+    ]
+
+
+def import_(arguments: argparse.Namespace) -> None:
+    """A system's file from a MATPOWER case."""
+    from facts_damping.grid_formats import matpower
+
+    dynamics = None if arguments.dynamics is None else Path(arguments.dynamics)
+    files.check_writable(arguments.out, "--out")
+    text, notes = matpower.import_case(Path(arguments.case), dynamics)
+    for note in notes:
+        sys.stderr.write(f"facts-damping: {note}\n")
+    if arguments.out in (None, "-"):
+        sys.stdout.write(text)
+    else:
+        Path(arguments.out).write_text(text, encoding="utf-8")

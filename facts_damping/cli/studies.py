@@ -1,0 +1,224 @@
+"""What the commands that make many runs do: tune and search, compare, sweep, reproduce and others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from facts_damping.case import loading
+from facts_damping.cli.runs import out_folder, say
+from facts_damping.parameters import files
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.terminal import Progress, write_json
+
+if TYPE_CHECKING:
+    import argparse
+
+
+def tune(arguments: argparse.Namespace) -> None:
+    """Choose the controllers' parameters on a system's training scenario, all by the same search and budget."""
+    from facts_damping.studies import tune as study
+
+    files.check_writable(arguments.out, "--out")
+    progress = Progress("tune", "controllers")
+    try:
+        devices, signals = arguments.devices.split(","), arguments.signals.split(",")
+        task = study.Task(arguments.system, devices, signals, arguments.budget, arguments.seed)
+        found = study.tune(task, arguments.controllers, arguments.jobs, progress)
+    finally:
+        progress.close()
+    text = dump(study.document(found))
+    if arguments.out is not None:
+        files.write_whole(Path(arguments.out), text)
+    write_json(arguments.json, found.model_dump())
+    for row in found.controllers:
+        say(arguments, f"{row.name:<10} {row.scheme or '':<9} objective {row.objective:g}")
+    say(arguments, text if arguments.out is None else f"parameters: {arguments.out}")
+
+
+def search(arguments: argparse.Namespace) -> None:
+    """Choose a controller and its parameters on draws of training alone: all pairs, schemes, devices, compensations."""
+    from facts_damping.studies import search as study
+    from facts_damping.studies import search_pages as pages
+
+    files.check_writable(arguments.out, "--out")
+    files.check_writable(arguments.lead_lag, "--lead-lag")
+    devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
+    asked = {name: value for name, value in vars(arguments).items() if name in study.Task._fields}
+    task = study.Task(**{**asked, "devices": devices})
+    progress = Progress("search", "structures")
+    try:
+        found = study.search(task, arguments.controllers, arguments.jobs, progress)
+    finally:
+        progress.close()
+    command = task.command(arguments.controllers)
+    opponent = next(entry for entry in found if entry.structure.is_lead_lag)
+    best = next((entry for entry in found if not entry.structure.is_lead_lag), opponent)
+    run = pages.run_file(task, command, best)
+    if arguments.out is not None:
+        files.write_whole(Path(arguments.out), run)
+    if arguments.lead_lag is not None:
+        files.write_whole(Path(arguments.lead_lag), pages.run_file(task, command, opponent))
+    write_json(arguments.json, {"command": command, "ranking": pages.rows(found)})
+    for line in pages.text(found):
+        say(arguments, line)
+    say(arguments, run if arguments.out is None else f"run: {arguments.out}")
+
+
+def compare(arguments: argparse.Namespace) -> None:
+    """Every controller, direct and indirect, on every scenario of a system: the table of all indices."""
+    from facts_damping.studies import compare as study
+
+    files.check_writable(arguments.out, "--out")
+    systems = arguments.systems or study.SYSTEMS
+    progress, rows = Progress("compare", "runs"), []
+    try:
+        for system in systems:
+            rows += study.compare(system, arguments.controllers, arguments.set, arguments.jobs, progress)
+    finally:
+        progress.close()
+    write_json(arguments.json, rows)
+    if arguments.out is not None:
+        files.write_whole(Path(arguments.out), "\n".join(study.page(rows)).rstrip() + "\n")
+    for line in study.text(rows):
+        say(arguments, line)
+
+
+def sweep(arguments: argparse.Namespace) -> None:
+    """Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."""
+    from facts_damping.studies import results
+    from facts_damping.studies import sweep as study
+    from facts_damping.studies.sweep_plots import draw
+
+    plan = study.plan(arguments.study, arguments.set)
+    folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
+    progress = Progress(plan.name, "runs")
+    try:
+        found = study.run(plan, folder, arguments.jobs, arguments.scheduler, progress)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+    finally:
+        progress.close()
+    rows, margins = study.rows(found), study.found_margins(plan, found)
+    shares, across = study.found_shares(plan, found), study.across(plan)
+    write_json(arguments.json, {"rows": rows, "margins": margins, "shares": shares})
+    written = results.write(folder, rows, margins, shares)
+    pictures = draw(rows, study.swept(plan), margins, across, folder)
+    for line in (*results.text(rows, margins, shares, across), "", *(f"table: {p}" for p in written)):
+        say(arguments, line)
+    for path in pictures:
+        say(arguments, f"picture: {path}")
+
+
+def architectures(arguments: argparse.Namespace) -> None:
+    """Centralised MIMO, decentralised MISO and single devices on two_area, and how the devices interact."""
+    from facts_damping.studies import architectures as study
+    from facts_damping.studies import interaction
+
+    files.check_writable(arguments.out, "--out")
+    progress = Progress("architectures", "runs")
+    try:
+        rows = study.study(arguments.controllers, arguments.set, arguments.jobs, progress)
+    finally:
+        progress.close()
+    found = interaction.interactions()
+    write_json(arguments.json, rows)
+    tables = [*study.text(rows), "### Relative gains", "", *interaction.text(found)]
+    if arguments.out is not None:
+        page = Path(arguments.out)
+        picture = page.with_suffix(".png")
+        files.write_whole(page, "\n".join([*study.head(picture.name), *tables]).rstrip() + "\n")
+        study.draw(rows, picture)
+    for line in tables:
+        say(arguments, line)
+
+
+def jacobian(arguments: argparse.Namespace) -> None:
+    """What identifiers estimate of the plant's Jacobian beside the true one, over runs of a centralised controller."""
+    from facts_damping.studies import jacobians as study
+
+    folder = None if arguments.out is None else Path(arguments.out)
+    names = study.names(arguments.controllers)
+    progress = Progress("jacobian", "runs")
+    try:
+        rows = study.study(names, arguments.horizon, arguments.set, arguments.jobs, progress)
+        if folder is not None:
+            files.new_folder(folder)
+            for name in names:
+                case = study.scene(study.DRAWN, name, arguments.set)
+                study.draw(case, arguments.horizon, folder / f"{name}.png")
+    finally:
+        progress.close()
+    write_json(arguments.json, rows)
+    tables = study.text(rows)
+    if folder is not None:
+        files.write_whole(folder / "jacobians.md", "\n".join([*study.HEAD, *tables]).rstrip() + "\n")
+    for line in tables:
+        say(arguments, line)
+
+
+def portray(arguments: argparse.Namespace) -> None:
+    """Pictures of neuro-fuzzy controllers: memberships before and after a run, response beside the baselines."""
+    from facts_damping.control.table import kind
+    from facts_damping.neurofuzzy.table import VARIANTS
+    from facts_damping.studies import portraits
+
+    names = arguments.controllers or list(VARIANTS)
+    for name in names:
+        kind(name, "CONTROLLER")
+    folder, progress = out_folder(arguments, "portraits"), Progress("portray", "controllers")
+    try:
+        portraits.draw(arguments.system, arguments.scenario, names, folder, progress)
+    finally:
+        progress.close()
+    say(arguments, f"pictures: {folder}")
+
+
+def margin(arguments: argparse.Namespace) -> None:
+    """How much delay a loop of lead-lags bears, and its modes against delay, linearised with sampling and hold."""
+    from facts_damping.studies import linear_margin as study
+    from facts_damping.studies import linear_margin_pages as pages
+    from facts_damping.studies.linear_margin_runs import beside
+
+    case, runs = loading.load_case(arguments.run, arguments.set), None
+    progress = Progress("margin", "delays")
+    try:
+        found = study.margin(case, arguments.max_delay, arguments.pade, progress)
+    finally:
+        progress.close()
+    if arguments.time_domain:
+        progress = Progress("margin", "runs")
+        try:
+            runs = beside(found, progress)
+        finally:
+            progress.close()
+    pictures = []
+    if arguments.out is not None:
+        pictures.append(pages.draw(found, runs, files.new_folder(Path(arguments.out)) / "margin.png"))
+    write_json(arguments.json, pages.document(found, runs))
+    for line in (*pages.text(found, runs), *(f"plot: {path}" for path in pictures)):
+        say(arguments, line)
+
+
+def reproduce(arguments: argparse.Namespace) -> None:
+    """The thesis's tables, ours beside them: agreement, ensembles, explanations, pictures."""
+    from facts_damping.reproduction import pages
+    from facts_damping.reproduction.agreement import markdown
+    from facts_damping.reproduction.findings import find
+    from facts_damping.reproduction.results import gather
+
+    folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / "reproduction")
+    try:
+        found = gather(arguments.tables, arguments.draws, folder, arguments.jobs)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+    judged = find(found)
+    written = pages.write(found, judged, folder)
+    write_json(arguments.json, pages.document(found, judged))
+    for title, one in (("the scenarios as they are", judged.plain), ("medians over the ensembles", judged.drawn)):
+        if one.signs:
+            signs, ranks = ("statements", "agree", "share"), ("rankings", "mean_rho", "same_best", "same_second")
+            lines = [*markdown(one.signs, ["table", "what"], signs), "", *markdown(one.totals, ["table"], ranks)]
+            say(arguments, "\n".join([f"Agreement with the thesis, {title}:", "", *lines, ""]))
+    for path in written:
+        say(arguments, f"written: {path}")

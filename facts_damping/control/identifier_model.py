@@ -1,0 +1,149 @@
+"""What identifiers consist of: frozen parameters and state as tables, their networks, and what these start from."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.neurofuzzy.network import Network, network
+from facts_damping.neurofuzzy.start import Start, initial, slots
+from facts_damping.neurofuzzy.table import IDENTIFIERS, MIMO_FORM
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.control.inputs import Held, Inputs
+    from facts_damping.control.known import Known
+    from facts_damping.neurofuzzy.learning import Learner
+
+WIDTH = 1.0  # s of the memberships at the start
+SPREAD = 0.5  # memberships at -0.5 and 0.5, where the consequents hold the linear plant
+DILATION = 5.0  # nu of the wavelets at the start
+FLAT = 1e-9  # of phasors' largest extent: what extends less in another direction is round-off
+
+
+class Identified(NamedTuple):
+    """What an identifier belongs to: the controller's place, its settings, signals, devices and their limits."""
+
+    controller: int
+    settings: NDArray[Any]  # (signals or devices,) of SETTINGS
+    kind: str  # a row of IDENTIFIERS
+    signals: Sequence[str]
+    devices: Sequence[int]
+    limits: Sequence[float]  # p.u.
+    known: Known
+    weights: NDArray[np.float64] | None  # parameters to start from; none: symmetric rules
+    predicts: bool = False  # the controller acts on signals ahead
+
+
+class Identifiers(NamedTuple):
+    """Frozen parameters of all identifiers of a run; the first axis is the identifier."""
+
+    controller: NDArray[np.int64]
+    settings: NDArray[Any]  # (identifiers, most signals or devices) of SETTINGS
+    shape: NDArray[np.int64]  # (identifiers, fields of Network)
+    inputs: Inputs
+    device: NDArray[np.int64]  # (identifiers, most devices); UNSET beyond its own
+    limit: NDArray[np.float64]  # (identifiers, most devices), p.u.
+    lag_ns: NDArray[np.int64]
+    horizon: NDArray[np.int64]  # frames
+    order: NDArray[np.int64]  # how many past values of each signal it is given
+    span: NDArray[np.int64]  # frames from one of them to the next
+    ahead_ns: NDArray[np.int64]  # how far it predicts; UNSET: not at all
+    period_ns: NDArray[np.int64]
+
+
+class IdentifierState(NamedTuple):
+    """State of all identifiers; the first axis is the identifier."""
+
+    held: Held
+    learner: Learner
+    past: NDArray[np.float64]  # (identifiers, kept, most signals), of the newest frames, a ring, p.u.
+    past_ns: NDArray[np.int64]  # (identifiers, kept): their times
+    newest: NDArray[np.int64]  # (identifiers,): place of the newest
+    given_ns: NDArray[np.int64]  # (identifiers, most devices, kept): what the newest setpoints rest on, a ring
+    given: NDArray[np.float64]  # the same shape: their values, p.u.
+    at: NDArray[np.int64]  # (identifiers, most devices): place of the newest
+    deviation: NDArray[np.float64]  # (identifiers, most signals): measurement less prediction, normalised
+    curvature: NDArray[np.float64]  # (identifiers, most signals): ones
+    lyapunov: NDArray[np.float64]  # (identifiers, 2): half the squared error that taught last, and its fall by the step
+    prediction: NDArray[np.float64]  # (identifiers, most signals), p.u.; NaN: none yet
+    error: NDArray[np.float64]  # (identifiers, most signals), prediction less measurement, p.u.; NaN: none yet
+    peak: NDArray[np.float64]  # (identifiers, most signals), p.u., the largest that was measured
+    path: NDArray[np.float64]  # (identifiers, frames, most signals), p.u., past and predicted
+    change: NDArray[np.float64]  # (identifiers, most signals), p.u., predicted; NaN: none
+    jacobian: NDArray[np.float64]  # (identifiers, most signals, most devices), p.u./p.u.
+
+
+def past_values(span: Any) -> int:
+    """How many past values of each signal an identifier is given whose span is so many frames; none: 0."""
+    return 2 if span else 1
+
+
+def network_of(kind: str, signals: int, devices: int, order: int = 1) -> Network:
+    """The network of an identifier: its inputs are past values of the signals and setpoints, its outputs the signals.
+
+    With several of them its consequents are affine (6.9).
+    """
+    antecedent, consequent = IDENTIFIERS[kind]
+    own = MIMO_FORM.get(consequent, consequent) if signals * devices * order > 1 else consequent
+    return network(antecedent, own, signals * order + devices, 2, signals)
+
+
+def start(net: Network, row: Identified) -> NDArray[np.float64]:
+    """Parameters from which y_I is near y(k-h) + J u for small y and u, J the linear plant's.
+
+    Affine consequents hold J as it is, and in the place of y(k-h) what past values become in the least damped mode.
+    Gaussian rules at -h and h give weight tanh(2 sum_i h_i x_i / s^2); two mirrored wavelets give slopes of
+    weight (cos 5q)' about q = 0.
+    """
+    scale = row.settings["scale"][: len(row.signals)]
+    by_u = row.known.jacobian * np.array(row.limits) / scale[:, None]
+    order = (net.inputs - len(row.devices)) // net.outputs
+    if net.outputs * len(row.devices) * order > 1:
+        horizon, span = (int(row.settings[f"identifier_{name}"][0]) for name in ("horizon", "span"))
+        past = np.concatenate([row.known.swing / scale / row.known.turn ** (span * j) for j in range(order)])
+        later = row.known.swing / scale * row.known.turn**horizon
+        return _linear_start(net, np.hstack([_ahead(past, later), by_u]))
+    weight, by_u = float(row.settings["identifier_weight"][0]), by_u[0]
+    slopes = np.concatenate([np.ones(len(row.signals)), by_u])
+    width, dilation = np.full(net.inputs, WIDTH), np.full(net.inputs, DILATION)
+    spread, shift = np.zeros(net.inputs), np.zeros(net.inputs)
+    if IDENTIFIERS[row.kind][1] == "morlet":
+        shift[:] = np.pi * DILATION / 10.0  # where cos 5q falls through zero
+        weight = DILATION / 5.0 * math.exp(0.5 * (np.pi / 10.0) ** 2)
+        shift[len(row.signals) :] = by_u * DILATION**2 / (26.0 * weight)
+    else:
+        spread[:] = slopes * WIDTH**2 / (2.0 * weight)
+    return initial(net, Start([weight], spread, width, shift, dilation))
+
+
+def _ahead(past: NDArray[np.complex128], later: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """The smallest real matrix M, (signals, past values), with M `past` nearest `later`: phasors of a mode.
+
+    Both are turned until real and imaginary part of `past` are at right angles to each other. Then M is the sum of
+    later_i past_i^T / |past_i|^2 over the parts i that are more than round-off.
+    """
+    turn = cmath.exp(-0.5j * cmath.phase(complex((past * past).sum())))
+    past, later = past * turn, later * turn
+    made = np.zeros((len(later), len(past)))
+    for own, to in ((past.real, later.real), (past.imag, later.imag)):
+        size = (own * own).sum()
+        if size > FLAT**2 * (np.abs(past) ** 2).sum():
+            made += to[:, None] * own / size
+    return made
+
+
+def _linear_start(net: Network, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two rules of equal affine consequents: y_I = slopes x, (outputs, inputs), whatever fires."""
+    many = np.ones(net.inputs)
+    members = initial(net, Start(np.zeros(net.outputs), SPREAD * many, WIDTH * many, 0.0 * many, many))
+    rule = np.column_stack([np.zeros(net.outputs), slopes]).ravel()
+    first = net.size - net.rules * rule.size
+    low, high = np.array([(slot.low, slot.high) for slot in slots(net)[first:]]).T
+    return np.concatenate([members[:first], np.clip(np.tile(rule, net.rules), low, high)])

@@ -1,0 +1,116 @@
+"""MATPOWER files: reading a case, and the system that comes of it as the text of a YAML file."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.errors import InputError
+from facts_damping.grid_formats.conversion import Case, Imported, convert
+from facts_damping.parameters.files import read_table
+from facts_damping.parameters.system import System
+from facts_damping.parameters.validation import check, short
+from facts_damping.parameters.yaml_text import dump
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+NEEDED = {
+    "bus": ("BUS_I", "BUS_TYPE", "PD", "QD", "GS", "BS", "VM", "VA", "BASE_KV"),
+    "gen": ("GEN_BUS", "PG", "QG", "VG", "MBASE", "GEN_STATUS", "PMAX", "PMIN"),
+    "branch": ("F_BUS", "T_BUS", "BR_R", "BR_X", "BR_B", "TAP", "SHIFT", "BR_STATUS"),
+}
+
+
+def read_case(path: Path) -> Case:
+    """Tables of a MATPOWER case, format version 2."""
+    allowed = "allowed: a MATPOWER case of version 2, with tables of plain numbers (savecase writes such)"
+    if path.suffix != ".m" or not path.is_file():
+        raise InputError(f"{path}: no such case; allowed: an existing MATPOWER file (.m)")
+    try:
+        from matpowercaseframes import CaseFrames  # noqa: PLC0415  (an extra, and pandas comes with it)
+    except ImportError as error:
+        raise InputError(
+            "import: the library matpowercaseframes is missing; allowed: after pip install 'facts_damping[matpower]'"
+        ) from error
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+        for number, line in enumerate(text.splitlines(), 1):
+            if re.match(r"\s*mpc\.(bus|gen|branch)\s*\(", line):
+                raise InputError(f"{path}: line {number}: computes in a table: {short(line.strip())}; {allowed}")
+        frames = CaseFrames(str(path), update_index=False)
+        tables = {table: getattr(frames, table).to_dict("records") for table in NEEDED}
+        base = float(frames.baseMVA)
+        dc = [row for row in frames.dcline.to_dict("records") if row["BR_STATUS"]] if hasattr(frames, "dcline") else []
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError, OSError) as error:
+        raise InputError(f"{path}: not a MATPOWER case; {allowed}") from error
+    for table, columns in NEEDED.items():
+        for number, row in enumerate(tables[table], 1):
+            for column in columns:
+                row[column] = _finite(row.get(column), f"{path}: mpc.{table}, row {number}: {column}")
+    return Case(path.stem, base, tables["bus"], tables["gen"], tables["branch"], len(dc))
+
+
+def _finite(value: Any, where: str) -> float:
+    """A cell as a number: where one cell of a table is text, the library gives all of them as text."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{where}: {short(value)} given; allowed: a finite number")
+    return number
+
+
+def document(imported: Imported, origin: str) -> str:
+    """The content as the text of a YAML file, a row a line."""
+    text = [f"# Imported from {origin}. Per-unit data of the network are on {imported.content['base_power']:g} MVA."]
+    for key, value in imported.content.items():
+        if key == "machines" and imported.typical:
+            which = "all" if len(imported.typical) == len(value) else ", ".join(imported.typical)
+            text.append(f"\n# Typical data, not from the case (Kundur 1994, tables 3.2 and 4.2): {which}")
+        elif isinstance(value, (list, dict)):
+            text.append("")
+        if isinstance(value, list):
+            text += [f"{key}:", *(f"  - {_flow(row)}" for row in value)]
+        elif isinstance(value, dict):
+            text += [f"{key}:", *(f"  {_flow(k)}: {_flow(v)}" for k, v in value.items())]
+        else:
+            text.append(f"{key}: {_flow(value)}")
+    return "\n".join(text) + "\n"
+
+
+def _flow(value: Any) -> str:
+    """A value on one line of YAML; whole numbers without a fraction."""
+    return dump(_plain(value), flow=True).strip()
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_plain(inner) for inner in value]
+    return int(value) if isinstance(value, float) and value.is_integer() and abs(value) < 1e15 else value
+
+
+def import_case(path: Path, dynamics: Path | None = None) -> tuple[str, list[str]]:
+    """A MATPOWER case, checked as every system is: the text of its file, and notes for the user."""
+    origin = path.name if dynamics is None else f"{path.name} with {dynamics.name}"
+    case = read_case(path)
+    given = None if dynamics is None else read_dynamics(dynamics)
+    try:
+        imported = convert(case, given)
+    except InputError as error:
+        text = str(error)
+        source = dynamics if text.startswith("--dynamics") else path
+        raise InputError(f"{source}: {text.removeprefix('--dynamics: ')}") from error
+    check(System, imported.content, str(path) if dynamics is None else f"{path} with {dynamics}")
+    return document(imported, origin), [f"{path.name}: {note}" for note in imported.notes]
+
+
+def read_dynamics(path: Path) -> dict[str, Any]:
+    """Content of a file of dynamics."""
+    if not path.is_file():
+        raise InputError(f"--dynamics {path}: no such file; allowed: an existing YAML file")
+    return read_table(path)

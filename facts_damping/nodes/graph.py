@@ -1,0 +1,259 @@
+"""A run as a ROS 2 graph: starts the nodes as processes, watches them, stops them, leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import tempfile
+import time
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from typing import IO, TYPE_CHECKING, Any
+
+from facts_damping.case.names import (
+    controller_addresses,
+    controller_names,
+    identifier_addresses,
+    identifier_names,
+    link_addresses,
+    recorded_topic,
+)
+from facts_damping.errors import InputError, RunError
+from facts_damping.nodes import forked
+from facts_damping.parameters.files import new_folder, read_table, write_whole
+from facts_damping.parameters.yaml_text import dump
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from multiprocessing.process import BaseProcess
+    from pathlib import Path
+
+    from facts_damping.case.model import Case
+
+POLL_S = 0.02
+SOURCES = ("plant_sim", "replay_source")  # what a graph runs on: the plant, or a recording in place of it and the links
+RECORDER = "recorder"  # stopped last: it has to hear all that the others have said
+VIEW = "live_view"  # who only listens
+START_S = 60.0  # patience with its start
+STUCK = -signal.SIGALRM  # exit status of a node with its work done, whose middleware does not end (nodes/node.py)
+STOP_S = 15.0  # patience with a node that was told to stop
+MOST_DOMAIN = 232
+
+ENVIRONMENT = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}  # unless the user says otherwise
+
+
+@dataclass
+class Outcome:
+    """What a graph left: its recording, how long it took, what it counted."""
+
+    recording: Path
+    wall_s: float
+    deadline_misses: int
+    messages_lost: int
+
+
+@dataclass
+class Process:
+    """A node that runs, and the files that take its output."""
+
+    name: str
+    process: BaseProcess
+    output: IO[bytes]
+    errors: IO[bytes]
+    told: int = field(default=0)  # bytes of its output that were read
+
+    def read(self) -> str:
+        """Its output since the last look."""
+        self.output.seek(self.told)
+        data = self.output.read()
+        self.told += len(data)
+        return data.decode(errors="replace")
+
+    def failed(self) -> bool:
+        """Whether it has ended otherwise than with its work done."""
+        self.errors.seek(0)
+        return self.process.exitcode != 0 and not (self.process.exitcode == STUCK and not self.errors.read())
+
+    def progress(self) -> list[tuple[int, int, int]]:
+        """Lines of progress since the last look: tick, of how many, deadline misses."""
+        lines = re.findall(r"^tick (\d+) (\d+) (\d+)$", self.read(), re.MULTILINE)
+        return [(int(k), int(n), int(misses)) for k, n, misses in lines]
+
+    def reason(self) -> str:
+        """Why it ended, in one line."""
+        self.errors.seek(0)
+        lines = self.errors.read().decode(errors="replace").strip().splitlines()
+        code = self.process.exitcode
+        if code is not None and code < 0 and code != STUCK:
+            return f"{self.name} was killed by {signal.Signals(-code).name}"
+        return lines[-1] if lines else f"{self.name} ended with exit status {code}"
+
+
+def start(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> Process:
+    """Start a node, named by its place in the graph, as a process of its own session; `remaps`: of its topics."""
+    namespace, _, own = name.rpartition("/")
+    arguments = ["--ros-args", "-r", f"__node:={own}"]
+    arguments += ["-r", f"__ns:=/{namespace}"] if namespace else []
+    for topic, other in (remaps or {}).items():
+        arguments += ["-r", f"{topic}:={other}"]
+    for key, value in parameters.items():
+        arguments += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
+    output, errors = tempfile.NamedTemporaryFile(), tempfile.NamedTemporaryFile()  # noqa: SIM115 (closed in `graph`)
+    process = forked.start(module, arguments, {**ENVIRONMENT, **os.environ}, output.name, errors.name)
+    return Process(name, process, output, errors)
+
+
+def _end(processes: Iterable[Process], number: int) -> None:
+    """Tell processes to stop, also those that stand still; kill those that do not."""
+    running = [one.process for one in processes if one.process.exitcode is None]
+    for process in running:
+        for each in (number, signal.SIGCONT):
+            with suppress(ProcessLookupError):  # it may have ended meanwhile
+                os.kill(process.pid or 0, each)
+    for process in running:
+        process.join(STOP_S)
+        if process.exitcode is None:
+            process.kill()
+            process.join()
+
+
+def _stop(running: dict[str, Process]) -> None:
+    """Stop the source, then the others together, who leave when their last messages have arrived, then the recorder."""
+    first = [process for name, process in running.items() if name in SOURCES]
+    last = [process for name, process in running.items() if name == RECORDER]
+    for processes in (first, [one for one in running.values() if one not in (*first, *last)], last):
+        _end(processes, signal.SIGINT)
+
+
+def _part(out: Path, name: str) -> Path:
+    """Where a node saves what it has learnt."""
+    return out / f"{name}.part.yaml"
+
+
+def save_weights(case: Case, out: Path) -> None:
+    """Put together what each controller and its identifier have saved, a file a controller."""
+    identifiers = identifier_names(case)
+    for i, name in enumerate(controller_names(case)):
+        nodes = [name, *([identifiers[i]] if i in identifiers else [])]
+        parts = [_part(out, node) for node in nodes if _part(out, node).is_file()]
+        found: dict[str, Any] = {}
+        for path in parts:
+            found.update({key: value for key, value in read_table(path).items() if value is not None})
+            path.unlink(missing_ok=True)
+        if found:
+            write_whole(out / f"{name}.weights.yaml", dump(found))
+
+
+def _wait_for_view(view: Process) -> None:
+    """Wait until a live view serves; it may end later and the graph goes on."""
+    deadline = time.monotonic() + START_S
+    while not view.read():
+        if view.process.exitcode is not None or time.monotonic() > deadline:
+            _end([view], signal.SIGINT)
+            raise RunError(view.reason())
+        time.sleep(POLL_S)
+
+
+@contextmanager
+def graph(
+    case: Case, mode: str, out: Path, timeout: float, view_port: int | None = None, replayed: Path | str | None = None
+) -> Iterator[dict[str, Process]]:
+    """The nodes of a case, started; on leaving, the source is stopped first and the recorder last.
+
+    `view_port`: of a live view; `replayed`: a recording that stands in for plant and links; identifiers then hear its
+    setpoints.
+    """
+    run_file = out / "run.yaml"
+    run_file.write_text(dump(case.document()), encoding="utf-8")
+    common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "view": view_port is not None}
+    senders = [str(address) for address in controller_addresses(case)]
+    running: dict[str, Process] = {}
+    try:
+        if view_port is not None:
+            running[VIEW] = start(VIEW, VIEW, {"run": run_file, "port": view_port})
+            _wait_for_view(running[VIEW])
+        running[RECORDER] = start(RECORDER, RECORDER, {**common, "output": out / "recording"})
+        for module, nodes in (
+            ("wan_link", dict(enumerate(link_addresses(case))) if replayed is None else {}),
+            ("controller", dict(enumerate(controller_addresses(case)))),
+            ("identifier", identifier_addresses(case)),
+        ):
+            for i, node in nodes.items():
+                own = {"index": i} | ({} if module == "wan_link" else {"save": _part(out, node.name)})
+                hears = () if replayed is None or module != "identifier" else (recorded_topic(senders[i]),)
+                remaps = ({f"/{senders[i]}/setpoints": f"/{topic}" for topic in hears},) if hears else ()
+                running[str(node)] = start(str(node), module, {**common, **own}, *remaps)
+        if replayed is None:
+            running["plant_sim"] = start("plant_sim", "plant_sim", common)
+        else:
+            running["replay_source"] = start("replay_source", "replay_source", {**common, "recording": replayed})
+        yield running
+    finally:
+        _stop(running)
+        for process in running.values():
+            process.output.close()
+            process.errors.close()
+        save_weights(case, out)
+
+
+def run(
+    case: Case,
+    mode: str,
+    out: Path,
+    progress: Callable[[int, int], None],
+    timeout: float = 5.0,
+    view_port: int | None = None,
+    replayed: Path | str | None = None,
+) -> Outcome:
+    """Run a case as a graph of processes; the recording is `out / "recording"`.
+
+    `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that stands in for plant and links.
+
+    Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.
+    """
+    check_domain(os.environ.get("ROS_DOMAIN_ID", "0"))
+    if (out / "recording").exists():
+        raise InputError(f"--out {out}: holds a recording already; allowed: a new folder")
+    new_folder(out)
+    began = time.monotonic()
+    misses = 0
+    with graph(case, mode, out, timeout, view_port, replayed) as running:
+        plant = next(running[name] for name in SOURCES if name in running)
+        heard = time.monotonic() + 60.0  # patience with the start, above the nodes' own
+        while plant.process.exitcode is None:
+            for k, n, late in plant.progress():
+                heard, misses = time.monotonic() if k > 1 else heard, late  # by then all have been heard
+                progress(k, n)
+            _check_others(running)
+            if time.monotonic() - heard > timeout + 5.0:
+                raise RunError(f"{plant.name} is silent: no progress within {timeout + 5.0:g} s")
+            time.sleep(POLL_S)
+        if plant.failed():
+            _check_others(running)
+            raise RunError(plant.reason())
+        for k, n, late in plant.progress():
+            misses = late
+            progress(k, n)
+        _check_others(running)  # who ended first knows why: a second graph in the same domain, say
+        wall = time.monotonic() - began
+        _stop(running)
+        recorder = running[RECORDER]
+        if recorder.failed():
+            raise RunError(recorder.reason())
+        lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
+    return Outcome(out / "recording", wall, misses, int(lost.group(1)) if lost else 0)
+
+
+def check_domain(domain: str) -> None:
+    """Refuse a ROS_DOMAIN_ID that DDS has no ports for."""
+    if not (domain.isdecimal() and int(domain) <= MOST_DOMAIN):
+        raise InputError(f"ROS_DOMAIN_ID: '{domain}' given; allowed: 0 to {MOST_DOMAIN}")
+
+
+def _check_others(running: dict[str, Process]) -> None:
+    """Raise where a node other than the source has ended: one that was killed is the cause of the others' end."""
+    ended = [p for name, p in running.items() if name not in (*SOURCES, VIEW) and p.process.exitcode is not None]
+    if ended:
+        killed = [p for p in ended if (p.process.exitcode or 0) < 0]
+        raise RunError((killed or ended)[0].reason())

@@ -1,0 +1,163 @@
+"""YAML files: where the shipped ones lie, reading and writing, each problem one line."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import re
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+from facts_damping.errors import InputError
+from facts_damping.parameters.validation import short
+from facts_damping.parameters.yaml_text import UNREADABLE, parse
+
+KINDS = ("systems", "scenarios", "controllers", "links", "runs", "studies")
+MAX_FILE_BYTES = 10_000_000
+
+
+@cache
+def share_folder() -> Path:
+    """Folder that holds `config`: a checkout, or `share/facts_damping` of an installation."""
+    for parent in Path(__file__).resolve().parents:
+        for folder in (parent, parent / "share" / "facts_damping"):
+            if (folder / "package.xml").is_file() and (folder / "config").is_dir():
+                return folder
+    raise InputError(
+        f"no config folder found above {Path(__file__).resolve().parent}; allowed: a checkout or an installation"
+    )
+
+
+def shipped(kind: str) -> dict[str, Path]:
+    """Names and files of what is shipped: a folder of `KINDS`; scenarios as system/name."""
+    folder = share_folder() / "config" / kind
+    return {str(f.relative_to(folder).with_suffix("")): f for f in sorted(folder.rglob("*.yaml"))}
+
+
+def find(kind: str, name: str, within: str = "") -> Path:
+    """File of a shipped name (a scenario's within its system), or of a path."""
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or "/" in name:
+        if not path.is_file():
+            raise InputError(f"{path}: no such file; allowed: an existing YAML file")
+        return path
+    folder = share_folder() / "config" / kind
+    if name.isidentifier() and len(name) < 100 and (plain := folder / f"{within}{name}.yaml").is_file():
+        return plain  # without a look at all the others: a sweep asks often
+    known = {n.removeprefix(within): f for n, f in shipped(kind).items() if n.startswith(within)}
+    if name not in known:
+        raise InputError(f"{kind}: '{name}' given; allowed: {', '.join(known) or 'none'}, or the path of a YAML file")
+    return known[name]
+
+
+def read_yaml(path: Path) -> Any:
+    """Content of a YAML file; `InputError` where it cannot be read."""
+    text = ""
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise InputError(f"{path}: {path.stat().st_size} bytes; allowed: at most {MAX_FILE_BYTES}")
+        text = path.read_text(encoding="utf-8")
+        return pickle.loads(_parsed(text))  # noqa: S301 (what was just read)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {error}; allowed: a text file, UTF-8") from error
+    except UNREADABLE as error:
+        mark = getattr(error, "problem_mark", None)
+        last = len(text.splitlines())  # what is missing at the end is found on the line after it
+        line = f"line {min(mark.line + 1, last)}: " if mark is not None else ""
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0] or type(error).__name__
+        raise InputError(f"{path}: {line}unreadable YAML: {problem}; allowed: YAML 1.2") from error
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str) -> bytes:
+    """Content of YAML text, parsed once: of a system that takes longer than a run. Pickled: quick to copy."""
+    return pickle.dumps(parse(text))
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """Content of a YAML file that is a mapping with text keys; `extends` builds on another file of the folder."""
+    content = read_yaml(path)
+    if not isinstance(content, dict) or not all(isinstance(key, str) for key in content):
+        raise InputError(f"{path}: {short(content)} given; allowed: a mapping of names to values")
+    if "extends" in content:
+        base = content.pop("extends")
+        file = path.parent / f"{base}.yaml"
+        if not isinstance(base, str) or not file.is_file() or file.resolve() == path.resolve():
+            raise InputError(f"{path}: extends: {short(base)} given; allowed: the name of another file in its folder")
+        parent = read_yaml(file)
+        if not isinstance(parent, dict) or "extends" in parent:
+            raise InputError(f"{path}: extends: '{base}' given; allowed: a file that does not extend another itself")
+        content = {**parent, **content}
+    return content
+
+
+def new_folder(path: Path) -> Path:
+    """A folder for results, made where it is not there yet."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {path}: {error.strerror}; allowed: a folder that can be written") from error
+    return path
+
+
+def check_writable(target: str | None, option: str = "--json", *, standard: bool = True) -> None:
+    """Refuse a file for results that cannot be written, before any work is done; `standard`: `-` is standard output."""
+    if target is None or (standard and target == "-"):
+        return
+    path = Path(str(target))
+    if target == "-" or path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+        also = ", or -" if standard else ""
+        raise InputError(f"{option} {path}: cannot be written; allowed: a file in an existing folder{also}")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    beside = path.with_name(path.name + ".new")
+    beside.write_text(text, encoding="utf-8")
+    beside.replace(path)
+
+
+def parse_set(text: str) -> tuple[str, str]:
+    """`key.path=value` as its two parts."""
+    key, equals, value = text.partition("=")
+    if not equals or not re.fullmatch(r"[A-Za-z_0-9]+(\.[A-Za-z_0-9+-]+)*", key):
+        raise InputError(f"--set {text}: given; allowed: key.path=value")
+    return key, value
+
+
+def set_field(content: dict[str, Any], key: str, value: Any, where: str) -> None:
+    """Set a field by its path; of a list's indices one past its end or `+` appends a row, `-1` is the last one."""
+    here: Any = content
+    parts = key.split(".")
+    for i, given in enumerate(parts):
+        last, part = i == len(parts) - 1, given
+        if isinstance(here, list):
+            part = {"+": str(len(here)), "-1": str(len(here) - 1)}.get(given, given)
+            if not part.isdigit() or int(part) > len(here):
+                raise InputError(
+                    f"{where}: {'.'.join(parts[: i + 1])}: '{part}' given; allowed: an index from 0 to {len(here)}"
+                )
+            if int(part) == len(here):
+                here.append({})
+            index: Any = int(part)
+        elif isinstance(here, dict):
+            index = part
+            if not last and part not in here:
+                here[part] = {}
+        else:
+            raise InputError(
+                f"{where}: {'.'.join(parts[:i])}: {short(here)} given, which has no fields; allowed: a section"
+            )
+        if last:
+            here[index] = value
+        else:
+            here = here[index]
+
+
+def read_value(text: str, where: str) -> Any:
+    """A value as YAML reads it."""
+    try:
+        return parse(text)
+    except UNREADABLE as error:
+        raise InputError(f"{where}: unreadable value; allowed: a YAML value") from error

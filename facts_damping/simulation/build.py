@@ -1,0 +1,223 @@
+"""The parts of a case: plant, links, controllers and identifiers, built; their names as nodes; its events."""
+
+from __future__ import annotations
+
+import cmath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.control import identifier_model
+from facts_damping.control.bank import Bank, BankState, bank, network_of
+from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
+from facts_damping.control.identifier import identifiers
+from facts_damping.control.identifier_model import Identified, Identifiers, IdentifierState
+from facts_damping.control.inputs import TURN
+from facts_damping.control.known import Known
+from facts_damping.control.table import STATE_SPACE, kind
+from facts_damping.errors import InputError
+from facts_damping.link.chain import Way
+from facts_damping.link.transfer import Links, links
+from facts_damping.neurofuzzy.start import groups
+from facts_damping.parameters.run import Weights
+from facts_damping.plant.build import Built, build
+from facts_damping.plant.events import timeline
+from facts_damping.signals import CHANNELS
+from facts_damping.small_signal.lqg import design
+from facts_damping.small_signal.residues import Sensitivity, sensitivity
+
+if TYPE_CHECKING:
+    from facts_damping.case.model import Case
+    from facts_damping.neurofuzzy.network import Network
+    from facts_damping.parameters.run import Controller
+
+
+STILL = 1e-6  # p.u. or rad per p.u.: a signal that moves less beside the first does not swing
+
+
+def commands(case: Case) -> int:
+    """Number of setpoints that all controllers of a case give at one arrival."""
+    return sum(len(controller.devices) for controller in case.controllers)
+
+
+def derivatives(case: Case) -> int:
+    """Number of derivatives that all identifiers of a case estimate."""
+    return sum(len(c.devices) * len(c.signals) for c in case.controllers if c.scheme == "indirect")
+
+
+def learning_rates(case: Case) -> int:
+    """Number of learning rates of all networks of a case: one for each output and group of parameters."""
+    nets = [network_of(c) for c in case.controllers if c.scheme is not None]
+    nets += [identifier_network(c) for c in case.controllers if c.scheme == "indirect"]
+    return sum(net.outputs * len(groups(net)) for net in nets)
+
+
+def identifier_network(controller: Controller) -> Network:
+    """The network of a controller's identifier."""
+    kind = str(controller.parameters["identifier"])
+    order = identifier_model.past_values(controller.number("identifier_span"))
+    return identifier_model.network_of(kind, len(controller.signals), len(controller.devices), order)
+
+
+def build_plant(case: Case) -> Built:
+    """The plant of a case, at its equilibrium."""
+    return build(case.system, case.run.devices, case.scenario.events)
+
+
+def build_links(case: Case) -> Links:
+    """The links of a case, with nothing under way."""
+    return links(case.links, case.used_links, *ways(case).values())
+
+
+def ways(case: Case) -> dict[str, Way]:
+    """Both directions of the links of a case."""
+    stations = [station.name for station in case.system.stations]
+    signals = {name: list(signal.weights) for name, signal in case.system.signals.items()}
+    often, seed = (case.run.frame_rate, case.ticks), case.run.seed
+    return {
+        "up": Way(stations, signals, len(CHANNELS), len(stations), *often, (seed, 0)),
+        "down": Way(case.run.devices, {}, 1, 2 * commands(case), *often, (seed, 1)),
+    }
+
+
+def asks_sensitivity(case: Case) -> bool:
+    """Whether a controller of a case starts from the linearised plant."""
+    return any(c.scheme or c.compensation != "none" or _optimal(c) for c in case.controllers)
+
+
+def _optimal(controller: Controller) -> bool:
+    """Whether a controller is designed for the linearised plant."""
+    return kind(controller.name).code == STATE_SPACE
+
+
+def build_sensitivity(case: Case) -> Sensitivity | None:
+    """The sensitivity of a case's plant, without events; none without a swing mode."""
+    start = build(case.system, case.run.devices, [])
+    return sensitivity(start, case.system, case.run.devices, case.run.frame_rate)
+
+
+def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:
+    """Controllers and identifiers of a case; `plant`: its sensitivity, where it is at hand.
+
+    Raises `InputError` where the sign of a neuro-fuzzy controller's sensitivity is not the plant's, and where an LQG
+    cannot be designed for it.
+    """
+    devices = [case.system.device(name) for name in case.run.devices]
+    limits = {d.name: (d.v_max, d.rate_max) for d in devices}
+    stations = [station.name for station in case.system.stations]
+    if plant is None and asks_sensitivity(case):
+        plant = build_sensitivity(case)
+    known = [_known(case, i, plant) for i in range(len(case.controllers))]
+    omega = [_compensated(case, i, plant) for i in range(len(case.controllers))]
+    designs = [
+        design(plant, case.system, c, f"controllers.{i}") if _optimal(c) else None
+        for i, c in enumerate(case.controllers)
+    ]
+    rate = case.run.frame_rate
+    made, state = bank(case.controllers, case.system.signals, stations, limits, rate, known, omega, designs)
+    rows = [
+        _identified(case, i, made, own)
+        for i, own in enumerate(known)
+        if own is not None and case.controllers[i].scheme == "indirect"
+    ]
+    return made, state, *identifiers(rows, case.system.signals, stations, rate)
+
+
+def _known(case: Case, i: int, plant: Sensitivity | None) -> Known | None:
+    """What a neuro-fuzzy controller knows of the plant: signs at the mode; else, with an identifier, of the response.
+
+    The first signal needs a sign to every device, and a given one must be the plant's.
+    """
+    c = case.controllers[i]
+    if c.scheme is None:
+        return None
+    here = f"controllers.{i}.parameters.sensitivity"
+    if plant is None:
+        raise InputError(f"{here}: the plant has no swing mode; allowed: a controller without adaptation")
+    sign, given = np.zeros((len(c.signals), len(c.devices))), c.number("sensitivity")
+    for s, signal in enumerate(c.signals):
+        for d, device in enumerate(c.devices):
+            sign[s, d] = plant.sign(signal, device)
+            why = (
+                f"the residue from {device} to {signal} at the least damped mode ({plant.frequency_hz:.2f} Hz) "
+                f"has an angle of {plant.angle_deg(signal, device):.0f} degrees"
+            )
+            if s == 0 and sign[s, d] == 0.0:
+                raise InputError(f"{here}: none fits; {why}, near neither 0 nor 180; allowed: another (first) signal")
+            if given and sign[s, d] and given != sign[s, d]:
+                raise InputError(f"{here}: {given:g} given; allowed: {sign[s, d]:g} (or 0, to take it): {why}")
+    jacobian = plant.jacobian(c.signals, c.devices, int(c.number("identifier_horizon")))
+    swing = np.array([plant.ratio(signal, c.signals[0]) for signal in c.signals])
+    for signal, ratio in zip(c.signals, np.abs(swing), strict=True):
+        if not ratio > STILL:
+            raise InputError(
+                f"controllers.{i}.signals: '{signal}' given, which does not swing at the least damped mode "
+                f"({plant.frequency_hz:.2f} Hz); allowed: signals that do"
+            )
+    turn = cmath.exp(plant.eigenvalue / case.run.frame_rate)
+    return Known(np.sign(jacobian) if c.scheme == "indirect" else sign, jacobian, swing, turn)
+
+
+def _compensated(case: Case, i: int, plant: Sensitivity | None) -> float:
+    """Frequency that a controller's compensation is for, rad/s; 0 without one.
+
+    A Smith predictor is refused. The plant's own poles stay in what its loop makes of a disturbance, and where one of
+    them is unstable, it hides an output that grows (Z. J. Palmor, Time-Delay Compensation, in: W. S. Levine (ed.), The
+    Control Handbook, CRC 1996).
+    """
+    c = case.controllers[i]
+    if c.compensation in ("none", *OF_IDENTIFIERS):
+        return 0.0
+    here, mode = f"controllers.{i}.compensation", None if plant is None else plant.eigenvalue
+    if c.compensation == "smith":
+        allowed = [*COMPENSATIONS, *(OF_IDENTIFIERS if c.scheme == "indirect" else [])]
+        raise InputError(f"{here}: 'smith' given; allowed: {', '.join(allowed)}: {_no_smith(mode)}")
+    if mode is None and c.number("mode_hz") == 0.0:
+        raise InputError(f"{here}: '{c.compensation}' given, but the plant has no swing mode; allowed: none")
+    return TURN * c.number("mode_hz") or float(mode.imag if mode is not None else 0.0)
+
+
+def _no_smith(mode: complex | None) -> str:
+    """Why a Smith predictor is of no use here."""
+    if mode is None:
+        return "the plant has no swing mode"
+    of = f"{mode.real:+.3f} +- {mode.imag:.3f}j 1/s ({mode.imag / TURN:.2f} Hz) without controllers"
+    if mode.real > 0.0:
+        return f"the plant's mode {of} is unstable, and a Smith predictor leaves it in the loop"
+    return f"a Smith predictor leaves the plant's least damped mode {of} in what disturbances excite"
+
+
+def _identified(case: Case, i: int, made: Bank, known: Known) -> Identified:
+    """What the identifier of controller i belongs to."""
+    c = case.controllers[i]
+    places = [case.run.devices.index(device) for device in c.devices]
+    return Identified(
+        controller=i,
+        settings=made.settings[i],
+        kind=str(c.parameters["identifier"]),
+        signals=c.signals,
+        devices=places,
+        limits=made.actuators.limit[i, : len(places)].tolist(),
+        known=known,
+        weights=np.array(c.weights.identifier) if isinstance(c.weights, Weights) and c.weights.identifier else None,
+        predicts=c.compensation == "prediction",
+    )
+
+
+def grid_events(case: Case) -> list[dict[str, Any]]:
+    """All changes of the grid in order of time, as they are published: time_ns, kind, element, value, location."""
+    found = []
+    for change in timeline(case.scenario.events):
+        row = change.event.model_dump()
+        element = next(row[key] for key in ("line", "bus", "load", "machine") if row.get(key) is not None)
+        on_line = row["kind"] == "fault" and row.get("line") is not None
+        found.append(
+            {
+                "time_ns": change.time_ns,
+                "kind": row["kind"],
+                "element": element,
+                "value": row.get("change", float("nan")),
+                "location": row["location"] if on_line else float("nan"),
+            }
+        )
+    return found

@@ -1,0 +1,43 @@
+"""What neuro-fuzzy controllers and their identifiers have learnt, to be saved and started from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from facts_damping.case.names import controller_names
+from facts_damping.control.bank import network_of
+from facts_damping.parameters.run import Controller, Weights
+from facts_damping.simulation.build import identifier_network
+
+if TYPE_CHECKING:
+    from facts_damping.case.model import Case
+    from facts_damping.control.bank import BankState
+    from facts_damping.control.identifier_model import IdentifierState
+    from facts_damping.simulation.loop import Loop
+
+
+def adapted(
+    controller: Controller, index: int, state: BankState | None, identifier: tuple[int, IdentifierState] | None
+) -> Weights | None:
+    """What a controller (its place and state) and its identifier have learnt; none for one that does not learn."""
+    if controller.scheme is None:
+        return None
+    own = learnt = None
+    if state is not None:
+        own = state.learner.theta[index, : network_of(controller).size].tolist()
+    if identifier is not None:
+        n, found = identifier
+        learnt = found.learner.theta[n, : identifier_network(controller).size].tolist()
+    return Weights(name=controller.name, scheme=controller.scheme, controller=own, identifier=learnt)
+
+
+def all_adapted(case: Case, loop: Loop) -> dict[str, Weights]:
+    """What all controllers of a loop have learnt, by their names as nodes."""
+    serving = loop.identifiers.controller.tolist()
+    found = {}
+    for i, (name, controller) in enumerate(zip(controller_names(case), case.controllers, strict=True)):
+        identifier = (serving.index(i), loop.identifier_state) if i in serving else None
+        weights = adapted(controller, i, loop.bank_state, identifier)
+        if weights is not None:
+            found[name] = weights
+    return found

@@ -1,0 +1,264 @@
+"""Replay: the frames that a recording holds as delivered, once more into controllers and identifiers, in process.
+
+Controllers run open loop: what they command goes nowhere. Each uses the estimates of its own identifier, which learns
+from the recorded setpoints, because those moved the plant. So the same controllers give the recorded setpoints bit for
+bit, and others give what they would have commanded at each moment.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.case.loading import change, load_case, make_case
+from facts_damping.case.names import controller_names
+from facts_damping.control.bank import act, serve
+from facts_damping.control.identifier import identify, remember, tell
+from facts_damping.errors import InputError
+from facts_damping.parameters.files import parse_set, read_value
+from facts_damping.signals import ESTIMATE, NANOSECONDS, SETPOINT
+from facts_damping.simulation.build import build_control
+from facts_damping.simulation.loop import issue_room
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.signals import Record
+
+# Fields of a controller whose change makes its stored parameters another one's.
+SHAPES = ("name", "scheme", "devices", "signals", "profile")
+
+
+class Difference(NamedTuple):
+    """The first setpoint that is not as recorded; NaN: there is none on that side."""
+
+    tick: int
+    controller: str
+    device: str
+    recorded: float  # p.u.
+    replayed: float  # p.u.
+
+    def __str__(self) -> str:
+        """In words."""
+        where = f"tick {self.tick}: {self.controller} to {self.device}"
+        return f"{where}: {self.recorded!r} p.u. recorded, {self.replayed!r} p.u. replayed"
+
+
+def case_of(record: Record, source: str, run: str | None, sets: list[str]) -> Case:
+    """The case to be replayed: that of the recording, or of a run (name or path), with `--set` applied.
+
+    Where `--set` makes a controller another one, its stored parameters go: what the user had given stays, if that was
+    for the same kind. Raises `InputError` where neither names a run.
+    """
+    if run is not None:
+        return load_case(run, sets)
+    check_has_run(record, source)
+    content, pairs = deepcopy(record.configuration), dict(parse_set(text) for text in sets)
+    _forget(content, pairs)
+    change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
+    return make_case(content, source, pairs)
+
+
+def check_has_run(record: Record, source: str) -> None:
+    """Raise `InputError` where a record does not hold the run that it is of, as those of `ros2 bag record`."""
+    if not record.configuration:
+        raise InputError(f"{source}: holds no run; allowed: --run with the run it is of{_noted(record)}")
+
+
+def _noted(record: Record) -> str:
+    """What a record lacks, to be said with what cannot be done for it."""
+    return "".join(f"; {note}" for note in record.notes)
+
+
+def _forget(content: dict[str, Any], pairs: dict[str, str]) -> None:
+    """Drop parameters, scheme and weights of controllers that `--set` makes others."""
+    asked = (content.get("asked") or {}).get("controllers") or []
+    for i, row in enumerate(content.get("controllers") or []):
+        changed = {name for name in SHAPES if f"controllers.{i}.{name}" in pairs}
+        if changed:
+            own = asked[i] if i < len(asked) and "name" not in changed else {}
+            row["parameters"] = dict(own.get("parameters") or {})
+            row["weights"] = None
+            row["scheme"] = own.get("scheme")
+
+
+def fitted(record: Record, case: Case) -> Record:
+    """What of a record can be replayed for a case: up to its first gap; stations and devices counted as in the case.
+
+    Setpoints count as those of the case's controller of their device. Raises `InputError` where the case has a station
+    or a link that was not recorded, or no controller, or where the frames of the first tick are missing.
+    """
+    names = [station.name for station in case.system.stations]
+    missing = [name for name in names if name not in record.stations]
+    if missing:
+        raise InputError(f"stations: '{missing[0]}' was not recorded; there are {', '.join(record.stations)}")
+    if not case.controllers:
+        raise InputError("controllers: none given; allowed: at least one, --set controllers.0.name=...")
+    if max(case.used_links) >= record.links:
+        given, allowed = len(case.links), f"{record.links}, as recorded{_noted(record)}"
+        raise InputError(f"controllers: {given} links given; allowed: {allowed}")
+    end = record.gap_tick if record.gap_tick is not None else int(record.ticks[-1]) + 1
+    kept = record.ticks < end
+    if not kept.any():
+        lacks = f"tick {end}: its frames, as delivered, or setpoints are missing"
+        raise InputError(f"{lacks}; nothing can be replayed{_noted(record)}")
+    delivered = record.delivered[record.delivered["tick"] < end]
+    places = np.array([names.index(name) if name in names else -1 for name in record.stations], np.int64)
+    delivered["station"] = places[delivered["station"]]
+    stations = [record.stations.index(name) for name in names]
+    return replace(
+        record,
+        stations=names,
+        device_names=list(case.run.devices),
+        controller_names=controller_names(case),
+        time_ns=record.time_ns[kept],
+        frames=record.frames[kept][:, stations],
+        delivered=delivered[delivered["station"] >= 0],
+        issued=_counted(record.issued, record, case, end),
+        applied=_counted(record.applied, record, case, end),
+        machines=_ordered(record.machines[kept], record.machine_names, [m.name for m in case.system.machines]),
+        devices=_ordered(record.devices[kept], record.device_names, case.run.devices),
+        in_synchronism=record.in_synchronism[kept],
+        estimates=record.estimates[record.estimates["tick"] < end],
+    )
+
+
+def _counted(rows: NDArray[Any], record: Record, case: Case, end: int) -> NDArray[Any]:
+    """Setpoints before tick `end` with devices and controllers as the case counts them; those of others left out."""
+    own = list(case.run.devices)
+    devices = np.array([own.index(name) if name in own else -1 for name in record.device_names], np.int64)
+    commanded = np.zeros(len(own) + 1, np.int64)
+    for c, controller in enumerate(case.controllers):
+        commanded[[own.index(name) for name in controller.devices]] = c
+    found = rows[rows["tick"] < end].copy()
+    found["device"] = devices[found["device"]]
+    found["controller"] = commanded[found["device"]]
+    return np.asarray(found[found["device"] >= 0])
+
+
+def _ordered(table: NDArray[Any], there: Sequence[str], wanted: Sequence[str]) -> NDArray[Any]:
+    """Columns of a table of the truth by name; NaN where one is missing."""
+    found = np.full((len(table), len(wanted)), np.nan, table.dtype)
+    for i, name in enumerate(wanted):
+        if name in there:
+            found[:, i] = table[:, there.index(name)]
+    return found
+
+
+def play(
+    case: Case, record: Record, progress: Callable[[int, int], None] = lambda _done, _of: None
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Setpoints (SETPOINT) and estimates (ESTIMATE) of a case's controllers for what was delivered to them.
+
+    `record`: as `fitted` gives it. The same steps as in the loop and the nodes, in the order of a tick: act, identify,
+    remember, tell; an estimate is used in the tick after.
+    """
+    bank, state, identifiers, learnt = build_control(case)
+    ticks = record.ticks
+    arrived = [_by_tick(record.delivered[record.delivered["link"] == link], ticks) for link in range(len(case.links))]
+    recorded = _by_tick(record.issued, ticks)
+    issued, estimates = [np.zeros(0, SETPOINT)], [np.zeros(0, ESTIMATE)]
+    for at, tick in enumerate(ticks.tolist()):
+        for c, controller in enumerate(case.controllers):
+            rows = arrived[case.used_links[c]][at]
+            out = issue_room(len(controller.devices), len(rows))
+            issued.append(out[: act(bank, state, c, tick, rows, len(rows), out, 0)])
+        for n, c in enumerate(identifiers.controller.tolist()):
+            rows = arrived[case.used_links[c]][at]
+            identify(identifiers, learnt, n, rows, len(rows))
+            remember(identifiers, learnt, n, recorded[at], len(recorded[at]))
+            told = np.zeros(len(case.controllers[c].signals) * len(case.controllers[c].devices), ESTIMATE)
+            tell(identifiers, learnt, n, tick, told, 0)
+            serve(state, c, learnt.jacobian[n], learnt.change[n], learnt.held.newest_ns[n])
+            estimates.append(told)
+        if at % record.frame_rate == 0 or at + 1 == len(ticks):
+            progress(at + 1, len(ticks))
+    return np.concatenate(issued), np.concatenate(estimates)
+
+
+def _by_tick(rows: NDArray[Any], ticks: NDArray[np.int64]) -> list[NDArray[Any]]:
+    """Rows, sorted by tick, of each tick."""
+    starts, ends = (np.searchsorted(rows["tick"], ticks, side=side) for side in ("left", "right"))
+    return [rows[start:end] for start, end in zip(starts, ends, strict=True)]
+
+
+def first_difference(record: Record, issued: NDArray[Any]) -> Difference | None:
+    """Where replayed setpoints are first not the recorded ones, to the bit, times included; none: identical."""
+    one, other = record.issued, issued
+    if one.tobytes() == other.tobytes():
+        return None
+    both = min(len(one), len(other))
+    same = [one[i].tobytes() == other[i].tobytes() for i in range(both)]
+    i = same.index(False) if False in same else both
+    sides = [rows[i] if i < len(rows) else None for rows in (one, other)]
+    row = min((side for side in sides if side is not None), key=lambda side: int(side["tick"]))
+    values = [float(side["value"]) if side is not None and side["tick"] == row["tick"] else np.nan for side in sides]
+    names = record.controller_names[row["controller"]], record.device_names[row["device"]]
+    return Difference(int(row["tick"]), *names, *values)
+
+
+def first_estimate(record: Record, estimates: NDArray[Any]) -> int | None:
+    """The first tick whose replayed estimates are not the recorded ones, to the bit; none: identical."""
+    if record.estimates.tobytes() == estimates.tobytes():
+        return None
+    for tick in record.ticks.tolist():
+        if (
+            record.estimates[record.estimates["tick"] == tick].tobytes()
+            != estimates[estimates["tick"] == tick].tobytes()
+        ):
+            return int(tick)
+    return int(record.ticks[-1]) + 1
+
+
+def on_grid(record: Record, issued: NDArray[Any], device: int) -> NDArray[np.float64]:
+    """The newest setpoint of a device at the end of each tick, (ticks,), p.u.; 0 before the first."""
+    own = issued[issued["device"] == device]
+    place = np.searchsorted(own["tick"], record.ticks, side="right")
+    return np.asarray(np.concatenate([[0.0], own["value"]])[place])
+
+
+def beside(case: Case, record: Record, issued: NDArray[Any]) -> list[dict[str, Any]]:
+    """Recorded and replayed setpoints side by side, a row a device: rms, difference, correlation, saturation duty.
+
+    All on the grid of ticks; `correlation` is None where one of both does not move; the duty is the share of ticks at
+    the device's limit.
+    """
+    found = []
+    for d, name in enumerate(case.run.devices):
+        one, other = on_grid(record, record.issued, d), on_grid(record, issued, d)
+        limit, moves = case.system.device(name).v_max, bool(np.ptp(one) > 0.0 and np.ptp(other) > 0.0)
+        found.append(
+            {
+                "device": name,
+                "rms_recorded_pu": _rms(one),
+                "rms_replayed_pu": _rms(other),
+                "rms_difference_pu": _rms(other - one),
+                "max_difference_pu": float(np.abs(other - one).max()),
+                "correlation": float(np.corrcoef(one, other)[0, 1]) if moves else None,
+                "saturated_recorded": float(np.mean(np.abs(one) >= limit)),
+                "saturated_replayed": float(np.mean(np.abs(other) >= limit)),
+            }
+        )
+    return found
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def notes_on(record: Record, played: Record) -> list[str]:
+    """What of a record is not replayed, a line each; `played`: as `fitted` gives it."""
+    notes = list(record.notes)
+    first, last, end = int(played.ticks[0]), int(played.ticks[-1]), record.gap_tick
+    if first > 0:
+        notes.append(f"the recording begins with tick {first}: what controllers had learnt before is not known")
+    if end is not None:
+        at = played.time_ns[-1] / NANOSECONDS
+        notes.append(f"replayed up to tick {last} at {at:.3f} s: of tick {end} not all is there")
+    return notes

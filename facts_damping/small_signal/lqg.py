@@ -1,0 +1,252 @@
+"""The linear-quadratic-Gaussian controller of a run: optimal for its linearised plant, frames, hold and delay.
+
+Frame by frame it makes the least, on average, of
+
+    sum_k (sum_i dw_i(k)^2 + effort sum_p (u_p(k) / u_max,p)^2)                                 p.u.^2
+
+dw the speed differences that the system is judged by, deviations from where the plant comes to rest. Disturbances are
+steps of the torques on the rotors, of a random size at each frame, the same for all in p.u. of the rating: as loads and
+lines leave them, the plant finds another place to rest, so each is a jump away from it (`rest` below) and no setpoint
+is held against it. Measurement noise of a signal is `noise` times how far it swings in the least damped mode where the
+speed differences, as a vector, swing by one.
+
+1. What no signal and no speed difference answers to (all rotors turned alike, all speeds raised alike) is left out.
+2. Modes that do not decay are kept as they are; what decays is balanced and truncated (B. C. Moore, Principal Component
+   Analysis in Linear Systems, IEEE Trans. Automatic Control 26(1), 1981; the division by the sign of a matrix:
+   P. Benner, E. S. Quintana-Orti, G. Quintana-Orti, State-Space Truncation Methods for Parallel Model Reduction of
+   Large-Scale Systems, Parallel Computing 29(11-12), 2003).
+3. It is sampled with hold, washouts by the bilinear transform as controllers have them, and Riccati's equations are
+   solved for regulator and Kalman filter (G. F. Franklin, J. D. Powell, M. Workman, Digital Control of Dynamic Systems,
+   3rd ed. 1998, 9). With the delay lag = (f + part) T the regulator acts on the state as it will be f frames on, which
+   the setpoints on their way have settled: the optimum of the plant with its delay.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.analysis.measures import measure_weights
+from facts_damping.control.state_space import StateSpace
+from facts_damping.errors import InputError
+from facts_damping.matrices import lyapunov, product, riccati, sign, singular, solve
+from facts_damping.signals import NANOSECONDS, to_ns
+from facts_damping.small_signal.zero_order_hold import held_for, rigid
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.run import Controller
+    from facts_damping.parameters.system import System
+    from facts_damping.small_signal.residues import Sensitivity
+
+DECAYS = 1e-2  # 1/s: what decays more slowly, or grows, is not truncated
+DRIFTS = 1e-3  # 1/s: a mode as slow as this stands still
+KEPT = 1e-3  # of the largest Hankel singular value: what has less is truncated
+STILL = 1e-6  # p.u. or rad per p.u.: a signal that moves less beside the speed differences does not swing
+
+
+class Model(NamedTuple):
+    """dx = A x + B u + G w, y = C x + D u, z = Z x: setpoints u, torques w, signals y, speed differences z; p.u."""
+
+    A: NDArray[np.float64]  # (states, states), 1/s
+    B: NDArray[np.float64]  # (states, devices)
+    G: NDArray[np.float64]  # (states, machines)
+    C: NDArray[np.float64]  # (signals, states)
+    D: NDArray[np.float64]  # (signals, devices)
+    Z: NDArray[np.float64]  # (differences, states)
+
+    def within(self, T: NDArray[np.float64], back: NDArray[np.float64]) -> Model:
+        """The model in states z of x = T z, `back` T = 1."""
+        of_inputs = product(back, self.B), product(back, self.G)
+        return Model(product(back, self.A, T), *of_inputs, product(self.C, T), self.D, product(self.Z, T))
+
+
+def design(plant: Sensitivity | None, system: System, controller: Controller, here: str) -> StateSpace:
+    """The controller's matrices. Raises `InputError` where the plant and its signals allow none; `here`: its field."""
+    if plant is None:
+        raise InputError(f"{here}.name: 'LQG' given, but the plant has no swing mode; allowed: LLC")
+    whole = model(plant, system, controller)
+    rows = [plant.signals.index(name) for name in controller.signals]
+    size = np.abs(plant.swing[rows]) / np.sqrt((np.abs(product(whole.Z, plant.shape)) ** 2).sum())
+    _check(plant, system, controller, size, here)
+    limits = np.array([system.device(name).v_max for name in controller.devices])
+    small = reduced(whole, plant.names, limits, size)
+    if np.abs(np.linalg.eigvals(small.A)).min() < DRIFTS:
+        raise InputError(
+            f"{here}.signals: {', '.join(controller.signals)} given, which see a motion that nothing brings back "
+            "(all speeds raised alike); allowed: for LQG differences of speeds, or signals with a washout"
+        )
+    step = sampled(small, plant.frame_rate, controller.number("lag"))
+    effort, noise = controller.number("effort"), np.array(controller.parameters["noise"]) * size
+    try:
+        return optimal(small, step, plant.model.washout[rows], 1.0 / plant.frame_rate, limits, effort, noise)
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"{here}: LQG given, but Riccati's equations have no solution: a mode that does not decay is not seen "
+            f"in {', '.join(controller.signals)} or not moved by {', '.join(controller.devices)}; "
+            "allowed: signals and devices that see and move all such modes"
+        ) from error
+
+
+def _check(plant: Sensitivity, system: System, controller: Controller, size: NDArray[np.float64], here: str) -> None:
+    """Signals come back to zero at rest, and swing."""
+    for i, (name, swing) in enumerate(zip(controller.signals, size, strict=True)):
+        signal = system.signals[name]
+        if signal.channel != "speed_deviation" and signal.washout == 0.0:
+            raise InputError(
+                f"{here}.signals.{i}: '{name}' given, which does not come back to zero at rest; "
+                "allowed: for LQG speed deviations, or signals with a washout"
+            )
+        if not swing > STILL:
+            raise InputError(
+                f"{here}.signals.{i}: '{name}' given, which does not swing at the least damped mode "
+                f"({plant.frequency_hz:.2f} Hz); allowed: signals that do"
+            )
+
+
+def model(plant: Sensitivity, system: System, controller: Controller) -> Model:
+    """The linearised plant as a controller meets it; signals before their washouts."""
+    rows = [plant.signals.index(name) for name in controller.signals]
+    columns = [plant.devices.index(name) for name in controller.devices]
+    machine = {station.name: station.machine for station in system.stations}
+    differences = measure_weights({"system": system.model_dump(by_alias=True)}).values()
+    G, Z = np.zeros((len(plant.names), len(system.machines))), np.zeros((len(differences), len(plant.names)))
+    for i, one in enumerate(system.machines):
+        G[plant.names.index(f"{one.name}.omega"), i] = 1.0 / (2.0 * one.H)
+    for i, weights in enumerate(differences):
+        for station, weight in weights.items():
+            Z[i, plant.names.index(f"{machine[station]}.omega")] += weight
+    own = plant.model
+    return Model(own.A, own.B[:, columns], G, own.C[rows], own.D[np.ix_(rows, columns)], Z)
+
+
+def reduced(whole: Model, names: Sequence[str], limits: NDArray[np.float64], size: NDArray[np.float64]) -> Model:
+    """The model without rigid motions, and what decays truncated; signals count by their `size`, setpoints by limits.
+
+    x = P x + (1 - P) x, P of the matrix's sign, divides the states into what decays and what stays. To each part the
+    other one, as the rigid motions to both, is what nothing moves and nobody sees; there it is given a decay of 1/s.
+    """
+    one = np.eye(len(whole.A))
+    still = rigid(whole.A, np.vstack([whole.C, whole.Z]), names)
+    hidden = product(still, still.T)
+    seen = whole.within(one - hidden, one - hidden)
+    P = (one - sign(seen.A - hidden + DECAYS * one)) / 2.0
+    staying, sizes, seeing = singular(one - P)
+    stays = round(float(np.trace(one - P)))
+    fast = seen.within(P, P)
+    inputs, outputs = np.hstack([fast.B * limits, fast.G]), np.vstack([fast.C / size[:, None], fast.Z])
+    T, back = balancing(fast.A - (one - P) - hidden, inputs, outputs)
+    return seen.within(np.hstack([staying[:, :stays], T]), np.vstack([sizes[:stays, None] * seeing[:, :stays].T, back]))
+
+
+def balancing(
+    A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """T (states, kept) and back: x = T z, z the balanced states with a Hankel singular value of KEPT and more."""
+    reach = _root(lyapunov(A, product(B, B.T)))
+    observe = _root(lyapunov(A.T, product(C.T, C)))
+    left, values, right = singular(product(observe.T, reach))
+    kept = int(np.sum(values >= KEPT * values.max(initial=0.0)))
+    scale = 1.0 / np.sqrt(values[:kept])
+    return product(reach, right[:, :kept]) * scale, (product(observe, left[:, :kept]) * scale).T
+
+
+def _root(gramian: NDArray[np.float64]) -> NDArray[np.float64]:
+    """S of S S^T = P."""
+    axes, values, _ = singular((gramian + gramian.T) / 2.0)
+    return axes * np.sqrt(values)
+
+
+class Frames(NamedTuple):
+    """x(k+1) = Phi x(k) + old u(k-f-1) + new u(k-f) + torque w(k): a model from frame to frame with its delay."""
+
+    Phi: NDArray[np.float64]  # (states, states)
+    old: NDArray[np.float64]  # (states, devices)
+    new: NDArray[np.float64]  # (states, devices)
+    torque: NDArray[np.float64]  # (states, machines)
+    f: int
+
+
+def sampled(small: Model, frame_rate: int, lag: float) -> Frames:
+    """A model sampled with hold, its setpoints late by `lag`, s; exact (K. J. Astrom, B. Wittenmark, 1997, 2.3)."""
+    period, devices = 1.0 / frame_rate, small.B.shape[1]
+    f, rest = divmod(to_ns(lag) * frame_rate, NANOSECONDS)
+    part = rest / NANOSECONDS * period
+    onward, new = held_for(small.A, small.B, period - part)
+    Phi, both = held_for(small.A, np.hstack([small.B, small.G]), period)
+    return Frames(Phi, product(onward, held_for(small.A, small.B, part)[1]), new, both[:, devices:], f)
+
+
+def optimal(
+    small: Model,
+    step: Frames,
+    washout: NDArray[np.float64],
+    period: float,
+    limits: NDArray[np.float64],
+    effort: float,
+    noise: NDArray[np.float64],
+) -> StateSpace:
+    """Regulator and filter; states are the model's, those of the washouts, then setpoints u(k-1) to u(k-f-1).
+
+    `washout`, s, and `noise`, standard deviation, of each signal; `effort`, of a setpoint at its limit, p.u.^2.
+    """
+    through, pole, pick = washouts(washout, period)
+    own, devices = len(step.Phi) + len(pole), len(limits)
+    ends = np.cumsum([len(step.Phi), len(pole), *[devices] * (step.f + 1)])
+    x, faded, *sent = np.split(np.eye(ends[-1] + devices), ends)  # rows that pick each part
+    sent = [sent[-1], *sent[:-1]]  # u(k) to u(k-f-1)
+    raw = product(small.C, x) + product(small.D, sent[-1])
+    y = product(through, raw - product(pick.T, faded))
+    moved = product(step.Phi, x) + product(step.old, sent[-1]) + product(step.new, sent[step.f])
+    after = np.vstack([moved, product(pole, faded) + product(np.eye(len(pole)) - pole, pick, raw), *sent[:-1]])
+    ahead = x  # as it will be f frames on
+    for i in range(step.f, 0, -1):
+        ahead = product(step.Phi, ahead) + product(step.old, sent[i + 1]) + product(step.new, sent[i])
+
+    torque = np.vstack([step.torque, np.zeros((len(pole), step.torque.shape[1]))])
+    M = np.zeros((ends[-1], len(noise)))
+    rest = solve(np.eye(own) - after[:own, :own], torque)  # by a step of each torque
+    M[:own] = _filter(after[:own, :own], rest, y[:, :own], noise)
+    K = product(_regulator(step, small.Z, limits, effort), np.vstack([ahead, sent[1]]))
+    n = ends[-1]
+    return StateSpace(after[:, :n], after[:, n:], y[:, :n], M, K[:, :n])
+
+
+def washouts(
+    washout: NDArray[np.float64], period: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Washouts by the bilinear transform, p s(k) + (1 - p) y(k) = s(k+1), g (y - s) in the place of y.
+
+    g of all signals (1 without one), p of those that have one, and the rows that pick these.
+    """
+    twice = 2.0 * washout / period
+    has = washout > 0.0
+    return (
+        np.diag(np.where(has, twice / (1.0 + twice), 1.0)),
+        np.diag(((twice - 1.0) / (twice + 1.0))[has]),
+        np.eye(len(washout))[has],
+    )
+
+
+def _filter(
+    A: NDArray[np.float64], G: NDArray[np.float64], C: NDArray[np.float64], noise: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """M of the Kalman filter, P C^T (C P C^T + R)^-1, with signals in units of their noise."""
+    seen, one = C / noise[:, None], np.eye(len(noise))
+    P = riccati(A.T, seen.T, product(G, G.T), one)
+    return np.asarray(solve(product(seen, P, seen.T) + one, product(seen, P)).T / noise)
+
+
+def _regulator(step: Frames, Z: NDArray[np.float64], limits: NDArray[np.float64], effort: float) -> NDArray[np.float64]:
+    """K of u(k) = -K [x(k+f), u(k-1)], with setpoints in units of their limits."""
+    n, devices = step.new.shape
+    A = np.block([[step.Phi, step.old * limits], [np.zeros((devices, n + devices))]])
+    B = np.vstack([step.new * limits, np.eye(devices)])
+    one, Z = np.eye(devices), np.hstack([Z, np.zeros((len(Z), devices))])
+    X = riccati(A, B, product(Z.T, Z) / effort, one)
+    K = solve(one + product(B.T, X, B), product(B.T, X, A))
+    return np.asarray(limits[:, None] * K / np.concatenate([np.ones(n), limits]))

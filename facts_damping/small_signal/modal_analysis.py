@@ -1,0 +1,172 @@
+"""Small-signal analysis of a system at its start, for people: tables, JSON and pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from facts_damping.plant.build import Built, build
+from facts_damping.small_signal import linearisation
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from facts_damping.parameters.system import System
+
+BODE_HZ = (0.05, 5.0)
+SHOWN_STATES = 4
+
+
+class Modal(NamedTuple):
+    """A system at its start with devices installed: the plant, its linear model and its modes."""
+
+    system: System
+    devices: list[str]
+    built: Built
+    model: linearisation.LinearModel
+    modes: list[linearisation.Mode]
+
+    @property
+    def swings(self) -> list[linearisation.Mode]:
+        """The electromechanical modes."""
+        return [mode for mode in self.modes if mode.label not in ("common", "control")]
+
+
+def analyse(system: System, devices: Sequence[str]) -> Modal:
+    """Power flow, equilibrium, linear model and modes."""
+    built = build(system, devices, [])
+    model = linearisation.linear_model(built, system.signals, [s.name for s in system.stations])
+    modes = linearisation.modes(model.A, built.state_names, system, model, devices)
+    return Modal(system, list(devices), built, model, modes)
+
+
+def document(modal: Modal) -> dict[str, Any]:
+    """The JSON of `modes` (docs/commands.md)."""
+    return {
+        "power_flow": {"buses": modal.built.flow.buses(modal.system.base_power)},
+        "devices": modal.devices,
+        "modes": [_mode(mode) for mode in modal.modes],
+        "transfer_functions": [
+            {**t._asdict(), "zeros": [_pair(z) for z in t.zeros], "poles": [_pair(p) for p in t.poles]}
+            for t in linearisation.transfer_functions(modal.model, list(modal.system.signals), modal.devices)
+        ],
+    }
+
+
+def _pair(value: complex) -> list[float]:
+    return [float(value.real), float(value.imag)]
+
+
+def figures(mode: linearisation.Mode) -> dict[str, Any]:
+    """A mode's eigenvalue, frequency, damping ratio and kind, for JSON."""
+    return {
+        "real": mode.eigenvalue.real,
+        "imag": mode.eigenvalue.imag,
+        "frequency_hz": mode.frequency_hz,
+        "damping_ratio": mode.damping_ratio,
+        "label": mode.label,
+    }
+
+
+def _mode(mode: linearisation.Mode) -> dict[str, Any]:
+    return {
+        **figures(mode),
+        "participation": mode.participation,
+        "shape": {name: _polar(value) for name, value in mode.shape.items()},
+        "residues": [residue._asdict() for residue in mode.residues],
+    }
+
+
+def _polar(value: complex) -> dict[str, float]:
+    return {"magnitude": abs(value), "angle_deg": float(np.rad2deg(np.angle(value)))}
+
+
+def text(modal: Modal) -> Iterator[str]:
+    """Lines for the terminal."""
+    system = modal.system
+    yield f"{system.name}: {system.description}"
+    yield f"devices installed: {', '.join(modal.devices) or 'none'}\n"
+    yield "bus            V p.u.  angle deg       P MW     Q Mvar"
+    for bus in modal.built.flow.buses(system.base_power):
+        yield "{name:<12} {v_pu:8.4f} {angle_deg:10.3f} {p_mw:10.2f} {q_mvar:10.2f}".format(**bus)
+    yield "\n     real 1/s   imag rad/s         Hz  damping ratio  kind               participation"
+    for mode in modal.modes:
+        most = ", ".join(f"{state} {share:.2f}" for state, share in list(mode.participation.items())[:SHOWN_STATES])
+        yield (
+            f"{mode.eigenvalue.real:13.5f} {mode.eigenvalue.imag:12.5f} {mode.frequency_hz:10.4f} "
+            f"{mode.damping_ratio:14.4f}  {mode.label:<17}  {most}"
+        )
+    for mode in modal.swings:
+        yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: who swings against whom"
+        for group in _groups(mode):
+            yield "  " + ", ".join(f"{name} {abs(value):.2f}" for name, value in group)
+        if mode.residues:
+            yield "  device       signal       residue 1/s  angle deg   u = K y: sign  lead deg"
+        for r in mode.residues:
+            yield (
+                f"  {r.device:<12} {r.signal:<10} {r.magnitude:13.5g} {r.angle_deg:10.1f} "
+                f"{'+' if r.sign > 0 else '-':>15} {r.lead_deg:9.1f}"
+            )
+
+
+def _groups(mode: linearisation.Mode) -> list[list[tuple[str, complex]]]:
+    """Machines that swing together with the fastest, and those against it, the fastest first."""
+    ranked = sorted(mode.shape.items(), key=lambda item: -abs(item[1]))
+    halves = [[item for item in ranked if item[1].real >= 0], [item for item in ranked if item[1].real < 0]]
+    return [half for half in halves if half]
+
+
+def plot(modal: Modal, folder: Path) -> list[Path]:
+    """Pictures in a folder: mode_shapes.png, and transfer_functions.png where a device is installed."""
+    made = []
+    if modal.swings:
+        made.append(_plot_shapes(modal, folder / "mode_shapes.png"))
+    if modal.devices and modal.system.signals:
+        made.append(_plot_transfer(modal, folder / "transfer_functions.png"))
+    return made
+
+
+def _plot_shapes(modal: Modal, path: Path) -> Path:
+    """A compass of the machines' speeds for each electromechanical mode."""
+    columns = min(3, len(modal.swings))
+    rows = -(-len(modal.swings) // columns)
+    figure = Figure(figsize=(3.6 * columns, 3.9 * rows), layout="constrained")
+    for i, mode in enumerate(modal.swings):
+        axes = figure.add_subplot(rows, columns, i + 1, projection="polar")
+        for name, value in mode.shape.items():
+            axes.annotate(
+                "", xy=(float(np.angle(value)), abs(value)), xytext=(0, 0), arrowprops={"arrowstyle": "->", "lw": 1.5}
+            )
+            if abs(value) > 0.15:  # shorter ones would hide each other
+                axes.text(float(np.angle(value)), 1.08 * abs(value), name, ha="center", va="center", fontsize=8)
+        axes.set_ylim(0, 1.15)
+        axes.set_yticklabels([])
+        axes.set_title(f"{mode.frequency_hz:.3f} Hz, damping {mode.damping_ratio:.3f}\n{mode.label}", fontsize=9)
+    figure.suptitle(f"{modal.system.name}: mode shapes (speeds, relative to the fastest)", fontsize=10)
+    figure.savefig(path, dpi=150)
+    return path
+
+
+def _plot_transfer(modal: Modal, path: Path) -> Path:
+    """Magnitude and phase from each device's input to each signal."""
+    frequency = np.geomspace(*BODE_HZ, 600)
+    response = np.array([modal.model.response(2j * np.pi * f) for f in frequency])
+    figure = Figure(figsize=(4.5 * len(modal.devices), 6.5), layout="constrained")
+    axes = figure.subplots(2, len(modal.devices), sharex=True, squeeze=False)
+    for d, device in enumerate(modal.devices):
+        for s, signal in enumerate(modal.system.signals):
+            axes[0, d].loglog(frequency, np.abs(response[:, s, d]), label=signal)
+            axes[1, d].semilogx(frequency, np.rad2deg(np.unwrap(np.angle(response[:, s, d]))))
+        axes[0, d].set_title(f"from the setpoint of {device}", fontsize=9)
+        axes[1, d].set_xlabel("frequency [Hz]")
+        for axis in axes[:, d]:
+            axis.grid(visible=True, which="both", alpha=0.3)
+    axes[0, 0].set_ylabel("magnitude [p.u./p.u.]")
+    axes[1, 0].set_ylabel("phase [deg]")
+    axes[0, -1].legend(fontsize=8)
+    figure.suptitle(f"{modal.system.name}: transfer functions to the signals", fontsize=10)
+    figure.savefig(path, dpi=150)
+    return path

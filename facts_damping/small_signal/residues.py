@@ -1,0 +1,110 @@
+"""How signals answer the devices' setpoints, as the linearised plant has it: what adaptation starts from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.matrices import eigenvalue_near, product
+from facts_damping.small_signal import linearisation
+from facts_damping.small_signal.zero_order_hold import held_for
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.system import System
+    from facts_damping.plant.build import Built
+
+CLEAR_DEG = 60.0  # so near 0 or 180 degrees a residue has a sign
+
+
+class Sensitivity(NamedTuple):
+    """Residues at the least damped swing mode, the swing of the signals in it, and responses in time.
+
+    Signals and devices are those of the system and of the run, in their order; signals are behind their washouts.
+    """
+
+    signals: list[str]
+    devices: list[str]
+    eigenvalue: complex  # 1/s, of the mode
+    residue: NDArray[np.complex128]  # (signals, devices), 1/s
+    swing: NDArray[np.complex128]  # (signals,), each signal in the mode's right eigenvector
+    frame_rate: int
+    model: linearisation.LinearModel
+    names: list[str]  # of the plant's states
+    shape: NDArray[np.complex128]  # (states,), the mode's right eigenvector
+
+    @property
+    def frequency_hz(self) -> float:
+        """Frequency of the mode."""
+        return float(self.eigenvalue.imag / (2.0 * np.pi))
+
+    def angle_deg(self, signal: str, device: str) -> float:
+        """Angle of a residue."""
+        return float(np.rad2deg(np.angle(self.residue[self.signals.index(signal), self.devices.index(device)])))
+
+    def sign(self, signal: str, device: str) -> float:
+        """Sign of dy/du at the mode: +1 for a residue near 0 degrees, -1 near 180, 0 between."""
+        angle = self.angle_deg(signal, device)
+        if abs(angle) <= CLEAR_DEG:
+            return 1.0
+        return -1.0 if abs(angle) >= 180.0 - CLEAR_DEG else 0.0
+
+    def response(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
+        """Signals after a setpoint of one was held for so many frames, p.u./p.u., (signals, devices).
+
+        C int_0^T exp(A t) dt B + D, with the washouts' states in A.
+        """
+        rows, columns = [self.signals.index(s) for s in signals], [self.devices.index(d) for d in devices]
+        A, B, C, D = _with_washouts(self.model, rows)
+        _, held = held_for(A, B, frames / self.frame_rate)
+        return (product(C, held) + D)[:, columns]
+
+    def jacobian(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
+        """The responses with the signs at the mode, where there are, (signals, devices), p.u./p.u."""
+        found = self.response(signals, devices, frames)
+        sign = np.array([[self.sign(s, d) for d in devices] for s in signals]).reshape(found.shape)
+        return np.where(sign != 0.0, sign * np.abs(found), found)
+
+    def ratio(self, signal: str, to: str) -> complex:
+        """How a signal swings in the mode, beside another one, p.u./p.u."""
+        if signal == to:
+            return 1.0 + 0j  # to the last bit
+        return complex(self.swing[self.signals.index(signal)] / self.swing[self.signals.index(to)])
+
+
+def sensitivity(built: Built, system: System, devices: Sequence[str], frame_rate: int) -> Sensitivity | None:
+    """The sensitivities of a system's signals to the installed devices; none without a swing mode.
+
+    Residues are F (C v)(w B), the swing F (C v), F the washouts (Kundur 1994, 12.3.4).
+    """
+    model = linearisation.linear_model(built, system.signals, [s.name for s in system.stations])
+    swings = [
+        mode
+        for mode in linearisation.modes(model.A, built.state_names, system)
+        if mode.label not in ("common", "control")
+    ]
+    if not swings:
+        return None
+    least = min(swings, key=lambda mode: mode.damping_ratio)
+    eigenvalue, v, w = eigenvalue_near(model.A, least.eigenvalue)
+    swing = model.washed(eigenvalue) * product(model.C, v)
+    residue = swing[:, None] * product(w, model.B) / product(w, v)
+    known = list(system.signals), list(devices), eigenvalue, residue, swing
+    return Sensitivity(*known, frame_rate, model, list(built.state_names), v)
+
+
+def _with_washouts(model: linearisation.LinearModel, signals: Sequence[int]) -> tuple[NDArray[np.float64], ...]:
+    """A, B, C, D to some signals, a state more for each washout: T dx_w/dt = y - x_w, and y - x_w in the place of y."""
+    A, B, C, D = model.A, model.B, model.C[signals], model.D[signals]
+    rows = np.flatnonzero(model.washout[signals] > 0.0)
+    if not len(rows):
+        return A, B, C, D
+    rate = 1.0 / model.washout[signals][rows, None]
+    pick = np.zeros((len(signals), len(rows)))
+    pick[rows, np.arange(len(rows))] = 1.0
+    wide = np.block([[A, np.zeros((len(A), len(rows)))], [rate * C[rows], -rate * np.eye(len(rows))]])
+    return wide, np.vstack([B, rate * D[rows]]), np.hstack([C, -pick]), D

@@ -1,0 +1,278 @@
+"""The linearised closed loop of controllers with delay: exact with sampling and hold, or continuous with a Pade term.
+
+From frame to frame, T apart, with a delay of n frames and a rest `part` < T between measurement and device
+(K. J. Astrom, B. Wittenmark, Computer-Controlled Systems, 3rd ed. 1997, 2.3):
+
+    x(k+1) = Phi(T) x(k) + Phi(T - part) Gamma(part) u(k-n-1) + Gamma(T - part) u(k-n)
+
+with Phi(t) = exp(A t), Gamma(t) = int_0^t exp(A s) ds B. What is measured at t_k goes with the setpoints in force until
+then. How the delay is divided between both ways does not matter, for a controller acts at once on what arrives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import factorial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag, eig
+from scipy.signal import tf2ss
+
+from facts_damping.case.names import controller_names
+from facts_damping.control.bank import act
+from facts_damping.control.table import CONTROLLERS, STATE_SPACE
+from facts_damping.errors import InputError
+from facts_damping.link.draws import mean_delay
+from facts_damping.parameters.link import Constant, Link
+from facts_damping.plant.build import build
+from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT, to_ns
+from facts_damping.simulation.build import build_control
+from facts_damping.small_signal import linearisation
+from facts_damping.small_signal.lqg import washouts
+from facts_damping.small_signal.zero_order_hold import held_for, rigid
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.control.bank import Bank, BankState
+
+    Matrices = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
+
+FADED = 1e-6  # in a frame: what shrinks faster is no mode, but the memory of a difference equation
+
+
+class Discrete(NamedTuple):
+    """A controller from frame to frame: z(k+1) = A z(k) + B y(k), u(k) = C z(k) + D y(k), p.u."""
+
+    A: NDArray[np.float64]  # (states, states)
+    B: NDArray[np.float64]  # (states, signals)
+    C: NDArray[np.float64]  # (devices, states)
+    D: NDArray[np.float64]  # (devices, signals)
+    signals: list[int]  # indices among the plant's
+    devices: list[int]  # indices among the plant's
+    lag: float = 0.0  # s, by which its delay is longer than the shortest one
+
+
+class DelayedLoop(NamedTuple):
+    """A linear plant and its controllers, as deviations from the start."""
+
+    model: linearisation.LinearModel  # the controllers have the signals' washouts within them
+    controllers: list[Discrete]
+    frame_rate: int  # frames/s
+    names: list[str]  # of the plant's states, then of the controllers'
+    rigid: NDArray[np.float64]  # (plant's states, 0 to 2), orthonormal: motions of all rotors that nothing answers
+
+
+class Eigen(NamedTuple):
+    """Eigenvalues of a closed loop as 1/s, by falling real part, without those of the rigid motions."""
+
+    values: NDArray[np.complex128]  # (modes,)
+    right: NDArray[np.complex128]  # (plant's and controllers' states, modes)
+    left: NDArray[np.complex128]  # the same, as in w A = lambda w
+
+    @property
+    def growth(self) -> float:
+        """Largest real part, 1/s: the loop is unstable where that is above zero."""
+        return float(self.values[0].real)
+
+
+def delayed_loop(case: Case) -> DelayedLoop:
+    """The closed loop of a run about its equilibrium.
+
+    Its links count by how much longer one is than the shortest. Raises `InputError` for controllers that have no
+    linear model, and links whose delay is not constant.
+    """
+    if not case.controllers:
+        raise InputError("controllers: none given; allowed: one linear controller at least")
+    linear_ones = [name for name, row in CONTROLLERS.items() if row.network is None]
+    for i, controller in enumerate(case.controllers):
+        if controller.name not in linear_ones:
+            raise InputError(
+                f"controllers.{i}.name: '{controller.name}' given, which is not linear and has no linear margin; "
+                f"allowed: {', '.join(linear_ones)} (of others a sweep of runs gives the margin)"
+            )
+        if controller.compensation != "none":
+            raise InputError(
+                f"controllers.{i}.compensation: '{controller.compensation}' given, which is tuned as it runs; "
+                "allowed: none (of others a sweep of runs gives the margin)"
+            )
+    built = build(case.system, case.run.devices, [])
+    model = linearisation.linear_model(built, case.system.signals, [s.name for s in case.system.stations])
+    delays = link_delays(case)
+    made, state, *_ = build_control(case)
+    controllers, names = [], list(built.state_names)
+    for c, (controller, name) in enumerate(zip(case.controllers, controller_names(case), strict=True)):
+        observes = made.code[c] == STATE_SPACE
+        matrices = _observer(made, c) if observes else _difference_equations(made, state, c)
+        names += [f"{name}.{i}" for i in range(len(matrices[0]))]
+        signals = [list(case.system.signals).index(signal) for signal in controller.signals]
+        devices = [case.run.devices.index(device) for device in controller.devices]
+        controllers.append(Discrete(*matrices, signals, devices, delays[case.used_links[c]] - min(delays)))
+    used = model.C[sorted({signal for c in controllers for signal in c.signals})]
+    return DelayedLoop(model, controllers, case.run.frame_rate, names, rigid(model.A, used, built.state_names))
+
+
+def link_delays(case: Case) -> list[float]:
+    """Delay of each of a run's links, both ways, s. Raises `InputError` where it is not constant."""
+    stages = [[*link.up, *link.down] for link in case.links]
+    for stage in (stage for link in stages for stage in link):
+        if not isinstance(stage, Constant):
+            raise InputError(f"link: a stage of model '{stage.model}' given; allowed: constant delays")
+        if (stage.channels, stage.start, stage.duration) != (None, 0.0, None):
+            raise InputError(
+                "link: a stage with `channels`, `start` or `duration` given; allowed: the same delay for all"
+            )
+    return [mean_delay(link) for link in stages]
+
+
+def with_delay(case: Case, delay: float) -> Case:
+    """The same run with a total delay (s) of its shortest link; longer ones stay longer by as much as they are."""
+    own = link_delays(case)
+    links = [Link(up=[Constant(delay=delay + length - min(own))]) for length in own]
+    return replace(case, links=links)
+
+
+def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
+    """A, B, C, D of controller c: what the bank's own step makes of unit states and a unit signal, before limits."""
+    inputs, held = made.inputs, state.held
+    devices = int(np.sum(made.device[c] >= 0))
+    stations, period = held.entry_ns.shape[1], int(made.period_ns[c])
+    washed = [held.washed[c, 0]] if inputs.washout[c, 0] > 0.0 else []
+    memory = [*washed, *state.internal[c, :devices]]
+    sizes = np.cumsum([part.size for part in memory])
+    weight = inputs.weight[c, 0]
+    frame = np.zeros(stations, DELIVERY)
+    frame["station"], frame["measured_ns"], frame["arrival_ns"] = range(stations), period, period
+    out = np.zeros(devices, SETPOINT)
+
+    def follow(z: NDArray[np.float64], y: float) -> NDArray[np.float64]:
+        held.entry_ns[c], held.newest_ns[c], held.baseline[c] = 0, 0, 0.0
+        for part, values in zip(memory, np.split(z, sizes[:-1]), strict=True):
+            part[:] = values
+        frame["values"] = 0.0
+        frame["values"][:, inputs.channel[c, 0]] = y * weight / (weight @ weight)
+        act(made, state, c, 0, frame, stations, out, 0)
+        return np.concatenate([*memory, state.unlimited[c, :devices]])
+
+    n = int(sizes[-1])
+    whole = np.array([*(follow(unit, 0.0) for unit in np.eye(n)), follow(np.zeros(n), 1.0)]).T
+    return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
+
+
+def _observer(made: Bank, c: int) -> Matrices:
+    """A, B, C, D of an observer with state feedback, its washouts before it, as long as no setpoint meets a limit.
+
+    z is the estimate x(k|k), of which A x - B K x is the next prediction.
+    """
+    signals, devices = int(made.inputs.signals[c]), int(np.sum(made.device[c] >= 0))
+    p = made.optimal
+    C, M, K = p.C[c, :signals], p.M[c, :, :signals], p.K[c, :devices]
+    onward = (np.eye(len(M)) - M @ C) @ (p.A[c] - p.B[c, :, :devices] @ K)
+    through, pole, pick = washouts(made.inputs.washout[c, :signals], made.period_ns[c] / NANOSECONDS)
+    before = pole, (np.eye(len(pole)) - pole) @ pick, -through @ pick.T, through
+    return _series(before, (onward, M, -K @ onward, -K @ M))
+
+
+def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
+    """The loop from frame to frame with a total delay (s): states of plant and controllers, then setpoints sent.
+
+    Of each controller these are u(k-1) to u(k-n-1); delays are taken to the nanosecond.
+    """
+    model, period = loop.model, 1.0 / loop.frame_rate
+    ways = [divmod(to_ns(delay + c.lag) * loop.frame_rate, NANOSECONDS) for c in loop.controllers]
+    sizes = [len(model.A), *(len(c.A) for c in loop.controllers)]
+    sizes += [(frames + 1) * len(c.devices) for c, (frames, _) in zip(loop.controllers, ways, strict=True)]
+    plant, *others = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])  # rows that pick each part
+    memories, sent = others[: len(loop.controllers)], others[len(loop.controllers) :]
+    seen = model.C @ plant
+    for c, buffer in zip(loop.controllers, sent, strict=True):
+        seen += model.D[:, c.devices] @ buffer[-len(c.devices) :]
+    moved, following = held_for(model.A, model.B, period)[0] @ plant, []
+    buffers = []
+    for c, z, buffer, (frames, rest) in zip(loop.controllers, memories, sent, ways, strict=True):
+        y = seen[c.signals]
+        given = np.vstack([c.C @ z + c.D @ y, buffer])  # u(k) to u(k-n-1)
+        new, old = np.split(given[frames * len(c.devices) :], 2)
+        part = rest / NANOSECONDS * period
+        _, before = held_for(model.A, model.B, part)
+        onward, after = held_for(model.A, model.B, period - part)
+        moved = moved + onward @ before[:, c.devices] @ old + after[:, c.devices] @ new
+        following.append(c.A @ z + c.B @ y)
+        buffers.append(given[: -len(c.devices)])
+    return np.vstack([moved, *following, *buffers])
+
+
+def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDArray[np.float64]:
+    """The loop in continuous time, 1/s, with a Pade term of an order for each total delay and the hold (s).
+
+    A hold over a frame is taken for half a frame of delay. States are the plant's, then each controller's with those of
+    its term.
+    """
+    model, ways = loop.model, []
+    for c in loop.controllers:
+        many = np.eye(len(c.devices))
+        A, B, C, D = (np.kron(many, part) for part in pade(delay + c.lag + hold, order))
+        ways.append(_series(_continuous(c, 1.0 / loop.frame_rate), (A, B, C, D)))
+    A, B, C, D = (block_diag(*parts) for parts in zip(*ways, strict=True))
+    given = [signal for c in loop.controllers for signal in c.signals]
+    sent = [device for c in loop.controllers for device in c.devices]
+    b, c_, d = model.B[:, sent], model.C[given], model.D[np.ix_(given, sent)]
+    within = np.linalg.inv(np.eye(len(sent)) - D @ d)  # setpoints and what signals have of them at once
+    seen = d @ within
+    return np.block(
+        [
+            [model.A + b @ within @ D @ c_, b @ within @ C],
+            [B @ (c_ + seen @ D @ c_), A + B @ seen @ C],
+        ]
+    )
+
+
+def _series(first: Matrices, second: Matrices) -> Matrices:
+    """One system whose outputs go into another."""
+    A, B, C, D = first
+    a, b, c, d = second
+    wide = np.block([[A, np.zeros((len(A), len(a)))], [b @ C, a]])
+    return wide, np.vstack([B, b @ D]), np.hstack([d @ C, c]), d @ D
+
+
+def _continuous(c: Discrete, period: float) -> Matrices:
+    """A controller in continuous time: the bilinear transform, by which its step was made, undone."""
+    inverse = np.linalg.inv(np.eye(len(c.A)) + c.A)
+    scale = 2.0 / np.sqrt(period)
+    A = 2.0 / period * inverse @ (c.A - np.eye(len(c.A)))
+    B = scale * inverse @ c.B
+    return A, B, scale * c.C @ inverse, c.D - c.C @ inverse @ c.B
+
+
+def pade(delay: float, order: int) -> Matrices:
+    """The diagonal Pade term of exp(-s delay) in states: sum (-1)^k c_k (s delay)^k over sum c_k (s delay)^k.
+
+    c_k = (2N - k)! / (k! (N - k)!); without delay, 1.
+    """
+    if delay <= 0.0:
+        return np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))
+    powers = range(order, -1, -1)
+    below = [factorial(2 * order - k) / (factorial(k) * factorial(order - k)) for k in powers]
+    above = [(-1) ** k * value for k, value in zip(powers, below, strict=True)]
+    A, B, C, D = tf2ss(above, below)
+    return A / delay, B / delay, C, D
+
+
+def eigen(loop: DelayedLoop, matrix: NDArray[np.float64], *, discrete: bool = True) -> Eigen:
+    """Eigenvalues and eigenvectors of a closed loop, its rigid motions left out: s = f ln z where it is discrete.
+
+    Rigid motions are the eigenvectors that lie nearest to `loop.rigid`.
+    """
+    values, left, right = eig(matrix, left=True, right=True)
+    n, plant = len(loop.names), len(loop.rigid)
+    beside = right.copy()  # of length one
+    beside[:plant] -= loop.rigid @ (loop.rigid.T @ right[:plant])
+    kept = np.argsort(np.linalg.norm(beside, axis=0))[loop.rigid.shape[1] :]
+    if discrete:
+        kept = kept[np.abs(values[kept]) > FADED]
+        values = np.where(np.abs(values) > FADED, values, 1.0)
+        values = loop.frame_rate * np.log(values.astype(complex))
+    order = kept[np.argsort(-values[kept].real)]
+    return Eigen(values[order], right[:n, order], left[:n, order].conj())

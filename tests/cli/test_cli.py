@@ -1,0 +1,227 @@
+"""The commands as a user types them: exit status, one line on errors, JSON alone on standard output."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from facts_damping.cli.main import main
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    Inside = Callable[..., str]
+
+
+def call(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "facts_damping.cli.main", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        cwd=cwd,
+        env=dict(os.environ),
+    )
+
+
+def json_of(*arguments: str) -> Any:
+    done = call(*arguments, "--json", "-")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_simulate_gives_the_promised_fields() -> None:
+    result = json_of("simulate", "two_area_small", "--set", "link=delay_100ms")
+    assert set(result["indices"]) == {"ITAE", "IAE", "ITSE", "ISE"}
+    assert all(value > 0 for value in result["indices"].values())
+    assert result["stable"] is True
+    assert result["damped"] is True
+    assert result["latency_ms"]["mean"] == pytest.approx(100.0)
+    assert result["frames_lost"] == 0
+    assert result["recording"] is None
+    assert result["duration_s"] == 20.0
+    assert result["run"]["link"] == "delay_100ms"
+    assert {"smoothness", "settling_time_s", "max_injected_voltage_pu", "modes", "wall_s"} <= set(result)
+
+
+def test_unstable_run_is_a_result() -> None:
+    result = json_of("simulate", "two_area_large", "--set", "controllers=[]")
+    assert result["stable"] is False
+    assert result["damped"] is False
+    assert result["indices"] is None
+    assert result["duration_s"] < 20.0
+    assert result["latency_ms"] is None or result["latency_ms"]["mean"] is None
+
+
+def test_control_damps_what_grows_without_it() -> None:
+    without = json_of("simulate", "two_area_small", "--set", "controllers=[]")
+    with_control = json_of("simulate", "two_area_small")
+    assert without["stable"] is True
+    assert without["damped"] is False
+    assert with_control["damped"] is True
+    for name, value in with_control["indices"].items():
+        assert value < 0.5 * without["indices"][name]
+
+
+def test_simulate_writes_pictures(tmp_path: Path) -> None:
+    done = call("simulate", "two_area_small", "--set", "duration=3", "--out", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    pictures = sorted((tmp_path / "out").glob("*.png"))
+    assert {p.stem for p in pictures} >= {"speeds", "tie_power", "injected_voltage"}
+    assert all(p.read_bytes().startswith(b"\x89PNG") and p.stat().st_size > 5000 for p in pictures)
+    assert (tmp_path / "out" / "result.json").is_file()
+
+
+def test_modes_of_two_area_are_the_thesis_s() -> None:
+    result = json_of("modes", "two_area")
+    buses = {bus["name"]: bus for bus in result["power_flow"]["buses"]}
+    # Thesis 4.5.2, four digits on 900 MVA.
+    for name, p, q in [("B1", 0.7778, 0.1021), ("B2", 0.7777, 0.1307), ("B3", 0.7989, 0.0914), ("B4", 0.7778, 0.0919)]:
+        assert buses[name]["p_mw"] / 900 == pytest.approx(p, abs=2e-4)
+        assert buses[name]["q_mvar"] / 900 == pytest.approx(q, abs=2e-4)
+    interarea = [mode for mode in result["modes"] if 0.3 < mode["frequency_hz"] < 0.9]
+    assert len(interarea) == 1
+    assert 0.60 < interarea[0]["frequency_hz"] < 0.66
+    assert -0.03 < interarea[0]["damping_ratio"] < 0.0
+    assert max(interarea[0]["participation"], key=interarea[0]["participation"].get).split(".")[1] in ("delta", "omega")
+
+
+@pytest.mark.parametrize(
+    ("kind", "some"),
+    [("systems", "two_area"), ("scenarios", "two_area/small"), ("controllers", "LLC"), ("links", "delay_100ms")],
+)
+def test_list_names_what_there_is(kind: str, some: str) -> None:
+    assert some in {row["name"] for row in json_of("list", kind)}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["simulate", "no_such_run"],
+        ["simulate", "no_such_file.yaml"],
+        ["simulate", "--set", "frame_rate=fast"],
+        ["simulate", "--frobnicate"],
+        ["simulate", "two_area_small", "--set", "scenario.0.load=load_9"],
+        ["run", "two_area_small", "--mode", "warp"],
+        ["run", "two_area_small", "--set", "scenario.0.load=load_9"],
+        ["run", "two_area_small", "--timeout", "-1"],
+        ["modes", "no_such_system"],
+        ["modes", "two_area", "--set", "machines.0.H=-1"],
+        ["analyze", "no_such_recording"],
+        ["simulate", "--out", "/proc/nowhere/out"],
+        ["simulate", "--json", "no/such/folder/result.json"],
+        ["run", "--json", "no/such/folder/result.json"],
+        ["list", "unicorns"],
+        ["frobnicate"],
+        [],
+    ],
+    ids=" ".join,
+)
+def test_bad_input_is_exit_2_one_line_and_nothing_else(tmp_path: Path, arguments: list[str]) -> None:
+    done = call(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def inside(capsys: pytest.CaptureFixture[str]) -> Iterator[Inside]:
+    """The program within this process, which is quicker: standard output of a call that must succeed."""
+    handler = signal.getsignal(signal.SIGTERM)
+
+    def run(*arguments: str) -> str:
+        status = main.main(list(arguments))
+        out, err = capsys.readouterr()
+        assert (status, err) == (0, "")
+        return out
+
+    yield run
+    signal.signal(signal.SIGTERM, handler)
+
+
+MODE = {"real", "imag", "frequency_hz", "damping_ratio", "label", "participation", "shape", "residues"}
+
+
+def test_modes_with_both_devices_gives_the_promised_fields_and_pictures(tmp_path: Path, inside: Inside) -> None:
+    """JSON in a file, pictures in a folder, a table for people."""
+    out, path = tmp_path / "modes", tmp_path / "modes.json"
+    text = inside("modes", "two_area", "--devices", "sssc,statcom", "--out", str(out), "--json", str(path))
+    result = json.loads(path.read_text())
+    assert set(result) == {"power_flow", "devices", "modes", "transfer_functions"}
+    assert result["devices"] == ["sssc", "statcom"]
+    assert all(set(mode) == MODE for mode in result["modes"])
+    swings = [mode for mode in result["modes"] if mode["residues"]]
+    assert [mode["label"] for mode in swings] == ["interarea", "local", "local"]
+    washed = ["power", "power_rate", "voltage", "angle", "angle_rate"]
+    signals = ["w12", "w34", "w13", "speed", *washed]
+    channels = [(device, signal) for device in ("sssc", "statcom") for signal in signals]
+    for mode in swings:
+        assert [(r["device"], r["signal"]) for r in mode["residues"]] == channels
+        assert set(mode["residues"][0]) == {"device", "signal", "magnitude", "angle_deg", "sign", "lead_deg"}
+        assert {r["sign"] for r in mode["residues"]} <= {1, -1}
+        assert set(mode["shape"]) == {"G1", "G2", "G3", "G4"}
+        assert max(polar["magnitude"] for polar in mode["shape"].values()) == pytest.approx(1)
+    assert [(t["device"], t["signal"]) for t in result["transfer_functions"]] == channels
+    states = sum(1 if mode["imag"] == 0 else 2 for mode in result["modes"])
+    for t in result["transfer_functions"]:
+        assert set(t) == {"device", "signal", "gain", "zeros", "poles", "feedthrough"}
+        assert len(t["poles"]) == states + (t["signal"] in washed)
+    pictures = sorted(out.iterdir())
+    assert [p.name for p in pictures] == ["mode_shapes.png", "transfer_functions.png"]
+    assert all(p.read_bytes().startswith(b"\x89PNG") and p.stat().st_size > 10_000 for p in pictures)
+    assert all(f"plot: {p}" in text for p in pictures)
+    assert "devices installed: sssc, statcom\n" in text
+    assert "0.6423 Hz, interarea: who swings against whom\n" in text
+
+
+def test_modes_without_devices_has_no_inputs(tmp_path: Path, inside: Inside) -> None:
+    result = json.loads(inside("modes", "two_area", "--devices", "none", "--out", str(tmp_path), "--json", "-"))
+    assert result["devices"] == result["transfer_functions"] == []
+    assert [mode["residues"] for mode in result["modes"]] == [[]] * len(result["modes"])
+    assert [p.name for p in tmp_path.iterdir()] == ["mode_shapes.png"]
+    assert json.loads(inside("modes", "two_area", "--json", "-"))["devices"] == ["sssc"]
+    assert json.loads(inside("modes", "kundur_12_6", "--json", "-"))["devices"] == []
+
+
+def test_modes_starts_from_the_dispatch_of_a_scenario(inside: Inside) -> None:
+    """Heavy loading of the single machine: 2100 MW, and a mode that grows."""
+    found = {}
+    for scenario in ("heavy", "light"):
+        result = json.loads(inside("modes", "smib", "--scenario", scenario, "--json", "-"))
+        (mode,) = [mode for mode in result["modes"] if mode["label"] == "local"]
+        found[scenario] = next(b["p_mw"] for b in result["power_flow"]["buses"] if b["name"] == "B1"), mode
+    assert found["heavy"][0] == pytest.approx(2100)
+    assert found["light"][0] == pytest.approx(840)
+    assert found["heavy"][1]["frequency_hz"] == pytest.approx(1.236, abs=5e-4)
+    assert found["heavy"][1]["damping_ratio"] == pytest.approx(-0.005, abs=5e-4)
+    assert found["light"][1]["damping_ratio"] > 0.05
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["two_area", "--devices", "tcsc"], "--devices: 'tcsc' given; allowed: sssc, statcom"),
+        (["two_area", "--devices", "sssc,sssc"], "--devices: 'sssc' given; allowed: statcom"),
+        (["kundur_12_6", "--devices", "sssc"], "--devices: 'sssc' given; allowed: none"),
+        (["smib", "--scenario", "large"], "'large' given; allowed: heavy, light, multiple, nominal"),
+        (["two_area", "--out", "/proc/nowhere/out"], "/proc/nowhere/out"),
+        (["two_area", "--json", "no/such/folder/modes.json"], "no/such/folder"),
+    ],
+)
+def test_modes_refuses_what_is_not_there(
+    arguments: list[str], said: str, inside: Inside, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main.main(["modes", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert said in err

@@ -1,0 +1,175 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from facts_damping.parameters.files import shipped as names
+from facts_damping.small_signal import linearisation
+from facts_damping.small_signal.linearisation import Mode, linearise, modes
+from tests.independent import two_area as reference
+from tests.plant.running import BYPASS, changed, plant, shipped, split
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.system import System
+    from facts_damping.plant.build import Built
+
+DATA = Path(__file__).parents[2] / "config" / "references"
+
+
+def swings(built: Built) -> list[Mode]:
+    """The three electromechanical modes by frequency: interarea, then the local ones."""
+    found = modes(linearise(built)[0], built.state_names)
+    return sorted(
+        (m for m in found if 0.3 < m.frequency_hz < 2 and m.damping_ratio < 0.3), key=lambda m: m.frequency_hz
+    )
+
+
+def furthest(values: NDArray[np.complex128], among: NDArray[np.complex128]) -> float:
+    """Largest distance from a value to the nearest of the others, each of those taken once."""
+    rest, largest = list(among), 0.0
+    for value in values:
+        i = int(np.argmin(np.abs(np.array(rest) - value)))
+        largest = max(largest, abs(rest.pop(i) - value))
+    return largest
+
+
+def moving(matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Eigenvalues but for the pair at zero.
+
+    Angles have no reference and speed no governor, so zero is a double eigenvalue of one eigenvector: round-off
+    of size e in the matrix moves it by sqrt(e), up to 3e-3 here, which says nothing about the model.
+    """
+    values = np.linalg.eigvals(matrix)
+    order = np.argsort(np.abs(values))
+    assert abs(values[order[1]]) < 5e-3 < 2 * abs(values[order[2]])
+    return np.asarray(values[order[2:]])
+
+
+def with_machines(system: System, model: str) -> System:
+    return changed(system, machines=[{**m.model_dump(), "model": model} for m in system.machines])
+
+
+def test_kundur_12_6_has_the_eigenvalues_of_andes() -> None:
+    re, im = np.loadtxt(DATA / "kundur_12_6_eigenvalues_andes.csv", delimiter=",", skiprows=1, unpack=True)
+    andes = re + 1j * im
+    assert len(andes) == 24
+    assert furthest(moving(np.diag(andes)), moving(linearise(plant("kundur_12_6"))[0])) < 1e-5
+
+
+def test_swings_of_kundur_12_6_are_those_of_other_programs() -> None:
+    """Four programs: interarea 0.5426 to 0.5445 Hz at 0.027 to 0.038; local 1.05 to 1.12 Hz at 0.082 to 0.094."""
+    interarea, *local = swings(plant("kundur_12_6"))
+    assert 0.5426 <= interarea.frequency_hz <= 0.5445
+    assert 0.0270 <= interarea.damping_ratio <= 0.038
+    assert len(local) == 2
+    assert all(1.05 <= m.frequency_hz <= 1.12 and 0.08 <= m.damping_ratio <= 0.094 for m in local)
+
+
+def test_swings_of_two_area_are_those_of_the_design() -> None:
+    interarea, *local = swings(plant("two_area"))
+    assert (interarea.frequency_hz, interarea.damping_ratio) == pytest.approx((0.630, -0.0139), abs=5e-4)
+    assert -0.03 < interarea.damping_ratio < 0
+    assert [m.frequency_hz for m in local] == pytest.approx([1.121, 1.157], abs=1e-3)
+    assert [m.damping_ratio for m in local] == pytest.approx([0.10, 0.10], abs=5e-3)
+
+
+def test_interarea_mode_is_one_area_against_the_other() -> None:
+    built = plant("two_area")
+    values, right = np.linalg.eig(linearise(built)[0])
+    shape = right[:, np.argmin(np.abs(values - (0.055 + 3.957j)))]
+    speed = np.array([shape[built.state_names.index(f"G{g}.omega")] for g in (1, 2, 3, 4)])
+    apart = np.abs(np.rad2deg(np.angle(speed / speed[0])))
+    assert apart[1] < 30
+    assert (apart[2:] > 150).all()
+
+
+def test_residue_from_the_setpoint_to_the_speed_difference() -> None:
+    """177 degrees: so LLC is u = +K(s) y; the sign says that a capacitive setpoint raises the transfer."""
+    built = plant("two_area")
+    A, B = linearise(built)
+    assert B.shape == (len(built.state.x), 1)
+    values, right = np.linalg.eig(A)
+    mode = int(np.argmin(np.abs(values - (0.055 + 3.957j))))
+    weights = np.zeros(len(A))
+    weights[[built.state_names.index("G1.omega"), built.state_names.index("G3.omega")]] = 1, -1
+    residue = (weights @ right[:, mode]) * (np.linalg.inv(right)[mode] @ B[:, 0])
+    assert abs(np.rad2deg(np.angle(residue)) - 177) < 10
+    other = reference.modes(reference.build(reference.TWO_AREA, device=True))[0].residue
+    assert complex(residue) == pytest.approx(other, rel=1e-5)
+
+
+MODELS = [("cascade", "static"), ("genrou", "static"), ("cascade", "constant"), ("genrou", "constant")]
+
+
+@pytest.mark.parametrize("device", [True, False])
+@pytest.mark.parametrize(("machine", "exciter"), MODELS)
+def test_two_area_has_the_eigenvalues_of_the_independent_model(machine: str, exciter: str, *, device: bool) -> None:
+    system = with_machines(shipped("two_area"), machine)
+    system = system if exciter == "static" else changed(system, exciters=[])
+    built = plant(system, installed=["sssc"] if device else [])
+    other = reference.System(reference.TWO_AREA, machine, exciter, device=device)
+    ours, theirs = moving(linearise(built)[0]), moving(reference.linearise(other)[0])
+    assert len(ours) == len(theirs)
+    assert furthest(theirs, ours) < 5e-6
+
+
+@pytest.mark.parametrize(("name", "exciter"), [("kundur_12_6", "constant"), ("kundur_12_6_dc", "dc")])
+def test_kundur_12_6_has_the_eigenvalues_of_the_independent_model(name: str, exciter: str) -> None:
+    case = replace(reference.KUNDUR_12_6, bypass=BYPASS)
+    other = reference.System(case, "genrou", exciter)
+    ours, theirs = moving(linearise(plant(split(name), installed=[]))[0]), moving(reference.linearise(other)[0])
+    assert len(ours) == len(theirs)
+    assert furthest(theirs, ours) < 1e-5
+
+
+def test_rate_feedback_as_printed_makes_the_open_loop_less_damped() -> None:
+    """Thesis, table A.2: KF 0.001, TF 0.1 give a damping of -0.035; with TF on, xf takes part in the modes."""
+    system = shipped("two_area")
+    exciters = [{**e.model_dump(), "KF": 0.001, "TF": 0.1} for e in system.exciters]
+    printed = swings(plant(changed(system, exciters=exciters)))[0]
+    assert printed.damping_ratio == pytest.approx(-0.035, abs=1.5e-3)
+    assert printed.frequency_hz == pytest.approx(0.63, abs=0.03)
+
+
+@pytest.mark.parametrize("name", names("systems"))
+def test_participation_factors_sum_to_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over all states; those listed are the large ones, in falling order."""
+    built = plant(name)
+    A = linearise(built)[0]
+    listed = modes(A, built.state_names)
+    monkeypatch.setattr(linearisation, "NEGLIGIBLE", 0.0)
+    for short, full in zip(listed, modes(A, built.state_names), strict=True):
+        assert sum(full.participation.values()) == pytest.approx(1, abs=1e-12)
+        assert len(full.participation) == len(built.state_names)
+        assert list(short.participation.values()) == sorted(short.participation.values(), reverse=True)
+        assert min(short.participation.values()) >= 0.02
+        assert short.participation.items() <= full.participation.items()
+
+
+def test_participation_factors_of_a_known_matrix() -> None:
+    """A = [[0, 1], [-2, -3]]: roots -1 and -2; left times right entries of each are 2, -1 and -1, 2."""
+    slow, fast = modes(np.array([[0.0, 1.0], [-2.0, -3.0]]), ["a", "b"])
+    assert (slow.eigenvalue, fast.eigenvalue) == pytest.approx((-1, -2))
+    assert (slow.damping_ratio, slow.frequency_hz) == (1, 0)
+    assert slow.participation == pytest.approx({"a": 2 / 3, "b": 1 / 3})
+    assert fast.participation == pytest.approx({"a": 1 / 3, "b": 2 / 3})
+
+
+def test_modes_of_a_known_oscillator() -> None:
+    """-0.3 +- 4j: one mode of the pair, 4 / (2 pi) Hz, damping ratio 0.3 / |lambda|."""
+    (found,) = modes(np.array([[-0.3, 4.0], [-4.0, -0.3]]), ["a", "b"])
+    assert found.eigenvalue == pytest.approx(-0.3 + 4j)
+    assert found.frequency_hz == pytest.approx(4 / (2 * np.pi))
+    assert found.damping_ratio == pytest.approx(0.3 / abs(-0.3 + 4j))
+
+
+def test_swings_take_place_in_rotors_of_their_own_area() -> None:
+    for mode, area in zip(swings(plant("two_area"))[1:], (("G1", "G2"), ("G3", "G4")), strict=True):
+        share = {g: mode.participation.get(f"{g}.omega", 0.0) for g in ("G1", "G2", "G3", "G4")}
+        assert sum(share[g] for g in area) > 0.3 > 5 * sum(share[g] for g in share if g not in area)

@@ -1,0 +1,67 @@
+"""`facts-damping validate`: every row passes, and the page in docs is the one that it writes."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from facts_damping.cli.main import main
+from facts_damping.validation import report
+from facts_damping.validation.table import Row, Table, compare, furthest, markdown, within
+
+if TYPE_CHECKING:
+    import pytest
+
+PAGE = Path(__file__).parents[2] / "docs" / "validation.md"
+
+
+def fixed(page: str) -> list[str]:
+    """What is the same on every machine: all but the columns of ours and the difference."""
+    rows = []
+    for line in page.splitlines():
+        cells = line.split("|")
+        rows.append("|".join([*cells[:3], *cells[4:5], *cells[6:]]) if line.startswith("| ") else line)
+    return [re.sub(r"of \S+ p\.u\. s stored", "stored", row) for row in rows]
+
+
+def test_all_rows_pass_and_the_page_in_docs_is_up_to_date(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page, figures = tmp_path / "validation.md", tmp_path / "validation.json"
+    assert main(["validate", "--out", str(page), "--json", str(figures)]) == 0, capsys.readouterr().err
+    tables = json.loads(figures.read_text())
+    assert len(tables) == len(report.TABLES)
+    assert all(row["passed"] for table in tables for row in table["rows"])
+    assert all(table["rows"] for table in tables)
+    assert fixed(page.read_text()) == fixed(PAGE.read_text())
+
+
+def test_a_row_that_fails_is_named_and_ends_with_1(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [compare("mass of the earth", "kg", 6.0, 5.97, 0.01), within("a curve", "m", [0.1, -0.3], 0.5)]
+    monkeypatch.setitem(report.TABLES, "equilibrium", lambda: Table("Planets", "a book", "", rows))
+    assert main(["validate", "equilibrium"]) == 1
+    out, err = capsys.readouterr()
+    assert err == "facts-damping: validate: 1 rows fail: mass of the earth\n"
+    assert "FAIL  mass of the earth" in out
+    assert "pass  a curve" in out
+    assert "**fail**" in markdown(Table("Planets", "a book", "", rows))
+
+
+def test_an_unknown_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", "nonsense"]) == 2
+    assert "TABLE: 'nonsense' given; allowed: power-flow-two-area" in capsys.readouterr().err
+
+
+def test_what_is_no_number_fails() -> None:
+    assert not Row("x", "1", "", "", float("nan"), 1.0).passed
+    assert not within("x", "1", [0.0, float("nan")], 1.0).passed
+
+
+def test_furthest_sees_a_missing_eigenvalue() -> None:
+    ours = np.array([-1 + 0j, -2 + 0j])
+    assert furthest(ours, np.array([-1 + 0j, -2.5 + 0j])) == 0.5
+    assert not within("x", "1", furthest(ours, ours[:1]), 1.0).passed
