@@ -86,9 +86,8 @@ def measured(name: str, system: dict[str, Any] | str, load: str) -> None:
     times = []
     for _ in range(RUNS + 1):
         whole = loop.build_loop(case)
-        kept = loop.room(case, whole)
         began = time.perf_counter()
-        loop.run_loop(whole, case.run.frame_rate, case.ticks, kept)
+        loop.run_loop(whole)
         times.append(time.perf_counter() - began)
     took = statistics.median(times[1:]) / SECONDS
     rate = 1e9 / built.plant.step_ns

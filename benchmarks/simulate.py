@@ -49,9 +49,8 @@ def compiled_s(sets: list[str]) -> float:
     times = []
     for _ in range(RUNS + 1):
         parts = loop.build_loop(case)
-        kept = loop.room(case, parts)
         began = time.perf_counter()
-        loop.run_loop(parts, case.run.frame_rate, case.ticks, kept)
+        loop.run_loop(parts)
         times.append(time.perf_counter() - began)
     return statistics.median(times[1:])
 

@@ -19,7 +19,7 @@ from facts_damping.nodes.tick_before import TickBefore
 from facts_damping.signals import DELIVERY, SETPOINT
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.learnt_weights import adapted
-from facts_damping.simulation.loop import issue_room, tick_ns
+from facts_damping.simulation.loop import setpoint_buffer, tick_ns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -83,7 +83,7 @@ class ControllerNode:
         for estimate in estimates:
             self.serve(self.state, c, *estimate)
         start = tick_ns(tick, self.case.run.frame_rate)
-        issued = issue_room(len(self.controller.devices), len(delivered))
+        issued = setpoint_buffer(len(self.controller.devices), len(delivered))
         count = self.compute(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)
         publish(self.to_link, self.setpoints.fill(tick, start, issued[:count], self.name))
         publish(self.to_recorder, self.inner.fill(tick, start, len(delivered) > 0, self.state))

@@ -28,7 +28,7 @@ def kernels() -> dict[str, list[tuple[Any, ...]]]:
     """Every function that nodes call, by part: with arguments of the types that it is given; sizes do not count."""
     case = load_case(None, [])
     parts = loop.build_loop(case)
-    kept = loop.room(case, parts, 1)
+    kept = parts.signals
     plant, state, work = parts.plant, parts.plant_state, parts.work
     learner, arrived = (parts.identifiers, parts.identifier_state, 0), parts.links.up.out[0]
     data, places = np.frombuffer(b"", np.uint8), np.zeros((1, 1), np.int64)

@@ -1,6 +1,6 @@
-"""The closed loop without ROS: one compiled tick of everything, and whole runs of it.
+"""The closed loop without ROS: `step`, one compiled tick of everything, and whole runs of it.
 
-The order of a tick (docs/architecture.md): measure, uplink, act, downlink, learn, advance. The nodes call
+The order of a tick (docs/architecture.md): measure, uplink, act, learn, downlink, advance. The nodes call
 the same functions, each its own; here they are called in one compiled loop.
 """
 
@@ -53,21 +53,6 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Sensitivity
 
 
-class Loop(NamedTuple):
-    """Everything a closed loop consists of: frozen parameters and state, each part by itself."""
-
-    plant: Plant
-    plant_state: PlantState
-    work: Work
-    links: Links
-    bank: Bank
-    bank_state: BankState
-    identifiers: Identifiers
-    identifier_state: IdentifierState
-    issued: NDArray[Any]  # SETPOINT, what the controllers issue in a tick
-    applied: NDArray[Any]  # SETPOINT, what all links deliver to the devices in a tick
-
-
 class Signals(NamedTuple):
     """Arrays that a run fills: see `signals.Record`; `used` holds ticks and the rows of the tables, in this order."""
 
@@ -84,13 +69,30 @@ class Signals(NamedTuple):
     used: NDArray[np.int64]
 
 
+class Loop(NamedTuple):
+    """Everything a closed loop consists of: frozen parameters and state, each part by itself, and what it records."""
+
+    plant: Plant
+    plant_state: PlantState
+    work: Work
+    links: Links
+    bank: Bank
+    bank_state: BankState
+    identifiers: Identifiers
+    identifier_state: IdentifierState
+    issued: NDArray[Any]  # SETPOINT, what the controllers issue in a tick
+    applied: NDArray[Any]  # SETPOINT, what all links deliver to the devices in a tick
+    frame_rate: int  # ticks a second
+    signals: Signals
+
+
 @compiled
 def tick_ns(tick: int, frame_rate: int) -> int:
     """Time of a tick, ns: t_k = k / f, rounded down."""
     return tick * NANOSECONDS // frame_rate
 
 
-def issue_room(commands: int, entries: int) -> NDArray[Any]:
+def setpoint_buffer(commands: int, entries: int) -> NDArray[Any]:
     """Room for the setpoints of a tick: `commands` at each arrival, and each delivered entry may be one."""
     return np.zeros(commands * entries, SETPOINT)
 
@@ -104,28 +106,33 @@ def build_loop(case: Case, sensitivity: Sensitivity | None = None, built: Built 
     links = build_links(case)
     control = build_control(case, sensitivity)
     work = workspace(built.plant, built.state)
-    issued = issue_room(commands(case), links.up.out.shape[1])
+    issued = setpoint_buffer(commands(case), links.up.out.shape[1])
     applied = np.zeros(links.down.out.size, SETPOINT)
-    return Loop(built.plant, built.state, work, links, *control, issued, applied)
+    stamps = len(case.system.stations) if (links.up.chain.rows["model"] == SPOOF).any() else 1
+    rows = case.ticks * 2 * commands(case) * stamps  # a controller acts at each stamp that is new
+    signals = allocate_signals(
+        case,
+        case.ticks,
+        delivered=case.ticks * len(case.system.stations) * len(case.links) * links.up.packets.now_ns.shape[1],
+        issued=rows,
+        applied=rows * links.down.packets.now_ns.shape[1],
+    )
+    return Loop(built.plant, built.state, work, links, *control, issued, applied, case.run.frame_rate, signals)
 
 
-def room(case: Case, loop: Loop, ticks: int | None = None) -> Signals:
-    """Arrays for all signals of a case, or of its first `ticks`."""
-    n, stations = case.ticks if ticks is None else ticks, len(case.system.stations)
-    up, down = loop.links.up, loop.links.down
-    stamps = stations if (up.chain.rows["model"] == SPOOF).any() else 1  # a controller acts at each that is new
-    setpoints = 2 * commands(case) * stamps
+def allocate_signals(case: Case, ticks: int, *, delivered: int, issued: int, applied: int) -> Signals:
+    """Arrays for the signals of so many ticks, with room for so many entries and setpoints."""
     return Signals(
-        np.zeros(n, np.int64),
-        np.zeros((n, stations, len(CHANNELS))),
-        np.zeros((n, len(loop.plant.machines)), MACHINE_TRUTH),
-        np.zeros((n, len(loop.plant.devices)), DEVICE_TRUTH),
-        np.zeros(n, np.bool_),
-        np.zeros(n * stations * len(case.links) * up.packets.now_ns.shape[1], DELIVERY),
-        np.zeros(n * setpoints, SETPOINT),
-        np.zeros(n * setpoints * down.packets.now_ns.shape[1], SETPOINT),
-        np.zeros(n * derivatives(case), ESTIMATE),
-        np.zeros(n * learning_rates(case), LEARNING),
+        np.zeros(ticks, np.int64),
+        np.zeros((ticks, len(case.system.stations), len(CHANNELS))),
+        np.zeros((ticks, len(case.system.machines)), MACHINE_TRUTH),
+        np.zeros((ticks, len(case.run.devices)), DEVICE_TRUTH),
+        np.zeros(ticks, np.bool_),
+        np.zeros(delivered, DELIVERY),
+        np.zeros(issued, SETPOINT),
+        np.zeros(applied, SETPOINT),
+        np.zeros(ticks * derivatives(case), ESTIMATE),
+        np.zeros(ticks * learning_rates(case), LEARNING),
         np.zeros(6, np.int64),
     )
 
@@ -139,7 +146,56 @@ def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> i
 
 
 @compiled
-def _run_parts(
+def control_step(
+    bank: Bank,
+    bank_state: BankState,
+    ids: Identifiers,
+    id_state: IdentifierState,
+    used: NDArray[np.int64],
+    delivered: NDArray[Any],
+    ring: NDArray[np.int64],
+    given: NDArray[Any],
+    heard: NDArray[Any],
+    count: int,
+    tick: int,
+    kept: Signals,
+) -> int:
+    """Controllers act on what was delivered in a tick, then identifiers learn from that and from setpoints.
+
+    `delivered`, (links, entries), and `ring`, which says how many there are, as in `link.transfer.Direction`;
+    controller c uses link `used[c]`. What controllers issue goes into `given`. Identifiers hear `count` setpoints of
+    `heard`; where that is -1, those that were issued. What they estimate is used in the tick after. Returns how many
+    setpoints were issued.
+    """
+    issued = 0
+    for c in range(bank.code.size):
+        issued = act(bank, bank_state, c, tick, delivered[used[c]], ring[used[c], 2], given, issued)
+    kept.used[2] = _append(kept.issued, kept.used[2], given, issued)
+    if count < 0:
+        heard, count = given, issued
+    rows = kept.used[4]
+    for n in range(ids.controller.size):
+        c = ids.controller[n]
+        identify(ids, id_state, n, delivered[used[c]], ring[used[c], 2])
+        remember(ids, id_state, n, heard, count)
+        rows = tell(ids, id_state, n, tick, kept.estimates, rows)
+        serve(bank_state, c, id_state.jacobian[n], id_state.change[n], id_state.held.newest_ns[n])
+    kept.used[4], rows = rows, kept.used[5]
+    for c in range(bank.code.size):
+        if bank.code[c] == DIRECT or bank.code[c] == INDIRECT:
+            net = shape_of(bank.shape[c])
+            own, fall = one(bank_state.learner, c, net), bank_state.memory.lyapunov[c]
+            rows = rates_told(net, own, fall, tick, c, 0, kept.learning, rows)
+    for n in range(ids.controller.size):
+        net = shape_of(ids.shape[n])
+        own, fall = one(id_state.learner, n, net), id_state.lyapunov[n]
+        rows = rates_told(net, own, fall, tick, ids.controller[n], 1, kept.learning, rows)
+    kept.used[5] = rows
+    return issued
+
+
+@compiled
+def _step(
     plant: Plant,
     plant_state: PlantState,
     work: Work,
@@ -151,62 +207,80 @@ def _run_parts(
     given: NDArray[Any],
     taken: NDArray[Any],
     frame_rate: int,
-    ticks: int,
     kept: Signals,
-) -> None:
-    """`run_loop`, with the loop's parts one by one; identifiers' estimates are used in the tick after.
+    tick: int,
+) -> bool:
+    """`step`, with the loop's parts one by one.
 
     Handed over in one piece, a tuple as large as a whole loop takes the compiler several times as long: each of its
     hundreds of numbers is put into it by an instruction that spells out the type of all.
     """
     several = links.up.ring.shape[0]
-    for k in range(ticks):
-        start, end = tick_ns(k, frame_rate), tick_ns(k + 1, frame_rate)
-        frame = kept.frames[k]
-        sound = measure(plant, plant_state, start, frame, kept.machines[k], kept.devices[k], work)
-        kept.time_ns[k] = start
-        kept.in_synchronism[k] = sound
-        kept.used[0] = k + 1
-        for link in range(several):
-            delivered = uplink(links, link, k, start, end, frame)
-            kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
-        issued = 0
-        for c in range(bank.code.size):
-            link = links.used[c]
-            issued = act(bank, bank_state, c, k, links.up.out[link], links.up.ring[link, 2], given, issued)
-        kept.used[2] = _append(kept.issued, kept.used[2], given, issued)
-        applied = 0
-        for link in range(several):
-            arrived = downlink(links, link, k, end, given, issued)
-            applied = merge(taken, applied, links.down.out[link], arrived)
-        kept.used[3] = _append(kept.applied, kept.used[3], taken, applied)
-        rows = kept.used[4]
-        for n in range(ids.controller.size):
-            c = ids.controller[n]
-            link = links.used[c]
-            identify(ids, id_state, n, links.up.out[link], links.up.ring[link, 2])
-            remember(ids, id_state, n, given, issued)
-            rows = tell(ids, id_state, n, k, kept.estimates, rows)
-            serve(bank_state, c, id_state.jacobian[n], id_state.change[n], id_state.held.newest_ns[n])
-        kept.used[4], rows = rows, kept.used[5]
-        for c in range(bank.code.size):
-            if bank.code[c] == DIRECT or bank.code[c] == INDIRECT:
-                net = shape_of(bank.shape[c])
-                own, fall = one(bank_state.learner, c, net), bank_state.memory.lyapunov[c]
-                rows = rates_told(net, own, fall, k, c, 0, kept.learning, rows)
-        for n in range(ids.controller.size):
-            net = shape_of(ids.shape[n])
-            own, fall = one(id_state.learner, n, net), id_state.lyapunov[n]
-            rows = rates_told(net, own, fall, k, ids.controller[n], 1, kept.learning, rows)
-        kept.used[5] = rows
-        if not sound:
-            break
+    start, end = tick_ns(tick, frame_rate), tick_ns(tick + 1, frame_rate)
+    frame = kept.frames[tick]
+    sound = measure(plant, plant_state, start, frame, kept.machines[tick], kept.devices[tick], work)
+    kept.time_ns[tick] = start
+    kept.in_synchronism[tick] = sound
+    kept.used[0] = tick + 1
+    for link in range(several):
+        delivered = uplink(links, link, tick, start, end, frame)
+        kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
+    issued = control_step(
+        bank, bank_state, ids, id_state, links.used, links.up.out, links.up.ring, given, given, -1, tick, kept
+    )
+    applied = 0
+    for link in range(several):
+        arrived = downlink(links, link, tick, end, given, issued)
+        applied = merge(taken, applied, links.down.out[link], arrived)
+    kept.used[3] = _append(kept.applied, kept.used[3], taken, applied)
+    if sound:
         advance(plant, plant_state, start, end, taken, applied, work)
+    return sound
 
 
-def run_loop(loop: Loop, frame_rate: int, ticks: int, kept: Signals) -> None:
-    """Run `ticks` ticks, or until the plant is no longer sound."""
-    _run_parts(*loop, frame_rate, ticks, kept)
+@compiled
+def _run(
+    plant: Plant,
+    plant_state: PlantState,
+    work: Work,
+    links: Links,
+    bank: Bank,
+    bank_state: BankState,
+    ids: Identifiers,
+    id_state: IdentifierState,
+    given: NDArray[Any],
+    taken: NDArray[Any],
+    frame_rate: int,
+    kept: Signals,
+) -> None:
+    """`run_loop`, with the loop's parts one by one."""
+    for tick in range(kept.time_ns.size):
+        if not _step(
+            plant,
+            plant_state,
+            work,
+            links,
+            bank,
+            bank_state,
+            ids,
+            id_state,
+            given,
+            taken,
+            frame_rate,
+            kept,
+            tick,
+        ):
+            break
+
+
+def step(loop: Loop, tick: int) -> bool:
+    """One tick of a loop, the next one of those before; False: the plant is no longer sound, and stands still."""
+    return bool(_step(*loop, tick))
+
+
+def run_loop(loop: Loop) -> None:
+    """All ticks from the first on, or until the plant is no longer sound."""
+    _run(*loop)
 
 
 def run(case: Case) -> Record:
@@ -216,8 +290,8 @@ def run(case: Case) -> Record:
 
 def finish(case: Case, loop: Loop) -> Record:
     """Run a loop at its start to the end; it keeps the state in which it ended."""
-    kept = room(case, loop)
-    run_loop(loop, case.run.frame_rate, case.ticks, kept)
+    run_loop(loop)
+    kept = loop.signals
     refused = int(loop.links.up.ring[:, 3].sum() + loop.links.down.ring[:, 3].sum())
     if refused:
         raise RunError(f"link: {refused} entries found no room under way; its delays are not what was allowed for")

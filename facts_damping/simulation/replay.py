@@ -15,13 +15,12 @@ import numpy as np
 
 from facts_damping.case.loading import change, load_case, make_case
 from facts_damping.case.names import controller_names
-from facts_damping.control.bank import act, serve
-from facts_damping.control.identifier import identify, remember, tell
+from facts_damping.compiling import specialised
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import parse_set, read_value
-from facts_damping.signals import ESTIMATE, NANOSECONDS, SETPOINT
-from facts_damping.simulation.build import build_control
-from facts_damping.simulation.loop import issue_room
+from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
+from facts_damping.simulation.build import build_control, commands
+from facts_damping.simulation.loop import allocate_signals, control_step, setpoint_buffer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -156,30 +155,27 @@ def play(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Setpoints (SETPOINT) and estimates (ESTIMATE) of a case's controllers for what was delivered to them.
 
-    `record`: as `fitted` gives it. The same steps as in the loop and the nodes, in the order of a tick: act, identify,
-    remember, tell; an estimate is used in the tick after.
+    `record`: as `fitted` gives it. The same `control_step` as in the loop, but identifiers hear what was recorded.
     """
     bank, state, identifiers, learnt = build_control(case)
-    ticks = record.ticks
+    ticks, used = record.ticks, np.array(case.used_links, np.int64)
     arrived = [_by_tick(record.delivered[record.delivered["link"] == link], ticks) for link in range(len(case.links))]
     recorded = _by_tick(record.issued, ticks)
-    issued, estimates = [np.zeros(0, SETPOINT)], [np.zeros(0, ESTIMATE)]
+    most = max(len(rows) for link in arrived for rows in link)
+    delivered, ring = np.zeros((len(arrived), most), DELIVERY), np.zeros((len(arrived), 4), np.int64)
+    given, heard = setpoint_buffer(commands(case), most), np.zeros(max(map(len, recorded)), SETPOINT)
+    issued = len(record.delivered) * commands(case)
+    kept = allocate_signals(case, len(ticks), delivered=0, issued=issued, applied=0)
+    parts = bank, state, identifiers, learnt, used, delivered, ring, given, heard
+    act = specialised(control_step, *parts, 0, 0, kept)
     for at, tick in enumerate(ticks.tolist()):
-        for c, controller in enumerate(case.controllers):
-            rows = arrived[case.used_links[c]][at]
-            out = issue_room(len(controller.devices), len(rows))
-            issued.append(out[: act(bank, state, c, tick, rows, len(rows), out, 0)])
-        for n, c in enumerate(identifiers.controller.tolist()):
-            rows = arrived[case.used_links[c]][at]
-            identify(identifiers, learnt, n, rows, len(rows))
-            remember(identifiers, learnt, n, recorded[at], len(recorded[at]))
-            told = np.zeros(len(case.controllers[c].signals) * len(case.controllers[c].devices), ESTIMATE)
-            tell(identifiers, learnt, n, tick, told, 0)
-            serve(state, c, learnt.jacobian[n], learnt.change[n], learnt.held.newest_ns[n])
-            estimates.append(told)
+        for link, rows in enumerate(arrived):
+            delivered[link, : len(rows[at])], ring[link, 2] = rows[at], len(rows[at])
+        heard[: len(recorded[at])] = recorded[at]
+        act(*parts, len(recorded[at]), tick, kept)
         if at % record.frame_rate == 0 or at + 1 == len(ticks):
             progress(at + 1, len(ticks))
-    return np.concatenate(issued), np.concatenate(estimates)
+    return kept.issued[: kept.used[2]], kept.estimates[: kept.used[4]]
 
 
 def _by_tick(rows: NDArray[Any], ticks: NDArray[np.int64]) -> list[NDArray[Any]]:

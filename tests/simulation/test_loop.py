@@ -31,8 +31,7 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
     case = load_case(None, ["scenario=large", "link.up.0.delay=0.0312", "duration=3"])
     whole = loop.run(case)
     parts = loop.build_loop(case)
-    kept = loop.room(case, parts)
-    rate = case.run.frame_rate
+    kept, rate = parts.signals, case.run.frame_rate
     for k in range(case.ticks):
         start, end = loop.tick_ns(k, rate), loop.tick_ns(k + 1, rate)
         measure(parts.plant, parts.plant_state, start, kept.frames[k], kept.machines[k], kept.devices[k], parts.work)
