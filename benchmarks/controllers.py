@@ -13,8 +13,8 @@ import numpy as np
 
 from facts_damping.case.loading import load_case
 from facts_damping.compiling import compiled
-from facts_damping.control.bank import act, serve
-from facts_damping.control.identifier import identify, remember, tell
+from facts_damping.control.bank import act, set_estimate
+from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.signals import CHANNELS, DELIVERY, ESTIMATE, SETPOINT
 from facts_damping.simulation import loop
@@ -65,10 +65,10 @@ def steps(parts: Any, delivered: NDArray[Any], out: NDArray[Any], estimates: NDA
         count = act(parts.bank, parts.bank_state, 0, k, delivered, delivered.size, out, 0)
         for i in range(parts.identifiers.controller.size):
             identify(parts.identifiers, parts.identifier_state, i, delivered, delivered.size)
-            remember(parts.identifiers, parts.identifier_state, i, out, count)
-            tell(parts.identifiers, parts.identifier_state, i, k, estimates, 0)
+            store_setpoints(parts.identifiers, parts.identifier_state, i, out, count)
+            write_estimates(parts.identifiers, parts.identifier_state, i, k, estimates, 0)
             told = parts.identifier_state
-            serve(parts.bank_state, 0, told.jacobian[i], told.change[i], told.held.newest_ns[i])
+            set_estimate(parts.bank_state, 0, told.jacobian[i], told.change[i], told.held.newest_ns[i])
 
 
 def step_us(name: str, scheme: str | None, *more: str) -> float:

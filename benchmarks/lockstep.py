@@ -33,7 +33,7 @@ def echo() -> None:
     spinner = Spinner(node)
     heard = time.monotonic()
     while time.monotonic() - heard < QUIET_S:
-        if spinner.turn(0.1):
+        if spinner.spin_once(0.1):
             heard = time.monotonic()
 
 

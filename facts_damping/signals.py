@@ -209,7 +209,7 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
             for c, (name, unit) in enumerate({**CHANNELS, "measured": "s"}.items()):
                 yield f"delivered.{link}.{station}.{name}_{unit}", unit, held[:, c]
     for way in ("issued", "applied"):
-        for (c, d), own in parts(getattr(record, way), "controller", "device"):
+        for (c, d), own in group_by(getattr(record, way), "controller", "device"):
             name = f"{way}.{record.controller_names[c]}.{record.device_names[d]}"
             yield f"{name}_pu", "pu", _held(record.ticks, own["tick"], own["value"][:, None])[:, 0]
     for kind, names, table in (
@@ -227,7 +227,7 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
 def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
     """Columns of what identifiers estimate and how networks learn."""
     rows = record.estimates
-    for (c, i, d), own in parts(rows, "controller", "signal", "device"):
+    for (c, i, d), own in group_by(rows, "controller", "signal", "device"):
         place, signal = record.controller_names[c], _signal(record, c, i)
         values = _held(
             record.ticks,
@@ -239,7 +239,7 @@ def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
             yield f"estimate.{place}.{signal}.prediction_pu", "pu", values[:, 1]
             yield f"estimate.{place}.{signal}.error_pu", "pu", values[:, 2]
             yield f"estimate.{place}.{signal}.change_pu", "pu", values[:, 3]
-    for (c, n, o, g), own in parts(record.learning, "controller", "identifier", "output", "group"):
+    for (c, n, o, g), own in group_by(record.learning, "controller", "identifier", "output", "group"):
         place = f"learning.{record.controller_names[c]}." + ("identifier" if n else "controller")
         values = _held(record.ticks, own["tick"], np.column_stack([own[key] for key in ("rate", "lyapunov", "fall")]))
         yield f"{place}.{o}.{g}.rate", "-", values[:, 0]
@@ -248,7 +248,7 @@ def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
             yield f"{place}.fall", "-", values[:, 2]
 
 
-def parts(rows: NDArray[Any], *fields: str) -> list[tuple[tuple[int, ...], NDArray[Any]]]:
+def group_by(rows: NDArray[Any], *fields: str) -> list[tuple[tuple[int, ...], NDArray[Any]]]:
     """Rows of a table by the values of some fields: these, ascending, and the rows that have them."""
     keys = np.column_stack([rows[field] for field in fields])
     return [(tuple(key.tolist()), rows[np.all(keys == key, axis=1)]) for key in np.unique(keys, axis=0)]

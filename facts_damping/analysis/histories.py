@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.signals import parts
+from facts_damping.signals import group_by
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,7 +28,7 @@ def jacobian_histories(record: Record) -> dict[tuple[str, int, str], History]:
     """
     return {
         (_controller(record, c), s, record.device_names[d]): _history(record, rows, "jacobian")
-        for (c, s, d), rows in parts(record.estimates, "controller", "signal", "device")
+        for (c, s, d), rows in group_by(record.estimates, "controller", "signal", "device")
     }
 
 
@@ -39,7 +39,9 @@ def learning_rate_histories(record: Record) -> dict[tuple[str, bool, int, int], 
     are the same for all groups have a single history, of group 0. Source: (4.39), (5.20) on.
     """
     found = {}
-    for (c, identifier, output, group), rows in parts(record.learning, "controller", "identifier", "output", "group"):
+    for (c, identifier, output, group), rows in group_by(
+        record.learning, "controller", "identifier", "output", "group"
+    ):
         found[_controller(record, c), bool(identifier), output, group] = _history(record, rows, "rate")
     return {key: one for key, one in found.items() if not key[3] or not _alike(one, found.get((*key[:3], 0)))}
 

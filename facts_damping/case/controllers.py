@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from facts_damping.case.links import mean_delays
 from facts_damping.control import bank, identifier_model
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
-from facts_damping.control.table import STATE_SPACE, Parameter, Value, defaults, kind
+from facts_damping.control.table import RENAMED, STATE_SPACE, Parameter, Value, defaults, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.run import Controller, Tuned, Weights
@@ -39,7 +39,7 @@ def filled(
     if row.code == STATE_SPACE and controller.compensation != "none":
         raise InputError(
             f"{where('compensation')}: '{controller.compensation}' given; allowed: none for {controller.name}, which "
-            "reckons with its lag by itself"
+            "reckons with its delay by itself"
         )
     if controller.compensation in OF_IDENTIFIERS and scheme != "indirect":
         raise InputError(
@@ -68,8 +68,8 @@ def filled(
             "allowed: ANFTSI with several signals or devices, or an identifier_span"
         )
     whole, down = mean_delays(controller, system, link)
-    if values.get("lag") == -1.0:
-        values["lag"] = whole
+    if values.get("loop_delay") == -1.0:
+        values["loop_delay"] = whole
     if values.get("down_delay") == -1.0:
         values["down_delay"] = down
     weights = _weights(controller, scheme, values, where)
@@ -81,6 +81,8 @@ def check_parameter(where: str, name: str, value: Value, table: dict[str, Parame
 
     `counts`: how many signals and devices the controller has.
     """
+    if RENAMED.get(name) in table:
+        raise InputError(f"{where}: '{name}' given; allowed: '{RENAMED[name]}', as it is called now")
     check_known(where, name, list(table))
     p = table[name]
     if isinstance(value, list) and (not p.each or len(value) != counts[p.each]):

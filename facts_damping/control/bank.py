@@ -20,7 +20,7 @@ from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.neuro_fuzzy import Actuators, Memory, memories
 from facts_damping.control.state_space import StateSpace, state_spaces
 from facts_damping.control.table import DIRECT, INDIRECT, LEAD_LAG, SETTINGS, STATE_SPACE, Parameter, Value, kind
-from facts_damping.neurofuzzy.learning import Learner, learners, one
+from facts_damping.neurofuzzy.learning import Learner, learners, view
 from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
 from facts_damping.parameters.run import Weights
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.control.known import Known
+    from facts_damping.control.plant_prior import PlantPrior
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.system import Signal
 
@@ -44,7 +44,9 @@ class Bank(NamedTuple):
 
     code: NDArray[np.int64]
     settings: NDArray[Any]  # (controllers, most signals or devices) of SETTINGS: the value of each signal or device
-    swing: NDArray[np.float64]  # (controllers, most signals), of each signal beside the first at the mode; 1: unknown
+    mode_shape: NDArray[
+        np.float64
+    ]  # (controllers, most signals), of each signal beside the first at the mode; 1: unknown
     inputs: Inputs
     compensators: Compensators
     shape: NDArray[np.int64]  # (controllers, fields of Network)
@@ -75,7 +77,7 @@ def bank(
     stations: Sequence[str],
     limits: Mapping[str, tuple[float, float]],
     frame_rate: int,
-    known: Sequence[Known | None],
+    known: Sequence[PlantPrior | None],
     omega: Sequence[float] | None = None,
     designs: Sequence[StateSpace | None] = (),
 ) -> tuple[Bank, BankState]:
@@ -99,7 +101,7 @@ def bank(
             [SCHEMES[c.scheme] if c.scheme else k.code for c, k in zip(controllers, kinds, strict=True)], np.int64
         ),
         settings=np.zeros((n, max(most_signals, most_devices)), SETTINGS),
-        swing=np.ones((n, most_signals)),
+        mode_shape=np.ones((n, most_signals)),
         inputs=given,
         compensators=compensation,
         shape=np.array(nets, np.int64).reshape(n, len(Network._fields)),
@@ -116,8 +118,8 @@ def bank(
             made.actuators.limit[c, d], made.actuators.rate[c, d] = limits[device]
         own = known[c]
         if own is not None:
-            made.swing[c, : len(controller.signals)] = np.abs(own.swing)
-        settings(controller, made.settings[c], made.swing[c])
+            made.mode_shape[c, : len(controller.signals)] = np.abs(own.mode_shape)
+        settings(controller, made.settings[c], made.mode_shape[c])
         if own is not None:
             made.sensitivity[c, : len(controller.signals), : len(controller.devices)] = own.sign
     starts = [_start(nets[c], made.settings[c], controllers[c], known[c]) for c in range(n)]
@@ -164,28 +166,31 @@ def network_of(controller: Controller) -> Network:
     return network(shape.antecedent, shape.consequent, 2 * len(controller.signals), RULES, len(controller.devices))
 
 
-def _start(net: Network, s: NDArray[Any], controller: Controller, known: Known | None) -> NDArray[np.float64]:
+def _start(net: Network, s: NDArray[Any], controller: Controller, known: PlantPrior | None) -> NDArray[np.float64]:
     """Parameters of a network at the start: those given, or symmetric rules that damp by the plant's sign."""
     if known is None:
         return np.zeros(0)
     if isinstance(controller.weights, Weights) and controller.weights.controller is not None:
         return np.array(controller.weights.controller)
-    weight, spread = known.sign[0] * s["weight"][: net.outputs], pull(known, s[: len(known.swing)]) * s["spread"][0]
+    weight, spread = (
+        known.sign[0] * s["weight"][: net.outputs],
+        pull(known, s[: len(known.mode_shape)]) * s["spread"][0],
+    )
     many = np.ones(net.inputs)
     return initial(net, Start(weight, spread, many * s["width"][0], 0.0 * many, many * s["dilation"][0]))
 
 
-def pull(known: Known, s: NDArray[Any]) -> NDArray[np.float64]:
+def pull(known: PlantPrior, s: NDArray[Any]) -> NDArray[np.float64]:
     """How far each input of a network pulls at the start, (inputs,): as far as it swings with the first signal's two.
 
     1 for those; for the others the cosine of the angle, at the least damped mode, between an input and their sum.
     """
-    change = 1.0 - 1.0 / known.turn
-    swing = known.swing / s["scale"]
-    steps = known.swing * change / s["change_scale"]
+    change = 1.0 - 1.0 / known.z_pole
+    swing = known.mode_shape / s["scale"]
+    steps = known.mode_shape * change / s["change_scale"]
     phasors = np.column_stack([swing, steps]).ravel()
     aim = phasors[0] + phasors[1]
-    found = [math.cos(cmath.phase(one)) for one in (phasors / aim).tolist()]
+    found = [math.cos(cmath.phase(phasor)) for phasor in (phasors / aim).tolist()]
     return np.array([1.0, 1.0, *found[2:]])
 
 
@@ -201,7 +206,7 @@ def _limit(made: Bank, state: BankState, c: int) -> None:
 def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
     """A neuro-fuzzy controller's step."""
     net, s = shape_of(made.shape[c]), made.settings[c]
-    own = one(state.learner, c, net)
+    own = view(state.learner, c, net)
     m = state.memory
     kept = Memory(m.before[c], m.applied[c], m.error[c], m.curvature[c], m.lyapunov[c], m.jacobian[c], m.taught[c])
     actuators = Actuators(made.actuators.limit[c], made.actuators.rate[c])
@@ -248,7 +253,7 @@ def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
 
 
 @compiled
-def serve(
+def set_estimate(
     state: BankState, c: int, jacobian: NDArray[np.float64], change: NDArray[np.float64], measured_ns: int
 ) -> None:
     """Hand an identifier's estimate to controller c, for its next tick: `measured_ns`, the newest frame it rests on."""

@@ -28,7 +28,7 @@ from facts_damping.control.inputs import UNSET, form, inputs, take
 from facts_damping.control.pairing import fill, frame_before
 from facts_damping.control.prediction import look_ahead
 from facts_damping.control.table import SETTINGS
-from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn, learners, one
+from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn, learners, view
 from facts_damping.neurofuzzy.network import Network, by_inputs, shape_of
 from facts_damping.signals import NANOSECONDS, to_ns
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.system import Signal
 
-SPARE = 4  # frames, beyond the lag, for which setpoints are kept
+SPARE = 4  # frames, beyond the loop's delay, for which setpoints are kept
 
 
 def identifiers(
@@ -49,16 +49,16 @@ def identifiers(
     n, most = len(rows), max([len(row.devices) for row in rows], default=0)
     outputs = max([len(row.signals) for row in rows], default=0)
     span = np.array([int(row.settings["identifier_span"][0]) for row in rows], np.int64)
-    order = np.array([past_values(one) for one in span], np.int64)
+    order = np.array([past_values(frames) for frames in span], np.int64)
     nets = [network_of(row.kind, len(row.signals), len(row.devices), o) for row, o in zip(rows, order, strict=True)]
     starts = [start(net, row) if row.weights is None else row.weights for net, row in zip(nets, rows, strict=True)]
     given, held = inputs([row.signals for row in rows], signals, stations)
-    lag_ns = np.array([to_ns(float(row.settings["lag"][0])) for row in rows], np.int64)
+    loop_delay_ns = np.array([to_ns(float(row.settings["loop_delay"][0])) for row in rows], np.int64)
     horizon = np.array([int(row.settings["identifier_horizon"][0]) for row in rows], np.int64)
-    ahead_ns = np.where([row.predicts for row in rows], lag_ns, UNSET)
+    ahead_ns = np.where([row.predicts for row in rows], loop_delay_ns, UNSET)
     back = int((horizon + span).max(initial=1))
-    lag = int(lag_ns.max(initial=0)) * frame_rate // NANOSECONDS
-    kept = lag + back + SPARE
+    loop_delay = int(loop_delay_ns.max(initial=0)) * frame_rate // NANOSECONDS
+    kept = loop_delay + back + SPARE
     made = Identifiers(
         controller=np.array([row.controller for row in rows], np.int64),
         settings=np.zeros((n, max(outputs, most)), SETTINGS),
@@ -66,7 +66,7 @@ def identifiers(
         inputs=given,
         device=np.full((n, most), UNSET, np.int64),
         limit=np.ones((n, most)),
-        lag_ns=lag_ns,
+        loop_delay_ns=loop_delay_ns,
         horizon=horizon,
         order=order,
         span=span,
@@ -88,7 +88,7 @@ def identifiers(
         prediction=np.full((n, outputs), np.nan),
         error=np.full((n, outputs), np.nan),
         peak=np.zeros((n, outputs)),
-        path=np.zeros((n, back + lag + SPARE, outputs)),
+        path=np.zeros((n, back + loop_delay + SPARE, outputs)),
         change=np.full((n, outputs), np.nan),
         jacobian=np.full((n, outputs, most), np.nan),
     )
@@ -102,7 +102,7 @@ def identifiers(
 
 
 @inner
-def _look(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
+def _evaluate(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
     """Prediction and Jacobian at `own.x`."""
     first = ids.order[n] * net.outputs
     infer(net, own)
@@ -117,11 +117,11 @@ def _look(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, 
 def _first(ids: Identifiers, state: IdentifierState, n: int) -> None:
     """The Jacobian that an identifier starts from, at rest."""
     net = shape_of(ids.shape[n])
-    _look(net, one(state.learner, n, net), ids, state, n)
+    _evaluate(net, view(state.learner, n, net), ids, state, n)
 
 
 @compiled
-def remember(ids: Identifiers, state: IdentifierState, n: int, issued: NDArray[Any], count: int) -> None:
+def store_setpoints(ids: Identifiers, state: IdentifierState, n: int, issued: NDArray[Any], count: int) -> None:
     """Keep the setpoints of identifier n's devices among `count` issued ones."""
     for i in range(count):
         for d in range(ids.device.shape[1]):
@@ -139,7 +139,7 @@ def _learn(ids: Identifiers, state: IdentifierState, n: int) -> None:
     Not where one of them is not kept.
     """
     net, s, now = shape_of(ids.shape[n]), ids.settings[n], state.held.newest_ns[n]
-    own, p = one(state.learner, n, net), shape_of(ids.shape[n]).outputs
+    own, p = view(state.learner, n, net), shape_of(ids.shape[n]).outputs
     elapsed = 0
     for k in range(ids.order[n]):
         before = frame_before(ids, state, n, now, ids.horizon[n] + k * ids.span[n])
@@ -149,7 +149,7 @@ def _learn(ids: Identifiers, state: IdentifierState, n: int) -> None:
         for j in range(p):
             own.x[k * p + j] = state.past[n, before, j] / s[j].scale
     fill(own.x[ids.order[n] * p : net.inputs], ids, state, n, now, elapsed)
-    _look(net, own, ids, state, n)
+    _evaluate(net, own, ids, state, n)
     for j in range(net.outputs):
         state.prediction[n, j] = own.passed.output[j] * s[j].scale
         state.error[n, j] = state.prediction[n, j] - state.held.signal[n, j]
@@ -183,11 +183,11 @@ def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: NDArra
             state.past[n, at, j] = state.held.signal[n, j]
             state.peak[n, j] = max(state.peak[n, j], abs(state.held.signal[n, j]))
         if ids.ahead_ns[n] != UNSET:
-            look_ahead(ids, state, n, shape_of(ids.shape[n]), one(state.learner, n, shape_of(ids.shape[n])))
+            look_ahead(ids, state, n, shape_of(ids.shape[n]), view(state.learner, n, shape_of(ids.shape[n])))
 
 
 @compiled
-def tell(ids: Identifiers, state: IdentifierState, n: int, tick: int, out: NDArray[Any], first: int) -> int:
+def write_estimates(ids: Identifiers, state: IdentifierState, n: int, tick: int, out: NDArray[Any], first: int) -> int:
     """The estimates of identifier n after a tick (ESTIMATE) into `out` from `first` on; the index after the last."""
     net = shape_of(ids.shape[n])
     for i in range(net.outputs):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.control.inputs import Held, Inputs
-    from facts_damping.control.known import Known
+    from facts_damping.control.plant_prior import PlantPrior
     from facts_damping.neurofuzzy.learning import Learner
 
 WIDTH = 1.0  # s of the memberships at the start
@@ -36,7 +36,7 @@ class Identified(NamedTuple):
     signals: Sequence[str]
     devices: Sequence[int]
     limits: Sequence[float]  # p.u.
-    known: Known
+    known: PlantPrior
     weights: NDArray[np.float64] | None  # parameters to start from; none: symmetric rules
     predicts: bool = False  # the controller acts on signals ahead
 
@@ -50,7 +50,7 @@ class Identifiers(NamedTuple):
     inputs: Inputs
     device: NDArray[np.int64]  # (identifiers, most devices); UNSET beyond its own
     limit: NDArray[np.float64]  # (identifiers, most devices), p.u.
-    lag_ns: NDArray[np.int64]
+    loop_delay_ns: NDArray[np.int64]
     horizon: NDArray[np.int64]  # frames
     order: NDArray[np.int64]  # how many past values of each signal it is given
     span: NDArray[np.int64]  # frames from one of them to the next
@@ -107,8 +107,8 @@ def start(net: Network, row: Identified) -> NDArray[np.float64]:
     order = (net.inputs - len(row.devices)) // net.outputs
     if net.outputs * len(row.devices) * order > 1:
         horizon, span = (int(row.settings[f"identifier_{name}"][0]) for name in ("horizon", "span"))
-        past = np.concatenate([row.known.swing / scale / row.known.turn ** (span * j) for j in range(order)])
-        later = row.known.swing / scale * row.known.turn**horizon
+        past = np.concatenate([row.known.mode_shape / scale / row.known.z_pole ** (span * j) for j in range(order)])
+        later = row.known.mode_shape / scale * row.known.z_pole**horizon
         return _linear_start(net, np.hstack([_ahead(past, later), by_u]))
     weight, by_u = float(row.settings["identifier_weight"][0]), by_u[0]
     slopes = np.concatenate([np.ones(len(row.signals)), by_u])

@@ -59,7 +59,7 @@ def _mean(ids: Identifiers, state: IdentifierState, n: int, d: int, now: int, el
     """Mean of the setpoints of device d in force from `elapsed` before `now` on: those at the middle of each frame."""
     frames, total = ids.horizon[n], 0.0
     for j in range(frames):
-        total += _given(state, n, d, now - (2 * j + 1) * elapsed // (2 * frames) - ids.lag_ns[n])
+        total += _given(state, n, d, now - (2 * j + 1) * elapsed // (2 * frames) - ids.loop_delay_ns[n])
     return total / frames  # type: ignore[no-any-return]
 
 

@@ -87,8 +87,10 @@ LEAD_LAG_PARAMETERS = {
 
 # Its matrices follow from these at the start (small_signal/lqg.py).
 LQG_PARAMETERS = {
-    "effort": Parameter(1e-6, "p.u.", 1e-12, 1e3, "price of a device's limit, beside speeds' squares", live=False),
-    "noise": Parameter(
+    "control_weight": Parameter(
+        1e-6, "p.u.", 1e-12, 1e3, "price of a device's limit, beside speeds' squares", live=False
+    ),
+    "measurement_noise": Parameter(
         0.01,
         "p.u.",
         1e-9,
@@ -97,7 +99,9 @@ LQG_PARAMETERS = {
         live=False,
         each="signal",
     ),
-    "lag": Parameter(-1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's mean", live=False),
+    "loop_delay": Parameter(
+        -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's mean", live=False
+    ),
 }
 
 # Guards are off where the thesis has none; the profile `deployed` turns on what makes adaptation safe.
@@ -145,12 +149,17 @@ NEURO_FUZZY_PARAMETERS = {
     "identifier_leakage": Parameter(
         0.0, "1/frame", 0.0, 1.0, "share of the identifier's way back to its start each frame", deployed=1e-3
     ),
-    "lag": Parameter(-1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's mean", live=False),
+    "loop_delay": Parameter(
+        -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's mean", live=False
+    ),
     **COMPENSATION_PARAMETERS,
 }
 
 # What the compiled steps read: a record with a field for each parameter of any kind.
 SETTINGS = np.dtype([(name, "f8") for name in {**LEAD_LAG_PARAMETERS, **NEURO_FUZZY_PARAMETERS, **LQG_PARAMETERS}])
+
+# Parameters that had another name: the old one is refused with the new one.
+RENAMED = {"lag": "loop_delay", "effort": "control_weight", "noise": "measurement_noise"}
 
 MIMO_GAIN = 5.0  # kG2 of appendix B: of every device but the first
 LLC = Kind("lead-lag: washout and two lead-lag sections (thesis, appendix B)", 1, 6, LEAD_LAG_PARAMETERS)

@@ -85,7 +85,7 @@ class Packets(NamedTuple):
     held: NDArray[np.bool_]  # (channels,): lost, and the last one is in its place
 
 
-class Way(NamedTuple):
+class DirectionSpec(NamedTuple):
     """A direction of a run's links: what comes through them, how often, and where their draws come from."""
 
     channels: Sequence[str]  # stations or devices
@@ -97,7 +97,7 @@ class Way(NamedTuple):
     seed: tuple[int, int]  # of the run, and the direction's place
 
 
-def chains(given: Sequence[Sequence[Any]], way: Way) -> tuple[Chain, Packets]:
+def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chain, Packets]:
     """The chains of several links' stages, and room for what passes them."""
     stages = [stage for own in given for stage in own]
     codes = [MODELS[stage.model] for stage in stages]
@@ -126,7 +126,7 @@ def chains(given: Sequence[Sequence[Any]], way: Way) -> tuple[Chain, Packets]:
     return made, packets
 
 
-def _window(stage: Any, way: Way) -> int:
+def _window(stage: Any, way: DirectionSpec) -> int:
     """Entries of a replayed window; of noise its draws."""
     if stage.model == "noise":
         return max(1, way.draws)
@@ -134,7 +134,7 @@ def _window(stage: Any, way: Way) -> int:
     return max(1, frames)
 
 
-def put(made: Chain, link: int, s: int, stage: Any, way: Way) -> None:
+def put(made: Chain, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
     """A stage into its place, with its draws: the same seed and place give the same ones."""
     row, code, begin = made.rows[link], MODELS[stage.model], to_ns(stage.start)
     row[s]["model"], row[s]["begin_ns"] = code, begin

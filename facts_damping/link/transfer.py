@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled, inlined, inner
-from facts_damping.link.chain import Chain, Packets, Way, chains, longest_delay_ns, put, traverse
+from facts_damping.link.chain import Chain, DirectionSpec, Packets, chains, longest_delay_ns, put, traverse
 from facts_damping.link.draws import LOST
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
 
@@ -63,7 +63,7 @@ class Links(NamedTuple):
     used: NDArray[np.int64]  # (controllers,), index of the link that each uses
 
 
-def directions(given: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: Way) -> Direction:
+def directions(given: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: DirectionSpec) -> Direction:
     """One empty direction of several links, by their stages, each with room for all that can be under way."""
     chain, packets = chains(given, way)
     n, capacity = len(given), room_for(chain, way)
@@ -81,7 +81,7 @@ def directions(given: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: Way) -
     )
 
 
-def room_for(chain: Chain, way: Way) -> int:
+def room_for(chain: Chain, way: DirectionSpec) -> int:
     """Number of entries that can be under way: those of the ticks of the longest delay, with their copies.
 
     A second's worth more is for setpoints that come late and all at once, in real time.
@@ -90,7 +90,7 @@ def room_for(chain: Chain, way: Way) -> int:
     return int(max(way.per_tick, 1) * chain.drawn.shape[3] * ticks)
 
 
-def links(given: Sequence[Link], used: Sequence[int], up: Way, down: Way) -> Links:
+def links(given: Sequence[Link], used: Sequence[int], up: DirectionSpec, down: DirectionSpec) -> Links:
     """The links of a run: at least one; `used` says which one each controller uses."""
     return Links(
         directions([link.up for link in given], DELIVERY, up),
@@ -99,7 +99,7 @@ def links(given: Sequence[Link], used: Sequence[int], up: Way, down: Way) -> Lin
     )
 
 
-def changed(own: Direction, link: int, place: int, stage: Any, way: Way) -> Direction:
+def changed(own: Direction, link: int, place: int, stage: Any, way: DirectionSpec) -> Direction:
     """A direction with a stage of a link changed, for what is sent from now on; with more room where it needs it."""
     put(own.chain, link, place, stage, way)
     capacity = room_for(own.chain, way)

@@ -86,7 +86,7 @@ def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> 
 
 
 @compiled
-def one(several: Learner, i: int, net: Network) -> Learner:
+def view(several: Learner, i: int, net: Network) -> Learner:
     """The i-th of several learners, as views."""
     size = net.inputs * net.rules * net.stored + net.rules * net.outputs * net.width
     p = several.passed
@@ -220,7 +220,7 @@ def _move(own: Learner, rule: Rule, share: float) -> None:
 
 
 @compiled
-def rates_told(
+def write_learning(
     net: Network,
     own: Learner,
     lyapunov: NDArray[np.float64],

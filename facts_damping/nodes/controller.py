@@ -9,13 +9,13 @@ from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFra
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.compiling import specialised
-from facts_damping.control.bank import act, serve
-from facts_damping.nodes.messages import Estimate, Estimates, Inner
+from facts_damping.control.bank import act, set_estimate
+from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
-from facts_damping.nodes.tick_before import TickBefore
+from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.signals import DELIVERY, SETPOINT
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.learnt_weights import adapted
@@ -36,14 +36,14 @@ class ControllerNode:
         self.controller = self.case.controllers[self.index]
         self.bank, self.state, _, _ = build_control(self.case)
         names = [name for name in self.controller.parameters if not name.startswith("identifier_")]
-        declare_settings(node, self.controller, names, self.bank.settings[self.index], self.bank.swing[self.index])
+        declare_settings(node, self.controller, names, self.bank.settings[self.index], self.bank.mode_shape[self.index])
         address = controller_addresses(self.case)[self.index]
         self.name, graph = address.name, graph_prefix(node, address)
         link = link_addresses(self.case)[self.case.used_links[self.index]]
         identifier = str(identifier_addresses(self.case).get(self.index, ""))
         self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
-        self.inner = Inner(self.case, self.index)
-        self.ticks = TickBefore(self.options, identifier, self.act)
+        self.inner = ControllerStateMessage(self.case, self.index)
+        self.ticks = UnitDelay(self.options, identifier, self.act)
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", RELIABLE)
         self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", RELIABLE)
         node.create_subscription(
@@ -63,7 +63,7 @@ class ControllerNode:
                 raw=True,
             )
         given, issued = np.zeros(0, DELIVERY), np.zeros(0, SETPOINT)
-        self.serve = specialised(serve, self.state, self.index, np.zeros((0, 0)), np.zeros(0), 0)
+        self.set_estimate = specialised(set_estimate, self.state, self.index, np.zeros((0, 0)), np.zeros(0), 0)
         self.compute = specialised(act, self.bank, self.state, self.index, 0, given, 0, issued, 0)
         self.spinner = Spinner(node)
         extra = int(self.options.recorder)
@@ -81,7 +81,7 @@ class ControllerNode:
         """One tick: act on what was delivered, answer also when nothing was."""
         c = self.index
         for estimate in estimates:
-            self.serve(self.state, c, *estimate)
+            self.set_estimate(self.state, c, *estimate)
         start = tick_ns(tick, self.case.run.frame_rate)
         issued = setpoint_buffer(len(self.controller.devices), len(delivered))
         count = self.compute(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)

@@ -9,13 +9,13 @@ from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoi
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.compiling import specialised
-from facts_damping.control.identifier import identify, remember, tell
+from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.nodes.messages import Estimates
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import Frames, Setpoints
-from facts_damping.nodes.tick_before import TickBefore
+from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.signals import DELIVERY, ESTIMATE, SETPOINT
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.learnt_weights import adapted
@@ -42,13 +42,13 @@ class IdentifierNode:
         self.own = list(addresses).index(self.index)
         bank, _, self.identifiers, self.state = build_control(self.case)
         own = [n for n in self.controller.parameters if n.startswith("identifier_")]
-        rows, swing = self.identifiers.settings[self.own], bank.swing[self.index]
+        rows, swing = self.identifiers.settings[self.own], bank.mode_shape[self.index]
         declare_settings(node, self.controller, own + SHARED, rows, swing)
         sender = str(controller_addresses(self.case)[self.index])
         self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
         self.estimates = Estimates(self.case, self.index)
         self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
-        self.ticks = TickBefore(self.options, sender, self.learn)
+        self.ticks = UnitDelay(self.options, sender, self.learn)
         self.to_controller = node.create_publisher(JacobianEstimate, f"{address.name}/estimate", RELIABLE)
         node.create_subscription(
             PmuDataFrame,
@@ -59,9 +59,9 @@ class IdentifierNode:
         )
         node.create_subscription(VoltageSetpoints, f"{graph}{sender}/setpoints", self.on_setpoints, RELIABLE, raw=True)
         learner = self.identifiers, self.state, self.own
-        self.remember = specialised(remember, *learner, np.zeros(0, SETPOINT), 0)
+        self.store = specialised(store_setpoints, *learner, np.zeros(0, SETPOINT), 0)
         self.identify = specialised(identify, *learner, np.zeros(0, DELIVERY), 0)
-        self.estimate = specialised(tell, *learner, 0, self.rows, 0)
+        self.estimate = specialised(write_estimates, *learner, 0, self.rows, 0)
         self.spinner = Spinner(node)
         wait_for_peers(node, {self.to_controller: 1 + int(self.options.recorder)}, self.options)
 
@@ -81,7 +81,7 @@ class IdentifierNode:
         """One tick: take in the setpoints of the ticks before, learn from what was delivered, publish."""
         learner = self.identifiers, self.state, self.own
         for rows in setpoints:
-            self.remember(*learner, rows, len(rows))
+            self.store(*learner, rows, len(rows))
         self.identify(*learner, delivered, len(delivered))
         self.estimate(*learner, tick, self.rows, 0)
         publish(self.to_controller, self.estimates.fill(tick, self.rows, self.state, self.own))

@@ -66,7 +66,7 @@ class LiveView:
         sys.stdout.flush()
         try:
             while True:
-                self.spinner.turn(0.1)
+                self.spinner.spin_once(0.1)
         finally:
             self.server.stop()
 

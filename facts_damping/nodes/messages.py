@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from facts_damping.control.identifier_model import IdentifierState
 
 
-class Truth:
+class PlantStateMessage:
     """The plant's state of a case."""
 
     def __init__(self, case: Case) -> None:
@@ -65,7 +65,7 @@ class Truth:
         return t.data()
 
 
-class Inner:
+class ControllerStateMessage:
     """The state of one controller of a case."""
 
     def __init__(self, case: Case, index: int) -> None:

@@ -15,7 +15,7 @@ from facts_damping.case.names import link_addresses
 from facts_damping.compiling import specialised
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import merge
-from facts_damping.nodes.messages import Truth, diagnostics, grid_event
+from facts_damping.nodes.messages import PlantStateMessage, diagnostics, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
 from facts_damping.nodes.spinning import Spinner, check_wanted
@@ -48,7 +48,7 @@ class PlantSim:
         self.entries["station"] = np.arange(stations)
         self.machines = np.zeros(len(self.plant.machines), MACHINE_TRUTH)
         self.devices = np.zeros(len(self.plant.devices), DEVICE_TRUTH)
-        self.frames, self.setpoints, self.truth = Frames(self.case), Setpoints(self.case), Truth(self.case)
+        self.frames, self.setpoints, self.truth = Frames(self.case), Setpoints(self.case), PlantStateMessage(self.case)
         self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)
         self.to_all = node.create_publisher(PlantState, "plant/state", RELIABLE)
         self.to_events = node.create_publisher(GridEvent, "plant/events", RELIABLE)
@@ -110,15 +110,15 @@ class PlantSim:
         patience = self.options.patience(tick)
         deadline = time.monotonic() + patience + 1.0
         while min(self.answered) < tick:
-            if not self.spinner.turn(0.05) and time.monotonic() > deadline:
+            if not self.spinner.spin_once(0.05) and time.monotonic() > deadline:
                 who = ", ".join(str(self.links[i]) for i, newest in enumerate(self.answered) if newest < tick)
                 raise RunError(f"{who} is silent: no setpoints of tick {tick} within {patience:g} s")
 
     def wait_realtime(self, tick: int, wall_end: float) -> None:
         """Take what comes until the clock says that the tick is over; count it if its setpoints are not there."""
         while (left := wall_end - time.monotonic()) > 0:
-            self.spinner.turn(left)
-        while self.spinner.turn(0.0):
+            self.spinner.spin_once(left)
+        while self.spinner.spin_once(0.0):
             pass
         self.misses += min(self.answered) < tick
 

@@ -12,7 +12,7 @@ from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageS
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses, recorded_topic
 from facts_damping.errors import RunError
-from facts_damping.nodes.messages import Truth, grid_event
+from facts_damping.nodes.messages import PlantStateMessage, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner, check_wanted
@@ -36,7 +36,7 @@ class ReplaySource:
         self.case, self.options = read_case(node), read_options(node)
         path: Any = node.declare_parameter("recording", "", descriptor("recording to be replayed")).value
         self.record = fitted(load(path), self.case)
-        self.frames, self.setpoints, self.truth = Frames(self.case), Setpoints(self.case), Truth(self.case)
+        self.frames, self.setpoints, self.truth = Frames(self.case), Setpoints(self.case), PlantStateMessage(self.case)
         controllers, identifiers = controller_addresses(self.case), identifier_addresses(self.case)
         links, used, extra = link_addresses(self.case), self.case.used_links, int(self.options.recorder)
         self.to_all = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)
@@ -110,7 +110,7 @@ class ReplaySource:
         patience = self.options.patience(tick)
         deadline = time.monotonic() + patience + 1.0
         while min(self.answered.values()) < tick:
-            if not self.spinner.turn(0.05) and time.monotonic() > deadline:
+            if not self.spinner.spin_once(0.05) and time.monotonic() > deadline:
                 who = ", ".join(name for name, newest in self.answered.items() if newest < tick)
                 raise RunError(f"{who} is silent: no answer to tick {tick} within {patience:g} s")
 

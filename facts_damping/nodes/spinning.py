@@ -62,7 +62,7 @@ class Spinner:
         self._requests: Any = rclpy_implementation.WaitSet(0, 0, 0, 0, counts[1], 0, context.handle)
         self._asked = time.monotonic()
 
-    def turn(self, timeout_s: float) -> bool:
+    def spin_once(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` seconds, then serve what is ready, one message a subscription.
 
         Returns whether a message was; raises `Stopped` once the node was told to stop and has taken all that is here.

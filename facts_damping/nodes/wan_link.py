@@ -125,7 +125,7 @@ class WanLink:
     def run(self) -> None:
         """Serve until stopped; in lockstep, name who stays silent."""
         while True:
-            if self.spinner.turn(0.1):
+            if self.spinner.spin_once(0.1):
                 self.heard = time.monotonic()
                 continue
             patience = self.options.patience(self.tick) + (0.0 if self.missing else PATIENCE_S)

@@ -12,8 +12,8 @@ import numpy as np
 
 from facts_damping.case.loading import load_case
 from facts_damping.compiling import specialised
-from facts_damping.control.bank import act, serve
-from facts_damping.control.identifier import identify, remember, tell
+from facts_damping.control.bank import act, set_estimate
+from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.link.transfer import downlink, merge, uplink
 from facts_damping.nodes.packing import mark, pack, take, unpack
 from facts_damping.plant.dynamics import derivatives
@@ -43,9 +43,9 @@ def kernels() -> dict[str, list[tuple[Any, ...]]]:
         "control": [
             (identify, *learner, arrived, 0),
             (act, parts.bank, parts.bank_state, 0, 0, arrived, 0, parts.issued, 0),
-            (serve, parts.bank_state, 0, np.zeros((1, 1)), np.zeros(1), 0),
-            (remember, *learner, parts.issued, 0),
-            (tell, *learner, 0, kept.estimates, 0),
+            (set_estimate, parts.bank_state, 0, np.zeros((1, 1)), np.zeros(1), 0),
+            (store_setpoints, *learner, parts.issued, 0),
+            (write_estimates, *learner, 0, kept.estimates, 0),
             (uplink, parts.links, 0, 0, 0, 0, kept.frames[0]),
             (downlink, parts.links, 0, 0, 0, parts.issued, 0),
             (merge, parts.applied, 0, parts.links.down.out[0], 0),

@@ -137,7 +137,7 @@ def _newton(
 
 
 @inlined
-def _alone(
+def _newton_single_port(
     plant: Plant,
     x: NDArray[np.float64],
     reference: NDArray[np.float64],
@@ -223,7 +223,11 @@ def solve_ports(
     """
     for p in range(source.size):
         work.blocked[p] = work.low[p] = False
-    if source.size == 1 and plant.ports[0].kind != SALIENT and _alone(plant, x, reference, source, stage, work):
+    if (
+        source.size == 1
+        and plant.ports[0].kind != SALIENT
+        and _newton_single_port(plant, x, reference, source, stage, work)
+    ):
         return
     attempt = 0
     while attempt < ATTEMPTS and math.isfinite(x[0]):

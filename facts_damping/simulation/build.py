@@ -13,10 +13,10 @@ from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.identifier import identifiers
 from facts_damping.control.identifier_model import Identified, Identifiers, IdentifierState
 from facts_damping.control.inputs import TURN
-from facts_damping.control.known import Known
+from facts_damping.control.plant_prior import PlantPrior
 from facts_damping.control.table import STATE_SPACE, kind
 from facts_damping.errors import InputError
-from facts_damping.link.chain import Way
+from facts_damping.link.chain import DirectionSpec
 from facts_damping.link.transfer import Links, links
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
@@ -24,7 +24,7 @@ from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
 from facts_damping.signals import CHANNELS
 from facts_damping.small_signal.lqg import design
-from facts_damping.small_signal.residues import Sensitivity, sensitivity
+from facts_damping.small_signal.residues import Residues, residues
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
@@ -69,14 +69,14 @@ def build_links(case: Case) -> Links:
     return links(case.links, case.used_links, *ways(case).values())
 
 
-def ways(case: Case) -> dict[str, Way]:
+def ways(case: Case) -> dict[str, DirectionSpec]:
     """Both directions of the links of a case."""
     stations = [station.name for station in case.system.stations]
     signals = {name: list(signal.weights) for name, signal in case.system.signals.items()}
     often, seed = (case.run.frame_rate, case.ticks), case.run.seed
     return {
-        "up": Way(stations, signals, len(CHANNELS), len(stations), *often, (seed, 0)),
-        "down": Way(case.run.devices, {}, 1, 2 * commands(case), *often, (seed, 1)),
+        "up": DirectionSpec(stations, signals, len(CHANNELS), len(stations), *often, (seed, 0)),
+        "down": DirectionSpec(case.run.devices, {}, 1, 2 * commands(case), *often, (seed, 1)),
     }
 
 
@@ -90,13 +90,13 @@ def _optimal(controller: Controller) -> bool:
     return kind(controller.name).code == STATE_SPACE
 
 
-def build_sensitivity(case: Case) -> Sensitivity | None:
+def build_sensitivity(case: Case) -> Residues | None:
     """The sensitivity of a case's plant, without events; none without a swing mode."""
     start = build(case.system, case.run.devices, [])
-    return sensitivity(start, case.system, case.run.devices, case.run.frame_rate)
+    return residues(start, case.system, case.run.devices, case.run.frame_rate)
 
 
-def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:
+def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:
     """Controllers and identifiers of a case; `plant`: its sensitivity, where it is at hand.
 
     Raises `InputError` where the sign of a neuro-fuzzy controller's sensitivity is not the plant's, and where an LQG
@@ -123,7 +123,7 @@ def build_control(case: Case, plant: Sensitivity | None = None) -> tuple[Bank, B
     return made, state, *identifiers(rows, case.system.signals, stations, rate)
 
 
-def _known(case: Case, i: int, plant: Sensitivity | None) -> Known | None:
+def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:
     """What a neuro-fuzzy controller knows of the plant: signs at the mode; else, with an identifier, of the response.
 
     The first signal needs a sign to every device, and a given one must be the plant's.
@@ -155,10 +155,10 @@ def _known(case: Case, i: int, plant: Sensitivity | None) -> Known | None:
                 f"({plant.frequency_hz:.2f} Hz); allowed: signals that do"
             )
     turn = cmath.exp(plant.eigenvalue / case.run.frame_rate)
-    return Known(np.sign(jacobian) if c.scheme == "indirect" else sign, jacobian, swing, turn)
+    return PlantPrior(np.sign(jacobian) if c.scheme == "indirect" else sign, jacobian, swing, turn)
 
 
-def _compensated(case: Case, i: int, plant: Sensitivity | None) -> float:
+def _compensated(case: Case, i: int, plant: Residues | None) -> float:
     """Frequency that a controller's compensation is for, rad/s; 0 without one.
 
     A Smith predictor is refused. The plant's own poles stay in what its loop makes of a disturbance, and where one of
@@ -187,7 +187,7 @@ def _no_smith(mode: complex | None) -> str:
     return f"a Smith predictor leaves the plant's least damped mode {of} in what disturbances excite"
 
 
-def _identified(case: Case, i: int, made: Bank, known: Known) -> Identified:
+def _identified(case: Case, i: int, made: Bank, known: PlantPrior) -> Identified:
     """What the identifier of controller i belongs to."""
     c = case.controllers[i]
     places = [case.run.devices.index(device) for device in c.devices]

@@ -12,13 +12,13 @@ import numpy as np
 
 from facts_damping.case.names import controller_names
 from facts_damping.compiling import compiled, inner
-from facts_damping.control.bank import Bank, BankState, act, serve
-from facts_damping.control.identifier import identify, remember, tell
+from facts_damping.control.bank import Bank, BankState, act, set_estimate
+from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.control.table import DIRECT, INDIRECT
 from facts_damping.errors import RunError
 from facts_damping.link.chain import SPOOF
 from facts_damping.link.transfer import Links, downlink, merge, uplink
-from facts_damping.neurofuzzy.learning import one, rates_told
+from facts_damping.neurofuzzy.learning import view, write_learning
 from facts_damping.neurofuzzy.network import shape_of
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.control.identifier_model import Identifiers, IdentifierState
     from facts_damping.plant.build import Built
-    from facts_damping.small_signal.residues import Sensitivity
+    from facts_damping.small_signal.residues import Residues
 
 
 class Signals(NamedTuple):
@@ -97,7 +97,7 @@ def setpoint_buffer(commands: int, entries: int) -> NDArray[Any]:
     return np.zeros(commands * entries, SETPOINT)
 
 
-def build_loop(case: Case, sensitivity: Sensitivity | None = None, built: Built | None = None) -> Loop:
+def build_loop(case: Case, sensitivity: Residues | None = None, built: Built | None = None) -> Loop:
     """All parts of a case, at the start; `sensitivity`: the plant's, as for `build_control`.
 
     `built`: its plant, where it is at hand; the loop takes its state over.
@@ -177,19 +177,19 @@ def control_step(
     for n in range(ids.controller.size):
         c = ids.controller[n]
         identify(ids, id_state, n, delivered[used[c]], ring[used[c], 2])
-        remember(ids, id_state, n, heard, count)
-        rows = tell(ids, id_state, n, tick, kept.estimates, rows)
-        serve(bank_state, c, id_state.jacobian[n], id_state.change[n], id_state.held.newest_ns[n])
+        store_setpoints(ids, id_state, n, heard, count)
+        rows = write_estimates(ids, id_state, n, tick, kept.estimates, rows)
+        set_estimate(bank_state, c, id_state.jacobian[n], id_state.change[n], id_state.held.newest_ns[n])
     kept.used[4], rows = rows, kept.used[5]
     for c in range(bank.code.size):
         if bank.code[c] == DIRECT or bank.code[c] == INDIRECT:
             net = shape_of(bank.shape[c])
-            own, fall = one(bank_state.learner, c, net), bank_state.memory.lyapunov[c]
-            rows = rates_told(net, own, fall, tick, c, 0, kept.learning, rows)
+            own, fall = view(bank_state.learner, c, net), bank_state.memory.lyapunov[c]
+            rows = write_learning(net, own, fall, tick, c, 0, kept.learning, rows)
     for n in range(ids.controller.size):
         net = shape_of(ids.shape[n])
-        own, fall = one(id_state.learner, n, net), id_state.lyapunov[n]
-        rows = rates_told(net, own, fall, tick, ids.controller[n], 1, kept.learning, rows)
+        own, fall = view(id_state.learner, n, net), id_state.lyapunov[n]
+        rows = write_learning(net, own, fall, tick, ids.controller[n], 1, kept.learning, rows)
     kept.used[5] = rows
     return issued
 

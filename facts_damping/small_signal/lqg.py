@@ -2,13 +2,13 @@
 
 Frame by frame it makes the least, on average, of
 
-    sum_k (sum_i dw_i(k)^2 + effort sum_p (u_p(k) / u_max,p)^2)                                 p.u.^2
+    sum_k (sum_i dw_i(k)^2 + control_weight sum_p (u_p(k) / u_max,p)^2)                                 p.u.^2
 
 dw the speed differences that the system is judged by, deviations from where the plant comes to rest. Disturbances are
 steps of the torques on the rotors, of a random size at each frame, the same for all in p.u. of the rating: as loads and
 lines leave them, the plant finds another place to rest, so each is a jump away from it (`rest` below) and no setpoint
-is held against it. Measurement noise of a signal is `noise` times how far it swings in the least damped mode where the
-speed differences, as a vector, swing by one.
+is held against it. Measurement noise of a signal is `measurement_noise` times how far it swings in the least damped
+mode where the speed differences, as a vector, swing by one.
 
 1. What no signal and no speed difference answers to (all rotors turned alike, all speeds raised alike) is left out.
 2. Modes that do not decay are kept as they are; what decays is balanced and truncated (B. C. Moore, Principal Component
@@ -17,7 +17,7 @@ speed differences, as a vector, swing by one.
    Large-Scale Systems, Parallel Computing 29(11-12), 2003).
 3. It is sampled with hold, washouts by the bilinear transform as controllers have them, and Riccati's equations are
    solved for regulator and Kalman filter (G. F. Franklin, J. D. Powell, M. Workman, Digital Control of Dynamic Systems,
-   3rd ed. 1998, 9). With the delay lag = (f + part) T the regulator acts on the state as it will be f frames on, which
+   3rd ed. 1998, 9). With loop_delay = (f + part) T the regulator acts on the state as it will be f frames on, which
    the setpoints on their way have settled: the optimum of the plant with its delay.
 """
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.system import System
-    from facts_damping.small_signal.residues import Sensitivity
+    from facts_damping.small_signal.residues import Residues
 
 DECAYS = 1e-2  # 1/s: what decays more slowly, or grows, is not truncated
 DRIFTS = 1e-3  # 1/s: a mode as slow as this stands still
@@ -65,13 +65,13 @@ class Model(NamedTuple):
         return Model(product(back, self.A, T), *of_inputs, product(self.C, T), self.D, product(self.Z, T))
 
 
-def design(plant: Sensitivity | None, system: System, controller: Controller, here: str) -> StateSpace:
+def design(plant: Residues | None, system: System, controller: Controller, here: str) -> StateSpace:
     """The controller's matrices. Raises `InputError` where the plant and its signals allow none; `here`: its field."""
     if plant is None:
         raise InputError(f"{here}.name: 'LQG' given, but the plant has no swing mode; allowed: LLC")
     whole = model(plant, system, controller)
     rows = [plant.signals.index(name) for name in controller.signals]
-    size = np.abs(plant.swing[rows]) / np.sqrt((np.abs(product(whole.Z, plant.shape)) ** 2).sum())
+    size = np.abs(plant.mode_shape[rows]) / np.sqrt((np.abs(product(whole.Z, plant.shape)) ** 2).sum())
     _check(plant, system, controller, size, here)
     limits = np.array([system.device(name).v_max for name in controller.devices])
     small = reduced(whole, plant.names, limits, size)
@@ -80,10 +80,10 @@ def design(plant: Sensitivity | None, system: System, controller: Controller, he
             f"{here}.signals: {', '.join(controller.signals)} given, which see a motion that nothing brings back "
             "(all speeds raised alike); allowed: for LQG differences of speeds, or signals with a washout"
         )
-    step = sampled(small, plant.frame_rate, controller.number("lag"))
-    effort, noise = controller.number("effort"), np.array(controller.parameters["noise"]) * size
+    step = sampled(small, plant.frame_rate, controller.number("loop_delay"))
+    weight, noise = controller.number("control_weight"), np.array(controller.parameters["measurement_noise"]) * size
     try:
-        return optimal(small, step, plant.model.washout[rows], 1.0 / plant.frame_rate, limits, effort, noise)
+        return optimal(small, step, plant.model.washout[rows], 1.0 / plant.frame_rate, limits, weight, noise)
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"{here}: LQG given, but Riccati's equations have no solution: a mode that does not decay is not seen "
@@ -92,7 +92,7 @@ def design(plant: Sensitivity | None, system: System, controller: Controller, he
         ) from error
 
 
-def _check(plant: Sensitivity, system: System, controller: Controller, size: NDArray[np.float64], here: str) -> None:
+def _check(plant: Residues, system: System, controller: Controller, size: NDArray[np.float64], here: str) -> None:
     """Signals come back to zero at rest, and swing."""
     for i, (name, swing) in enumerate(zip(controller.signals, size, strict=True)):
         signal = system.signals[name]
@@ -108,7 +108,7 @@ def _check(plant: Sensitivity, system: System, controller: Controller, size: NDA
             )
 
 
-def model(plant: Sensitivity, system: System, controller: Controller) -> Model:
+def model(plant: Residues, system: System, controller: Controller) -> Model:
     """The linearised plant as a controller meets it; signals before their washouts."""
     rows = [plant.signals.index(name) for name in controller.signals]
     columns = [plant.devices.index(name) for name in controller.devices]
@@ -171,10 +171,10 @@ class Frames(NamedTuple):
     f: int
 
 
-def sampled(small: Model, frame_rate: int, lag: float) -> Frames:
-    """A model sampled with hold, its setpoints late by `lag`, s; exact (K. J. Astrom, B. Wittenmark, 1997, 2.3)."""
+def sampled(small: Model, frame_rate: int, loop_delay: float) -> Frames:
+    """A model sampled with hold, its setpoints late by `loop_delay`, s; exact (Astrom, Wittenmark, 1997, 2.3)."""
     period, devices = 1.0 / frame_rate, small.B.shape[1]
-    f, rest = divmod(to_ns(lag) * frame_rate, NANOSECONDS)
+    f, rest = divmod(to_ns(loop_delay) * frame_rate, NANOSECONDS)
     part = rest / NANOSECONDS * period
     onward, new = held_for(small.A, small.B, period - part)
     Phi, both = held_for(small.A, np.hstack([small.B, small.G]), period)
@@ -187,12 +187,13 @@ def optimal(
     washout: NDArray[np.float64],
     period: float,
     limits: NDArray[np.float64],
-    effort: float,
-    noise: NDArray[np.float64],
+    control_weight: float,
+    measurement_noise: NDArray[np.float64],
 ) -> StateSpace:
     """Regulator and filter; states are the model's, those of the washouts, then setpoints u(k-1) to u(k-f-1).
 
-    `washout`, s, and `noise`, standard deviation, of each signal; `effort`, of a setpoint at its limit, p.u.^2.
+    `washout`, s, and `measurement_noise`, standard deviation, of each signal; `control_weight`, of a setpoint at its
+    limit, p.u.^2.
     """
     through, pole, pick = washouts(washout, period)
     own, devices = len(step.Phi) + len(pole), len(limits)
@@ -208,10 +209,10 @@ def optimal(
         ahead = product(step.Phi, ahead) + product(step.old, sent[i + 1]) + product(step.new, sent[i])
 
     torque = np.vstack([step.torque, np.zeros((len(pole), step.torque.shape[1]))])
-    M = np.zeros((ends[-1], len(noise)))
+    M = np.zeros((ends[-1], len(measurement_noise)))
     rest = solve(np.eye(own) - after[:own, :own], torque)  # by a step of each torque
-    M[:own] = _filter(after[:own, :own], rest, y[:, :own], noise)
-    K = product(_regulator(step, small.Z, limits, effort), np.vstack([ahead, sent[1]]))
+    M[:own] = _filter(after[:own, :own], rest, y[:, :own], measurement_noise)
+    K = product(_regulator(step, small.Z, limits, control_weight), np.vstack([ahead, sent[1]]))
     n = ends[-1]
     return StateSpace(after[:, :n], after[:, n:], y[:, :n], M, K[:, :n])
 
@@ -233,20 +234,22 @@ def washouts(
 
 
 def _filter(
-    A: NDArray[np.float64], G: NDArray[np.float64], C: NDArray[np.float64], noise: NDArray[np.float64]
+    A: NDArray[np.float64], G: NDArray[np.float64], C: NDArray[np.float64], measurement_noise: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """M of the Kalman filter, P C^T (C P C^T + R)^-1, with signals in units of their noise."""
-    seen, one = C / noise[:, None], np.eye(len(noise))
+    seen, one = C / measurement_noise[:, None], np.eye(len(measurement_noise))
     P = riccati(A.T, seen.T, product(G, G.T), one)
-    return np.asarray(solve(product(seen, P, seen.T) + one, product(seen, P)).T / noise)
+    return np.asarray(solve(product(seen, P, seen.T) + one, product(seen, P)).T / measurement_noise)
 
 
-def _regulator(step: Frames, Z: NDArray[np.float64], limits: NDArray[np.float64], effort: float) -> NDArray[np.float64]:
+def _regulator(
+    step: Frames, Z: NDArray[np.float64], limits: NDArray[np.float64], control_weight: float
+) -> NDArray[np.float64]:
     """K of u(k) = -K [x(k+f), u(k-1)], with setpoints in units of their limits."""
     n, devices = step.new.shape
     A = np.block([[step.Phi, step.old * limits], [np.zeros((devices, n + devices))]])
     B = np.vstack([step.new * limits, np.eye(devices)])
     one, Z = np.eye(devices), np.hstack([Z, np.zeros((len(Z), devices))])
-    X = riccati(A, B, product(Z.T, Z) / effort, one)
+    X = riccati(A, B, product(Z.T, Z) / control_weight, one)
     K = solve(one + product(B.T, X, B), product(B.T, X, A))
     return np.asarray(limits[:, None] * K / np.concatenate([np.ones(n), limits]))

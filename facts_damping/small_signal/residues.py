@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 CLEAR_DEG = 60.0  # so near 0 or 180 degrees a residue has a sign
 
 
-class Sensitivity(NamedTuple):
+class Residues(NamedTuple):
     """Residues at the least damped swing mode, the swing of the signals in it, and responses in time.
 
     Signals and devices are those of the system and of the run, in their order; signals are behind their washouts.
@@ -31,7 +31,7 @@ class Sensitivity(NamedTuple):
     devices: list[str]
     eigenvalue: complex  # 1/s, of the mode
     residue: NDArray[np.complex128]  # (signals, devices), 1/s
-    swing: NDArray[np.complex128]  # (signals,), each signal in the mode's right eigenvector
+    mode_shape: NDArray[np.complex128]  # (signals,), each signal in the mode's right eigenvector
     frame_rate: int
     model: linearisation.LinearModel
     names: list[str]  # of the plant's states
@@ -73,10 +73,10 @@ class Sensitivity(NamedTuple):
         """How a signal swings in the mode, beside another one, p.u./p.u."""
         if signal == to:
             return 1.0 + 0j  # to the last bit
-        return complex(self.swing[self.signals.index(signal)] / self.swing[self.signals.index(to)])
+        return complex(self.mode_shape[self.signals.index(signal)] / self.mode_shape[self.signals.index(to)])
 
 
-def sensitivity(built: Built, system: System, devices: Sequence[str], frame_rate: int) -> Sensitivity | None:
+def residues(built: Built, system: System, devices: Sequence[str], frame_rate: int) -> Residues | None:
     """The sensitivities of a system's signals to the installed devices; none without a swing mode.
 
     Residues are F (C v)(w B), the swing F (C v), F the washouts (Kundur 1994, 12.3.4).
@@ -94,7 +94,7 @@ def sensitivity(built: Built, system: System, devices: Sequence[str], frame_rate
     swing = model.washed(eigenvalue) * product(model.C, v)
     residue = swing[:, None] * product(w, model.B) / product(w, v)
     known = list(system.signals), list(devices), eigenvalue, residue, swing
-    return Sensitivity(*known, frame_rate, model, list(built.state_names), v)
+    return Residues(*known, frame_rate, model, list(built.state_names), v)
 
 
 def _with_washouts(model: linearisation.LinearModel, signals: Sequence[int]) -> tuple[NDArray[np.float64], ...]:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.plant.build import Built
     from facts_damping.signals import Record
-    from facts_damping.small_signal.residues import Sensitivity
+    from facts_damping.small_signal.residues import Residues
 
 T = TypeVar("T")
 
@@ -40,7 +40,7 @@ NAMED = ("system", "scenario", "link")
 IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
 
 _plants: dict[str, Built] = {}
-_sensitivities: dict[str, Sensitivity | None] = {}
+_sensitivities: dict[str, Residues | None] = {}
 
 
 class Base(NamedTuple):

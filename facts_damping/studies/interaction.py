@@ -9,7 +9,7 @@ import numpy as np
 from facts_damping.case.loading import load_system
 from facts_damping.errors import InputError
 from facts_damping.plant.build import build
-from facts_damping.small_signal.residues import sensitivity
+from facts_damping.small_signal.residues import residues
 from facts_damping.studies.architectures import ARCHITECTURES, SYSTEM
 from facts_damping.studies.pages import heads, line
 
@@ -34,7 +34,7 @@ class Interaction(NamedTuple):
 def interactions() -> list[Interaction]:
     """Relative gain arrays of the linearised plant with both devices; they do not depend on units."""
     system, devices = load_system(SYSTEM), ARCHITECTURES["centralised"][0]
-    plant = sensitivity(build(system, devices, []), system, devices, 1)
+    plant = residues(build(system, devices, []), system, devices, 1)
     if plant is None:
         raise InputError(f"SYSTEM: {SYSTEM} has no swing mode; allowed: a system whose machines swing")
     found = []

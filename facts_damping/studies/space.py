@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.control.table import Kind, Value
-    from facts_damping.small_signal.residues import Sensitivity
+    from facts_damping.small_signal.residues import Residues
 
 
 def _four(value: float) -> float:
@@ -51,7 +51,7 @@ LEAD_LAG = {
     "T3": Range(0.01, 1.0, logarithmic=True),
     "T4": Range(0.01, 1.0, logarithmic=True),
 }
-LQG = {"effort": Range(1e-10, 1e-2, logarithmic=True)}
+LQG = {"control_weight": Range(1e-10, 1e-2, logarithmic=True)}
 NOISE = Range(1e-3, 1e3, logarithmic=True)  # of an LQG, each signal's; at least what a PMU may err by
 NEURO_FUZZY = {
     "scale": Range(0.001, 0.05, logarithmic=True),
@@ -113,7 +113,7 @@ class Space(NamedTuple):
             made |= {f"{name}.{d}": one for d in range(len(self.devices))} if several else {name: one}
         return made
 
-    def parameters(self, at: NDArray[np.float64], plant: Sensitivity, limit: float) -> dict[str, Value]:
+    def parameters(self, at: NDArray[np.float64], plant: Residues, limit: float) -> dict[str, Value]:
         """Parameters at a point, each coordinate from 0 to 1; `limit`: of the first device, p.u."""
         found: dict[str, list[float]] = {}
         for (place, one), v in zip(self.ranges.items(), at, strict=True):
@@ -134,7 +134,7 @@ class Space(NamedTuple):
                 found[name] = [_four(one * by) for one in found[name]]
         return {**_plain(found), "rate": rate}
 
-    def place(self, values: Mapping[str, Value], plant: Sensitivity, limit: float) -> NDArray[np.float64]:
+    def place(self, values: Mapping[str, Value], plant: Residues, limit: float) -> NDArray[np.float64]:
         """The point of parameters, the inverse of `parameters`; what they do not name is in the middle of its range."""
         numbers = {name: some for name, some in values.items() if not isinstance(some, str)}
         found = {name: [float(one) for one in np.atleast_1d(some)] for name, some in numbers.items()}
@@ -153,7 +153,7 @@ class Space(NamedTuple):
             at.append(one.place(some[0] / units.get(name, 1.0)) if some else 0.5)
         return np.array(at)
 
-    def _units(self, plant: Sensitivity) -> dict[str, float]:
+    def _units(self, plant: Residues) -> dict[str, float]:
         """Factors of what has the first signal's unit: ranges are those of `speed`, others' as they swing beside it."""
         by = abs(plant.ratio(self.signals[0], "speed")) if "speed" in plant.signals else 1.0
         if self.row.network is not None:
@@ -161,7 +161,7 @@ class Space(NamedTuple):
         return {"gain": 1.0 / by} if "gain" in self.row.parameters else {}
 
     def _multiples(
-        self, found: Mapping[str, list[float]], plant: Sensitivity, limit: float, rate: str
+        self, found: Mapping[str, list[float]], plant: Residues, limit: float, rate: str
     ) -> dict[str, float]:
         """What learning rate and penalties where the Jacobian is 1 are multiplied by, in the indirect scheme.
 

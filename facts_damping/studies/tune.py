@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.control.table import Value
-    from facts_damping.small_signal.residues import Sensitivity
+    from facts_damping.small_signal.residues import Residues
 
 SCENARIO = "training"
 POPULATION = 24
@@ -89,7 +89,7 @@ class Trainer:
         found = build_sensitivity(case)
         if found is None:
             raise InputError(f"SYSTEM: {task.system} has no swing mode; allowed: a system whose machines swing")
-        self.sensitivity: Sensitivity = found
+        self.sensitivity: Residues = found
         self.space = Space(self.row, self.scheme, self.signals, task.devices)
 
     def parameters(self, at: NDArray[np.float64]) -> dict[str, Value]:
@@ -118,7 +118,7 @@ class Trainer:
         return objective(self.with_parameters(self.parameters(at)), self.sensitivity)
 
 
-def objective(case: Case, plant: Sensitivity) -> float:
+def objective(case: Case, plant: Residues) -> float:
     """ITAE with a price on effort; of a run that loses synchronism 1000 less its duration."""
     record = loop.finish(case, loop.build_loop(case, plant))
     t = record.time_s

@@ -374,8 +374,8 @@ def test_without_controllers_the_runs_link_is_there() -> None:
 
 def test_the_lag_of_an_identifier_is_that_of_its_controllers_own_link() -> None:
     own = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "link.up.0.delay=0.3"]
-    assert load_case(None, own).controllers[0].parameters["lag"] == 0.3
-    assert load_case(None, [*own, "controllers.0.link=delay_100ms"]).controllers[0].parameters["lag"] == 0.1
+    assert load_case(None, own).controllers[0].parameters["loop_delay"] == 0.3
+    assert load_case(None, [*own, "controllers.0.link=delay_100ms"]).controllers[0].parameters["loop_delay"] == 0.1
 
 
 def test_no_two_nodes_and_no_two_links_stand_in_the_same_place() -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.control.bank import act, bank, settings
-from facts_damping.control.known import Known
+from facts_damping.control.plant_prior import PlantPrior
 from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.parameters.run import Controller
@@ -59,10 +59,10 @@ def delivery(*entries: Entry) -> NDArray[Any]:
     return delivered
 
 
-def known(signals: int = 1, devices: int = 1, jacobian: NDArray[np.float64] | float = SIGN) -> Known:
+def known(signals: int = 1, devices: int = 1, jacobian: NDArray[np.float64] | float = SIGN) -> PlantPrior:
     """A plant whose signals swing alike at 0.6 Hz."""
     many, turn = np.ones((signals, devices)), complex(np.exp(1j * 2 * np.pi * 0.6 / FRAMES))
-    return Known(SIGN * many, jacobian * many, np.ones(signals, np.complex128), turn)
+    return PlantPrior(SIGN * many, jacobian * many, np.ones(signals, np.complex128), turn)
 
 
 def settings_of(row: Controller) -> NDArray[Any]:
@@ -78,7 +78,7 @@ class Bench:
         *controllers: Controller,
         signals: Mapping[str, Signal] = SIGNALS,
         limits: Mapping[str, tuple[float, float]] = LIMITS,
-        plant: Known | None = None,
+        plant: PlantPrior | None = None,
     ) -> None:
         """`plant`: what networks know of it; none: SIGN, and signals that swing alike."""
         plants = [None if c.scheme is None else plant or known(len(c.signals), len(c.devices)) for c in controllers]

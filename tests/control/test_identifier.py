@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.control.identifier import identifiers, identify, remember, tell
+from facts_damping.control.identifier import identifiers, identify, store_setpoints, write_estimates
 from facts_damping.control.identifier_model import Identified
 from facts_damping.neurofuzzy.table import IDENTIFIERS
 from facts_damping.signals import ESTIMATE, NANOSECONDS, SETPOINT, to_ns
@@ -41,7 +41,7 @@ def asked(
     kind: str, jacobian: float = 0.2, lag: float = 0.0, device: int = FIRST, /, **parameters: float | str
 ) -> Identified:
     """An identifier without guards, but for those given; `jacobian` is normalised."""
-    row = settings_of(controller("ANFTSC", "indirect", "thesis", lag=lag, **parameters))
+    row = settings_of(controller("ANFTSC", "indirect", "thesis", loop_delay=lag, **parameters))
     return Identified(0, row, kind, ["speed"], [device], [LIMIT], known(jacobian=jacobian * UNIT), None)
 
 
@@ -63,7 +63,7 @@ class Observer:
         """A setpoint that rests on frame k."""
         row = np.zeros(1, SETPOINT)
         row["measured_ns"], row["value"], row["device"] = self.ns(k), u, device
-        remember(self.made, self.state, n, row, 1)
+        store_setpoints(self.made, self.state, n, row, 1)
 
     @property
     def jacobian(self) -> float:
@@ -250,7 +250,7 @@ def test_given_weights_are_the_start() -> None:
 
 def test_an_estimate_says_whose_it_is_and_from_what_it_was_made() -> None:
     observer, rows = Observer(asked("ANFTSI", 0.2, 0.0, SECOND)._replace(controller=5)), np.zeros(2, ESTIMATE)
-    assert tell(observer.made, observer.state, 0, 3, rows, 1) == 2
+    assert write_estimates(observer.made, observer.state, 0, 3, rows, 1) == 2
     assert not rows[0]["tick"]
     assert [rows[1][name] for name in ("tick", "controller", "signal", "device", "measured_ns")] == [
         3,
@@ -263,6 +263,6 @@ def test_an_estimate_says_whose_it_is_and_from_what_it_was_made() -> None:
     assert np.isnan([rows[1]["prediction"], rows[1]["error"]]).all()
     for k in range(2):
         observer.frame(k, 0.002)
-    tell(observer.made, observer.state, 0, 4, rows, 1)
+    write_estimates(observer.made, observer.state, 0, 4, rows, 1)
     assert rows[1]["measured_ns"] == observer.ns(1)
     assert rows[1]["error"] == rows[1]["prediction"] - 0.002

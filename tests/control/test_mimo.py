@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.control.bank import bank, pull
-from facts_damping.control.identifier import identifiers, identify, remember
+from facts_damping.control.identifier import identifiers, identify, store_setpoints
 from facts_damping.control.identifier_model import Identified
-from facts_damping.control.known import Known
+from facts_damping.control.plant_prior import PlantPrior
 from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.parameters.run import Controller
@@ -41,10 +41,10 @@ TURN = complex(np.exp(1j * 0.063))
 RATIO = 4.0  # how far the second signal swings beside the first
 
 
-def known(signals: int, devices: int, sign: Any = -1.0, jacobian: Any = 0.1) -> Known:
+def known(signals: int, devices: int, sign: Any = -1.0, jacobian: Any = 0.1) -> PlantPrior:
     swing = np.array([1.0, RATIO * 1j, 0.5])[:signals]
     many = np.ones((signals, devices))
-    return Known(many * sign, many * jacobian, swing, TURN)
+    return PlantPrior(many * sign, many * jacobian, swing, TURN)
 
 
 def mimo(
@@ -60,7 +60,7 @@ def mimo(
 class Mimo(Bench):
     """A controller of several signals, one a station, and several devices."""
 
-    def __init__(self, row: Controller, plant: Known | None = None) -> None:
+    def __init__(self, row: Controller, plant: PlantPrior | None = None) -> None:
         own = plant or known(len(row.signals), len(row.devices))
         super().__init__(row, signals=SIGNALS, limits=THREE, plant=own)
 
@@ -159,7 +159,7 @@ def test_an_input_pulls_as_far_as_it_swings_with_the_first_signals() -> None:
     rows = np.zeros(4, SETTINGS)
     rows["scale"], rows["change_scale"] = 0.01, 1e9  # changes count for nothing
     turned = np.exp(1j * np.deg2rad([0, 0, 180, 90]))
-    found = pull(Known(np.ones((4, 1)), np.ones((4, 1)), turned, TURN), rows)
+    found = pull(PlantPrior(np.ones((4, 1)), np.ones((4, 1)), turned, TURN), rows)
     assert found[:2].tolist() == [1, 1]
     assert found[[2, 4, 6]] == pytest.approx([1, -1, 0], abs=1e-6)
 
@@ -239,8 +239,8 @@ def test_beyond_the_bound_it_grows() -> None:
 class Observer:
     """A MIMO identifier on a plant y(k) = A y(k-1) + B u(k-1), normalised."""
 
-    def __init__(self, jacobian: Any, horizon: int = 1, plant: Known | None = None, **parameters: Any) -> None:
-        row = mimo("ANFTSC", "indirect", identifier_horizon=horizon, lag=0.0, **parameters)
+    def __init__(self, jacobian: Any, horizon: int = 1, plant: PlantPrior | None = None, **parameters: Any) -> None:
+        row = mimo("ANFTSC", "indirect", identifier_horizon=horizon, loop_delay=0.0, **parameters)
         self.made, _ = bank([row], SIGNALS, STATIONS, THREE, FRAMES, [known(2, 2)])
         self.scale = self.made.settings["scale"][0]
         self.limits = np.array([THREE[name][0] for name in row.devices])
@@ -255,7 +255,7 @@ class Observer:
         identify(self.ids, self.state, 0, delivery(*entries), 2)
         rows = np.zeros(2, SETPOINT)
         rows["measured_ns"], rows["device"], rows["value"] = frame_ns(k), [0, 1], u * self.limits
-        remember(self.ids, self.state, 0, rows, 2)
+        store_setpoints(self.ids, self.state, 0, rows, 2)
 
     @property
     def jacobian(self) -> Any:

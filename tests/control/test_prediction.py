@@ -32,7 +32,7 @@ DELAYED = ("link.up=[{delay: 0.1}]", "link.down=[{delay: 0.1}]")
 def observer(turn: complex = TURN, answer: float = ANSWER, lag: float = 0.0, **parameters: float) -> Observer:
     """An identifier with two past values of the signal, that predicts over `lag`, in frames."""
     row = asked("ANFTSI", answer, lag / FRAMES, **{"identifier_span": 1.0, **parameters})
-    return Observer(row._replace(known=row.known._replace(turn=turn), predicts=True))
+    return Observer(row._replace(known=row.known._replace(z_pole=turn), predicts=True))
 
 
 def swing(setpoints: list[float], delay: int = 0) -> list[float]:

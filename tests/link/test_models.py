@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from scipy import stats
 
-from facts_damping.link.chain import Way
+from facts_damping.link.chain import DirectionSpec
 from facts_damping.link.transfer import Links, changed, downlink, links, uplink
 from facts_damping.parameters.link import Link, Stage
 from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
@@ -29,13 +29,13 @@ MANY = 20_000  # frames of which shares are taken
 one_stage: TypeAdapter[Any] = TypeAdapter(Stage)
 
 
-def way_up(ticks: int, seed: int = 0) -> Way:
+def way_up(ticks: int, seed: int = 0) -> DirectionSpec:
     groups = {"both": ["s0", "s2"]}
-    return Way([f"s{i}" for i in range(STATIONS)], groups, len(CHANNELS), STATIONS, RATE, ticks, (seed, 0))
+    return DirectionSpec([f"s{i}" for i in range(STATIONS)], groups, len(CHANNELS), STATIONS, RATE, ticks, (seed, 0))
 
 
-def way_down(ticks: int, seed: int = 0) -> Way:
-    return Way([f"d{i}" for i in range(DEVICES)], {}, 1, 2 * DEVICES, RATE, ticks, (seed, 1))
+def way_down(ticks: int, seed: int = 0) -> DirectionSpec:
+    return DirectionSpec([f"d{i}" for i in range(DEVICES)], {}, 1, 2 * DEVICES, RATE, ticks, (seed, 1))
 
 
 def made(up: Sequence[dict[str, Any]], down: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> Links:

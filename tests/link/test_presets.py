@@ -69,7 +69,7 @@ def test_a_loop_over_a_preset_reports_its_latency() -> None:
 
 def test_the_lag_of_an_identifier_is_the_links_mean_delay() -> None:
     case = load_case(None, ["link=pdci", "controllers.0.name=HBsWC"])
-    assert case.controllers[0].number("lag") == pytest.approx(0.082)
+    assert case.controllers[0].number("loop_delay") == pytest.approx(0.082)
 
 
 def test_losses_are_counted() -> None:
@@ -143,7 +143,7 @@ def test_a_controller_knows_the_mean_delay_of_what_it_waits_for() -> None:
     def known(signals: list[str], devices: list[str], link: dict[str, Any] = link) -> tuple[float, float]:
         row = {"name": "ANFTSC", "signals": signals, "devices": devices, "link": link}
         case = load_case(None, ["devices=[sssc, statcom]", f"controllers={json.dumps([row])}"])
-        return case.controllers[0].number("lag"), case.controllers[0].number("down_delay")
+        return case.controllers[0].number("loop_delay"), case.controllers[0].number("down_delay")
 
     assert known(["speed"], ["sssc"]) == pytest.approx((0.1 + 0.03 + 0.2, 0.2))
     assert known(["w12"], ["statcom"]) == pytest.approx((0.1 + 0.03 + 0.02, 0.02))

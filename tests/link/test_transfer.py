@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.link.chain import Chain, Packets, Way, longest_delay_ns
+from facts_damping.link.chain import Chain, DirectionSpec, Packets, longest_delay_ns
 from facts_damping.link.transfer import Direction, Links, downlink, links, merge, uplink
 from facts_damping.parameters.link import Constant, Link
 from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
@@ -28,11 +28,11 @@ def stages(*delays_ns: int) -> list[Any]:
     return [Constant(delay=d * 1e-9) for d in delays_ns]
 
 
-def ways(rate: int, commands: int) -> tuple[Way, Way]:
+def ways(rate: int, commands: int) -> tuple[DirectionSpec, DirectionSpec]:
     """Stations s0, s1, ... and devices d0, d1, ..."""
     stations, devices = [f"s{i}" for i in range(STATIONS)], [f"d{i}" for i in range(DEVICES)]
-    up = Way(stations, {}, len(CHANNELS), STATIONS, rate, TICKS, (0, 0))
-    return up, Way(devices, {}, 1, 2 * commands, rate, TICKS, (0, 1))
+    up = DirectionSpec(stations, {}, len(CHANNELS), STATIONS, rate, TICKS, (0, 0))
+    return up, DirectionSpec(devices, {}, 1, 2 * commands, rate, TICKS, (0, 1))
 
 
 class Sent(NamedTuple):

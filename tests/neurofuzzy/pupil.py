@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from facts_damping.compiling import compiled
-from facts_damping.neurofuzzy.learning import FIXED, Learner, Rule, infer, learn, learners, one
+from facts_damping.neurofuzzy.learning import FIXED, Learner, Rule, infer, learn, learners, view
 from facts_damping.neurofuzzy.network import Network, Pass, backward, by_inputs, forward, network, passes
 from tests.neurofuzzy.test_network import PAIRS, output, random_theta, smooth
 
@@ -23,7 +23,7 @@ def adapt(
     net: Network, several: Learner, i: int, rule: Rule, error: NDArray[np.float64], curvature: NDArray[np.float64]
 ) -> None:
     """A pass and a step of adaptation of the i-th of several learners."""
-    own = one(several, i, net)
+    own = view(several, i, net)
     infer(net, own)
     learn(net, own, rule, error, curvature)
 

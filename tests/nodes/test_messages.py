@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import packing
-from facts_damping.nodes.messages import Inner, Truth
+from facts_damping.nodes.messages import ControllerStateMessage, PlantStateMessage
 from facts_damping.nodes.tables import Frames, Setpoints
 from facts_damping.nodes.warmup import PARTS, compile_part
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
@@ -142,7 +142,7 @@ def test_truth_and_inner_state_are_the_messages(case: Case) -> None:
     machines.view(np.float64)[:] = rng.normal(size=24)
     devices.view(np.float64)[:] = rng.normal(size=9)
     devices["blocked"] = 1.0
-    state = deserialize_message(Truth(case).fill(7, 1_500_000_001, True, machines, devices), msg.PlantState)
+    state = deserialize_message(PlantStateMessage(case).fill(7, 1_500_000_001, True, machines, devices), msg.PlantState)
     assert (state.tick, state.in_synchronism, state.header.stamp.nanosec) == (7, True, 500_000_001)
     assert [m.machine for m in state.machines] == ["G1", "G2", "G3", "G4"]
     assert [m.rotor_angle_rad for m in state.machines] == machines["rotor_angle"].tolist()
@@ -151,7 +151,7 @@ def test_truth_and_inner_state_are_the_messages(case: Case) -> None:
     assert state.devices[0].blocked
     _, control, _, _ = build_control(case)
     control.held.signal[0], control.unlimited[0], control.outputs[0] = 0.25, 3.0, 0.1
-    data = Inner(case, 0).fill(9, 0, True, control)
+    data = ControllerStateMessage(case, 0).fill(9, 0, True, control)
     inner = deserialize_message(data, msg.ControllerState)
     assert (inner.tick, inner.fresh, inner.input_names) == (9, True, ["speed"])
     assert (list(inner.inputs), list(inner.unlimited_outputs), list(inner.outputs)) == ([0.25], [3.0], [0.1])

@@ -182,10 +182,10 @@ def test_without_the_delay_an_identifiers_sign_turns_near_half_a_period() -> Non
     delay = 0.75
     own = ["controllers.0.name=gaussian+singleton", "controllers.0.scheme=indirect", f"link.down.0.delay={delay}"]
     own.append("controllers.0.parameters.identifier_leakage=0.01")
-    assert load_case(None, own).controllers[0].parameters["lag"] == delay
+    assert load_case(None, own).controllers[0].parameters["loop_delay"] == delay
     wrong = {}
     for lag in (delay, 0.0):
-        found = loop.run(load_case(None, [*own, f"controllers.0.parameters.lag={lag}"])).estimates
+        found = loop.run(load_case(None, [*own, f"controllers.0.parameters.loop_delay={lag}"])).estimates
         wrong[lag] = float(np.mean(found["jacobian"][found["measured_ns"] > NANOSECONDS] > 0.0))
     assert wrong[delay] == 0.0
     assert wrong[0.0] > 0.5

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.control.state_space import StateSpace
-    from facts_damping.small_signal.residues import Sensitivity
+    from facts_damping.small_signal.residues import Residues
 
 LQG = ["controllers.0.name=LQG"]
 BOTH = ["devices=[sssc, statcom]", "controllers.0.devices=[sssc, statcom]"]
@@ -42,7 +42,7 @@ def case_of(which: str, quarters: int = 0) -> Case:
     return load_case(None, [*RUNS[which], f"link.up=[{{delay: {quarters / PARTS / 60!r}}}]"])
 
 
-def plant_of(case: Case) -> Sensitivity:
+def plant_of(case: Case) -> Residues:
     plant = build_sensitivity(case)
     assert plant is not None
     return plant
@@ -227,9 +227,9 @@ def test_against_a_changed_plant_no_setpoint_is_held(which: str) -> None:
         (["controllers.0.scheme=direct"], r"controllers.0.scheme: 'direct' given; allowed: none for LQG"),
         (["controllers.0.compensation=lead"], r"controllers.0.compensation: 'lead' given; allowed: none for LQG"),
         (["controllers.0.compensation=prediction"], r"'prediction' given; allowed: none for LQG"),
-        (["controllers.0.parameters.gain=1"], r"'gain' given; allowed: effort, noise, lag"),
+        (["controllers.0.parameters.gain=1"], r"'gain' given; allowed: control_weight, measurement_noise, loop_delay"),
         (
-            ["controllers.0.parameters.noise=[0.1, 0.1]"],
+            ["controllers.0.parameters.measurement_noise=[0.1, 0.1]"],
             r"noise: 2 numbers given; allowed: a number, or 1, one a signal",
         ),
         (

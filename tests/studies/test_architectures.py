@@ -13,7 +13,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_plant
-from facts_damping.small_signal.residues import sensitivity
+from facts_damping.small_signal.residues import residues
 from facts_damping.studies import architectures, interaction, jacobians
 from facts_damping.studies.true_jacobian import Respondent, figures, follow
 from tests.studies.pages import assert_same_lines
@@ -70,7 +70,7 @@ def test_the_true_jacobian_at_the_start_is_the_linear_plants(frames: int) -> Non
     names, devices = ["speed", "power", "voltage", "angle"], ["sssc", "statcom"]
     own = [BOTH, f"controllers.0.devices={devices}", f"controllers.0.signals={names}", "duration=1"]
     case = load_case(None, [*own, "controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "scenario=[]"])
-    plant = sensitivity(build_plant(case), case.system, devices, 60)
+    plant = residues(build_plant(case), case.system, devices, 60)
     assert plant is not None
     found, expected = Respondent(case, loop.run(case)).jacobian(3, frames), plant.response(names, devices, frames)
     np.testing.assert_allclose(found, expected, rtol=0.02, atol=0.002 * np.abs(expected).max(axis=1).min())

@@ -41,7 +41,7 @@ some = settings(deadline=None, max_examples=25)
 FRAME = 1.0 / 60.0
 
 # With a price at which its setpoints move so little from frame to frame that ramps are steps.
-LQG = ["controllers.0.name=LQG", "controllers.0.parameters.effort=1e-6"]
+LQG = ["controllers.0.name=LQG", "controllers.0.parameters.control_weight=1e-6"]
 # Controllers of the nonlinear loop, each with its own device: signal, device, gain.
 SETS = {
     "speed": ["controllers.0.signals=[speed]"],
@@ -52,7 +52,7 @@ SETS = {
         "controllers.0.signals=[voltage]",
         "controllers.0.parameters.gain=0.5",
     ],
-    "LQG": [*LQG, "controllers.0.parameters.noise=0.01"],
+    "LQG": [*LQG, "controllers.0.parameters.measurement_noise=0.01"],
     "LQG, two signals": [*LQG, "controllers.0.signals=[power_rate, w13]"],
     "two, each over its own link": [
         "devices=[sssc, statcom]",

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 PATIENCE = 0.8  # share of the time-out: a node that waits names who is silent before others name it
 
 
-class TickBefore:
+class UnitDelay:
     """Frames wait, in lockstep, until the message of the tick before them is there; it is used then, not earlier."""
 
     def __init__(self, options: Options, sender: str, step: Callable[[int, Any, list[Any]], None]) -> None:
@@ -49,7 +49,7 @@ class TickBefore:
     def serve(self, spinner: Spinner) -> None:
         """Serve until stopped. Raises `RunError` naming the sender when it is silent while frames wait."""
         while True:
-            spinner.turn(0.1)
+            spinner.spin_once(0.1)
             if not self._frames:
                 continue
             tick = self._frames[0][0]
