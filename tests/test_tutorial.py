@@ -17,7 +17,7 @@ from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise, modes
 
 if TYPE_CHECKING:
-    from facts_damping.small_signal.linearisation import Mode
+    from facts_damping.small_signal.linearisation import Eigenmode
 
 TEXT = (Path(__file__).parents[1] / "docs" / "tutorial_nine_bus.md").read_text(encoding="utf-8")
 
@@ -37,7 +37,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def swings(name: str) -> list[Mode]:
+def swings(name: str) -> list[Eigenmode]:
     """The two electromechanical modes by frequency."""
     built = build(load_system(name), [], [])
     found = modes(linearise(built)[0], built.state_names)

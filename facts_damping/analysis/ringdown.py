@@ -28,7 +28,7 @@ METHOD = "matrix_pencil"  # unless another is asked for
 COVERED = 1.96  # standard errors to each side of an estimate: 95 % of a normal distribution
 
 
-class Mode(NamedTuple):
+class RingdownMode(NamedTuple):
     """An oscillation `a exp(sigma t) cos(omega t + phase)`, with sigma and omega common to all signals.
 
     Frequency omega/(2 pi), damping ratio -sigma / sqrt(sigma^2 + omega^2), energy: the sum of squares over all samples
@@ -48,7 +48,7 @@ class Mode(NamedTuple):
 class Fit(NamedTuple):
     """What a method found in a ringdown."""
 
-    modes: list[Mode]  # in the band, the strongest first
+    modes: list[RingdownMode]  # in the band, the strongest first
     order: int  # poles in all, conjugates and what is outside of the band included
     start_s: float  # s, first instant of the ringdown: of amplitudes and phases
     snr_db: float  # dB, signals less their straight lines against the residual of all poles
@@ -81,7 +81,7 @@ def fit_ringdown(
         return _describe(x, dt, block, z, strong, float(t[0]))
 
 
-def ringdown_modes(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0) -> list[Mode]:
+def ringdown_modes(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0) -> list[RingdownMode]:
     """Modes by the matrix pencil, as in `fit_ringdown`; empty where there is no fit."""
     fit = fit_ringdown(time_s, signals, since)
     return [] if fit is None else fit.modes
@@ -149,7 +149,9 @@ def _describe(
         a = waves.amplitude[i] / np.mean(np.exp(s * dt / block * np.arange(block)))
         sure = float(frequency_errors[i]), float(ratio_errors[i])
         frequency, ratio = float(s.imag / (2 * np.pi)), float(-s.real / abs(s))
-        modes.append(Mode(frequency, ratio, energy, *sure, tuple(np.abs(a).tolist()), tuple(np.angle(a).tolist())))
+        modes.append(
+            RingdownMode(frequency, ratio, energy, *sure, tuple(np.abs(a).tolist()), tuple(np.angle(a).tolist()))
+        )
     noise = max(float(np.sum(waves.residual**2)), np.finfo(float).tiny)
     return Fit(modes, len(z), start, float(10 * np.log10(np.sum(x**2) / noise)))
 

@@ -75,7 +75,7 @@ def summarise(
 
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
     """Text table for a terminal: a column a run (its name, its summary), a row a figure."""
-    rows = [[label, *(text(find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
+    rows = [[label, *(value_text(find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
     return aligned(["", *(name for name, _ in summaries)], rows)
 
 
@@ -137,7 +137,7 @@ def find(summary: Any, path: Sequence[str | int]) -> Any:
     return summary
 
 
-def text(value: Any, form: str) -> str:
+def value_text(value: Any, form: str) -> str:
     """A figure of the table."""
     return WORDS[value] if value is None or isinstance(value, bool) else format(value, form)
 

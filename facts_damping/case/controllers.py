@@ -113,12 +113,12 @@ def _weights(
             f"{where('weights')}: weights of {found.name} ({found.scheme}) given; "
             f"allowed: those of {controller.name} ({scheme})"
         )
-    wanted = {"controller": bank.network_of(controller).size, "identifier": 0}
+    wanted = {"controller": bank.controller_network(controller).size, "identifier": 0}
     if scheme == "indirect":
         kind_of_identifier = str(values["identifier"])
         counts = len(controller.signals), len(controller.devices)
         order = identifier_model.past_values(values["identifier_span"])
-        wanted["identifier"] = identifier_model.network_of(kind_of_identifier, *counts, order).size
+        wanted["identifier"] = identifier_model.predictor_network(kind_of_identifier, *counts, order).size
     for part, size in wanted.items():
         given = getattr(found, part)
         if given is not None and len(given) != size:

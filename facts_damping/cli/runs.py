@@ -236,7 +236,7 @@ def modes(arguments: argparse.Namespace) -> None:
     found = modal_analysis.analyse(system, loading.installed(system, arguments.devices))
     pictures = [] if arguments.out is None else modal_analysis.plot(found, files.new_folder(Path(arguments.out)))
     write_json(arguments.json, modal_analysis.document(found))
-    for line in (*modal_analysis.text(found), *(f"plot: {path}" for path in pictures)):
+    for line in (*modal_analysis.modes_text(found), *(f"plot: {path}" for path in pictures)):
         say(arguments, line)
 
 
@@ -255,7 +255,7 @@ def validate(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, table.document(made))
     if arguments.out is not None:
         Path(arguments.out).write_text(report.page(made), encoding="utf-8")
-    for line in (line for one in made for line in [*table.text(one), ""]):
+    for line in (line for one in made for line in [*table.table_text(one), ""]):
         say(arguments, line)
     failed = [row.what for one in made for row in one.rows if not row.passed]
     if failed:

@@ -60,7 +60,7 @@ def search(arguments: argparse.Namespace) -> None:
     if arguments.lead_lag is not None:
         files.write_whole(Path(arguments.lead_lag), pages.run_file(task, command, opponent))
     write_json(arguments.json, {"command": command, "ranking": pages.rows(found)})
-    for line in pages.text(found):
+    for line in pages.search_table(found):
         say(arguments, line)
     say(arguments, run if arguments.out is None else f"run: {arguments.out}")
 
@@ -80,7 +80,7 @@ def compare(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, rows)
     if arguments.out is not None:
         files.write_whole(Path(arguments.out), "\n".join(study.page(rows)).rstrip() + "\n")
-    for line in study.text(rows):
+    for line in study.comparison_tables(rows):
         say(arguments, line)
 
 
@@ -104,7 +104,7 @@ def sweep(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, {"rows": rows, "margins": margins, "shares": shares})
     written = results.write(folder, rows, margins, shares)
     pictures = draw(rows, study.swept(plan), margins, across, folder)
-    for line in (*results.text(rows, margins, shares, across), "", *(f"table: {p}" for p in written)):
+    for line in (*results.sweep_tables(rows, margins, shares, across), "", *(f"table: {p}" for p in written)):
         say(arguments, line)
     for path in pictures:
         say(arguments, f"picture: {path}")
@@ -123,7 +123,7 @@ def architectures(arguments: argparse.Namespace) -> None:
         progress.close()
     found = interaction.interactions()
     write_json(arguments.json, rows)
-    tables = [*study.text(rows), "### Relative gains", "", *interaction.text(found)]
+    tables = [*study.architecture_tables(rows), "### Relative gains", "", *interaction.relative_gain_table(found)]
     if arguments.out is not None:
         page = Path(arguments.out)
         picture = page.with_suffix(".png")
@@ -150,7 +150,7 @@ def jacobian(arguments: argparse.Namespace) -> None:
     finally:
         progress.close()
     write_json(arguments.json, rows)
-    tables = study.text(rows)
+    tables = study.jacobian_tables(rows)
     if folder is not None:
         files.write_whole(folder / "jacobians.md", "\n".join([*study.HEAD, *tables]).rstrip() + "\n")
     for line in tables:
@@ -196,7 +196,7 @@ def margin(arguments: argparse.Namespace) -> None:
     if arguments.out is not None:
         pictures.append(pages.draw(found, runs, files.new_folder(Path(arguments.out)) / "margin.png"))
     write_json(arguments.json, pages.document(found, runs))
-    for line in (*pages.text(found, runs), *(f"plot: {path}" for path in pictures)):
+    for line in (*pages.margin_text(found, runs), *(f"plot: {path}" for path in pictures)):
         say(arguments, line)
 
 

@@ -89,7 +89,7 @@ def bank(
     """
     n = len(controllers)
     kinds = [kind(c.name) for c in controllers]
-    nets = [network_of(c) for c in controllers]
+    nets = [controller_network(c) for c in controllers]
     most_signals = max([len(c.signals) for c in controllers], default=0)
     most_devices = max([len(c.devices) for c in controllers], default=0)
     given, held = inputs([c.signals for c in controllers], signals, stations)
@@ -158,9 +158,9 @@ def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing
         rows[name][: np.size(found)] = found
 
 
-def network_of(controller: Controller) -> Network:
+def controller_network(controller: Controller) -> Network:
     """A controller's network; one without has no rules."""
-    shape = table.network_of(kind(controller.name), len(controller.devices))
+    shape = table.variant_of(kind(controller.name), len(controller.devices))
     if shape is None:
         return network("gaussian", "singleton", 0, 0, 0)
     return network(shape.antecedent, shape.consequent, 2 * len(controller.signals), RULES, len(controller.devices))

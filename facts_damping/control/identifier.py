@@ -20,8 +20,8 @@ from facts_damping.control.identifier_model import (
     Identified,
     Identifiers,
     IdentifierState,
-    network_of,
     past_values,
+    predictor_network,
     start,
 )
 from facts_damping.control.inputs import UNSET, form, inputs, take
@@ -50,7 +50,9 @@ def identifiers(
     outputs = max([len(row.signals) for row in rows], default=0)
     span = np.array([int(row.settings["identifier_span"][0]) for row in rows], np.int64)
     order = np.array([past_values(frames) for frames in span], np.int64)
-    nets = [network_of(row.kind, len(row.signals), len(row.devices), o) for row, o in zip(rows, order, strict=True)]
+    nets = [
+        predictor_network(row.kind, len(row.signals), len(row.devices), o) for row, o in zip(rows, order, strict=True)
+    ]
     starts = [start(net, row) if row.weights is None else row.weights for net, row in zip(nets, rows, strict=True)]
     given, held = inputs([row.signals for row in rows], signals, stations)
     loop_delay_ns = np.array([to_ns(float(row.settings["loop_delay"][0])) for row in rows], np.int64)

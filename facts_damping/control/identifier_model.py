@@ -85,7 +85,7 @@ def past_values(span: Any) -> int:
     return 2 if span else 1
 
 
-def network_of(kind: str, signals: int, devices: int, order: int = 1) -> Network:
+def predictor_network(kind: str, signals: int, devices: int, order: int = 1) -> Network:
     """The network of an identifier: its inputs are past values of the signals and setpoints, its outputs the signals.
 
     With several of them its consequents are affine (6.9).

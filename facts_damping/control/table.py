@@ -43,7 +43,7 @@ class Parameter(NamedTuple):
         return np.array(value) if isinstance(value, list) else float(value)
 
 
-class Kind(NamedTuple):
+class ControllerKind(NamedTuple):
     """A row of the table: what a controller is, shapes, parameters, states."""
 
     description: str
@@ -162,11 +162,11 @@ SETTINGS = np.dtype([(name, "f8") for name in {**LEAD_LAG_PARAMETERS, **NEURO_FU
 RENAMED = {"lag": "loop_delay", "effort": "control_weight", "noise": "measurement_noise"}
 
 MIMO_GAIN = 5.0  # kG2 of appendix B: of every device but the first
-LLC = Kind("lead-lag: washout and two lead-lag sections (thesis, appendix B)", 1, 6, LEAD_LAG_PARAMETERS)
+LLC = ControllerKind("lead-lag: washout and two lead-lag sections (thesis, appendix B)", 1, 6, LEAD_LAG_PARAMETERS)
 CONTROLLERS = {
     "LLC": LLC,
     "LLC-tuned": LLC._replace(description="lead-lag with gain and time constants of an optimiser, one set a system"),
-    "LQG": Kind(
+    "LQG": ControllerKind(
         "linear-quadratic-Gaussian: optimal for the linearised plant with its delay",
         ANY,
         0,
@@ -176,7 +176,7 @@ CONTROLLERS = {
 }
 
 
-def _neuro_fuzzy(network: Variant) -> Kind:
+def _neuro_fuzzy(network: Variant) -> ControllerKind:
     """The row of a network: its identifier; its inputs within [-1, 1] where B-splines or Legendre polynomials lie."""
     bounded = network.antecedent.startswith("b-spline") or network.consequent == "legendre"
     own = dict(NEURO_FUZZY_PARAMETERS)
@@ -184,13 +184,13 @@ def _neuro_fuzzy(network: Variant) -> Kind:
     if network.antecedent == "triangular":
         own["width"] = own["width"]._replace(default=3.0)  # of 1 they would not overlap
     own["range"] = own["range"]._replace(default=1.0 if bounded else 3.0)
-    return Kind(f"neuro-fuzzy: {network.antecedent} + {network.consequent}", ANY, 0, own, network)
+    return ControllerKind(f"neuro-fuzzy: {network.antecedent} + {network.consequent}", ANY, 0, own, network)
 
 
 CONTROLLERS |= {name: _neuro_fuzzy(variant) for name, variant in VARIANTS.items()}
 
 
-def kind(name: str, where: str = "controller") -> Kind:
+def kind(name: str, where: str = "controller") -> ControllerKind:
     """The row of a name: of the table, or `antecedent+consequent` for any pair. Raises `InputError`."""
     antecedent, plus, consequent = name.partition("+")
     if not plus:
@@ -203,7 +203,7 @@ def kind(name: str, where: str = "controller") -> Kind:
     return found._replace(named=False)
 
 
-def defaults(kind: Kind, profile: str, signals: int = 1, devices: int = 1) -> dict[str, Value]:
+def defaults(kind: ControllerKind, profile: str, signals: int = 1, devices: int = 1) -> dict[str, Value]:
     """A kind's parameters where nothing else is said; of several devices appendix B's gains are 10, 5, 5 and so on."""
     found: dict[str, Value] = {
         name: p.deployed if profile == "deployed" and p.deployed is not None else p.default
@@ -216,7 +216,7 @@ def defaults(kind: Kind, profile: str, signals: int = 1, devices: int = 1) -> di
     return found
 
 
-def network_of(kind: Kind, devices: int) -> Variant | None:
+def variant_of(kind: ControllerKind, devices: int) -> Variant | None:
     """A kind's network; with several devices the named ones of the thesis have affine consequents (6.4)."""
     if kind.network is None or devices == 1 or not kind.named:
         return kind.network

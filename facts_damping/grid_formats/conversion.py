@@ -30,7 +30,7 @@ HEAD = ("name", "description", "frequency", "line_model", "step")
 TABLES = ("infinite_buses", "exciters", "stabilisers", "governors", "devices", "stations", "signals", "measures")
 
 
-class Case(NamedTuple):
+class MatpowerCase(NamedTuple):
     """The tables of a case as rows by MATPOWER's own column names (caseformat): MW, Mvar, p.u., degrees, kV."""
 
     name: str
@@ -49,7 +49,7 @@ class Imported(NamedTuple):
     notes: list[str]
 
 
-def convert(case: Case, dynamics: Mapping[str, Any] | None = None) -> Imported:
+def convert(case: MatpowerCase, dynamics: Mapping[str, Any] | None = None) -> Imported:
     """A case as the content of a system's file; dynamics: machine rows by bus or generator, exciters and so on."""
     given = dict(dynamics or {})
     for key in given:
@@ -98,7 +98,7 @@ def _number(value: float) -> int:
     return int(value)
 
 
-def _check_buses(case: Case, buses: Mapping[int, Row]) -> None:
+def _check_buses(case: MatpowerCase, buses: Mapping[int, Row]) -> None:
     """Each bus once, one reference, and every bus joined to it."""
     if len(buses) < len(case.bus):
         raise InputError(f"mpc.bus: {len(case.bus)} rows for {len(buses)} buses given; allowed: each bus once")
@@ -127,7 +127,7 @@ def _check_buses(case: Case, buses: Mapping[int, Row]) -> None:
 
 
 def _units(
-    case: Case, buses: Mapping[int, Row], notes: list[str]
+    case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]
 ) -> tuple[dict[int, tuple[float, float]], dict[int, list[tuple[int, Row]]]]:
     """Demand by bus (MW, Mvar), and the generators in service by bus with their row numbers from 1."""
     demand = {n: (row["PD"], row["QD"]) for n, row in buses.items()}
@@ -147,7 +147,7 @@ def _units(
 
 
 def _branches(
-    case: Case, buses: Mapping[int, Row], notes: list[str]
+    case: MatpowerCase, buses: Mapping[int, Row], notes: list[str]
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]]]:
     """Lines, transformers (those with a ratio, a shift, or two nominal voltages), and shunts for what these charge."""
     lines, transformers, charging, taken = [], [], [], set[str]()

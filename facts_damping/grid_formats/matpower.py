@@ -7,7 +7,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError
-from facts_damping.grid_formats.conversion import Case, Imported, convert
+from facts_damping.grid_formats.conversion import Imported, MatpowerCase, convert
 from facts_damping.parameters.files import read_table
 from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check, short
@@ -23,7 +23,7 @@ NEEDED = {
 }
 
 
-def read_case(path: Path) -> Case:
+def read_case(path: Path) -> MatpowerCase:
     """Tables of a MATPOWER case, format version 2."""
     allowed = "allowed: a MATPOWER case of version 2, with tables of plain numbers (savecase writes such)"
     if path.suffix != ".m" or not path.is_file():
@@ -49,7 +49,7 @@ def read_case(path: Path) -> Case:
         for number, row in enumerate(tables[table], 1):
             for column in columns:
                 row[column] = _finite(row.get(column), f"{path}: mpc.{table}, row {number}: {column}")
-    return Case(path.stem, base, tables["bus"], tables["gen"], tables["branch"], len(dc))
+    return MatpowerCase(path.stem, base, tables["bus"], tables["gen"], tables["branch"], len(dc))
 
 
 def _finite(value: Any, where: str) -> float:

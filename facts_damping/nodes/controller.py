@@ -14,7 +14,7 @@ from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estim
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
-from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.signals import DELIVERY, SETPOINT
 from facts_damping.simulation.build import build_control
@@ -41,7 +41,7 @@ class ControllerNode:
         self.name, graph = address.name, graph_prefix(node, address)
         link = link_addresses(self.case)[self.case.used_links[self.index]]
         identifier = str(identifier_addresses(self.case).get(self.index, ""))
-        self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
+        self.frames, self.setpoints = FramesMessage(self.case), SetpointsMessage(self.case)
         self.inner = ControllerStateMessage(self.case, self.index)
         self.ticks = UnitDelay(self.options, identifier, self.act)
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", RELIABLE)

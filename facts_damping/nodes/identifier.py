@@ -14,7 +14,7 @@ from facts_damping.nodes.messages import Estimates
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
-from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.signals import DELIVERY, ESTIMATE, SETPOINT
 from facts_damping.simulation.build import build_control
@@ -45,7 +45,7 @@ class IdentifierNode:
         rows, swing = self.identifiers.settings[self.own], bank.mode_shape[self.index]
         declare_settings(node, self.controller, own + SHARED, rows, swing)
         sender = str(controller_addresses(self.case)[self.index])
-        self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
+        self.frames, self.setpoints = FramesMessage(self.case), SetpointsMessage(self.case)
         self.estimates = Estimates(self.case, self.index)
         self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
         self.ticks = UnitDelay(self.options, sender, self.learn)

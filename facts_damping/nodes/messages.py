@@ -20,7 +20,7 @@ from facts_damping_msgs.msg import (
 from rclpy.serialization import deserialize_message
 
 from facts_damping.case.names import controller_names, identifier_names
-from facts_damping.control.bank import network_of
+from facts_damping.control.bank import controller_network
 from facts_damping.errors import RunError
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.nodes.cdr import Template
@@ -72,7 +72,7 @@ class ControllerStateMessage:
         """Lay out its signals and devices, and what its network has."""
         controller = case.controllers[index]
         signals, devices = len(controller.signals), len(controller.devices)
-        self._net = network_of(controller)
+        self._net = controller_network(controller)
         names = groups(self._net)
         self._template = t = Template(
             ControllerState(

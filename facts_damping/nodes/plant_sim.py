@@ -19,7 +19,7 @@ from facts_damping.nodes.messages import PlantStateMessage, diagnostics, grid_ev
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
 from facts_damping.nodes.spinning import Spinner, check_wanted
-from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import workspace
@@ -48,7 +48,11 @@ class PlantSim:
         self.entries["station"] = np.arange(stations)
         self.machines = np.zeros(len(self.plant.machines), MACHINE_TRUTH)
         self.devices = np.zeros(len(self.plant.devices), DEVICE_TRUTH)
-        self.frames, self.setpoints, self.truth = Frames(self.case), Setpoints(self.case), PlantStateMessage(self.case)
+        self.frames, self.setpoints, self.truth = (
+            FramesMessage(self.case),
+            SetpointsMessage(self.case),
+            PlantStateMessage(self.case),
+        )
         self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)
         self.to_all = node.create_publisher(PlantState, "plant/state", RELIABLE)
         self.to_events = node.create_publisher(GridEvent, "plant/events", RELIABLE)

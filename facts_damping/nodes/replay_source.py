@@ -16,7 +16,7 @@ from facts_damping.nodes.messages import PlantStateMessage, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner, check_wanted
-from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.signals import DELIVERY
 from facts_damping.simulation.replay import fitted
@@ -36,7 +36,11 @@ class ReplaySource:
         self.case, self.options = read_case(node), read_options(node)
         path: Any = node.declare_parameter("recording", "", descriptor("recording to be replayed")).value
         self.record = fitted(load(path), self.case)
-        self.frames, self.setpoints, self.truth = Frames(self.case), Setpoints(self.case), PlantStateMessage(self.case)
+        self.frames, self.setpoints, self.truth = (
+            FramesMessage(self.case),
+            SetpointsMessage(self.case),
+            PlantStateMessage(self.case),
+        )
         controllers, identifiers = controller_addresses(self.case), identifier_addresses(self.case)
         links, used, extra = link_addresses(self.case), self.case.used_links, int(self.options.recorder)
         self.to_all = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)

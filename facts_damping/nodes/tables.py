@@ -88,7 +88,7 @@ class Shape:
         return tick, rows
 
 
-class Table:
+class TableMessage:
     """Messages of one type in all the shapes that have come up, by key: the names of a message's entries."""
 
     layout: ClassVar[Layout]
@@ -117,7 +117,7 @@ class Table:
         return None
 
 
-class Frames(Table):
+class FramesMessage(TableMessage):
     """PMU data frames of a case; a key is the stations of the entries, in order."""
 
     layout = Layout(
@@ -179,7 +179,7 @@ class Frames(Table):
         return np.array(rows, DELIVERY)
 
 
-class Setpoints(Table):
+class SetpointsMessage(TableMessage):
     """Voltage setpoints of a case; a key is the message's controller, and controller and device of each entry."""
 
     layout = Layout(

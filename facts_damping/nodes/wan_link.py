@@ -16,7 +16,7 @@ from facts_damping.nodes.messages import link_statistics
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_stages, read_case, read_index, read_options
 from facts_damping.nodes.spinning import Spinner
-from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import CHANNELS, SETPOINT
 from facts_damping.simulation.build import build_links, ways
 from facts_damping.simulation.loop import tick_ns
@@ -37,7 +37,7 @@ class WanLink:
         self.index = read_index(node, range(len(self.case.links)), "links")
         self.links = build_links(self.case)
         declare_stages(node, self.case.links[self.index], self.change)
-        self.frames, self.setpoints = Frames(self.case), Setpoints(self.case)
+        self.frames, self.setpoints = FramesMessage(self.case), SetpointsMessage(self.case)
         served = [c for c, link in enumerate(self.case.used_links) if link == self.index]
         addresses = controller_addresses(self.case)
         self.places = {controller_names(self.case)[c]: str(addresses[c]) for c in served}

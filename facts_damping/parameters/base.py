@@ -11,7 +11,7 @@ Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^
 LEAST = 1e-30  # of what must be more than 0: less means nothing in any unit here, and squares and quotients overflow
 
 
-class Model(BaseModel):
+class ParameterModel(BaseModel):
     """A table row or a section of a file: unknown keys, wrong types, NaN and infinities are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from facts_damping.parameters.base import Model, Name, quantity
+from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 
-class _Device(Model):
+class _Device(ParameterModel):
     """What every kind has."""
 
     name: Name

@@ -6,17 +6,17 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from facts_damping.parameters.base import Model, Name, quantity
+from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 
-class Bus(Model):
+class Bus(ParameterModel):
     """A node of the network."""
 
     name: Name
     nominal_voltage: float = quantity(..., "kV", "line-to-line voltage that is 1 p.u.", gt=0, le=2000)
 
 
-class Line(Model):
+class Line(ParameterModel):
     """A transmission line, per-unit-length data on the system base."""
 
     name: Name
@@ -30,7 +30,7 @@ class Line(Model):
     b: float = quantity(0.0, "p.u./km", "shunt susceptance", ge=0, le=10)
 
 
-class Transformer(Model):
+class Transformer(ParameterModel):
     """A two-winding transformer, figures on its own rating."""
 
     name: Name
@@ -48,7 +48,7 @@ class Transformer(Model):
 SUM_TOLERANCE = 1e-9
 
 
-class Shares(Model):
+class Shares(ParameterModel):
     """How a load's power depends on its voltage: shares of constant impedance, current and power, in all one."""
 
     impedance: float = quantity(0.0, "-", "share that goes with the square of the voltage", ge=0, le=1)
@@ -66,7 +66,7 @@ class Shares(Model):
 CONSTANT_IMPEDANCE = Shares(impedance=1.0)
 
 
-class Load(Model):
+class Load(ParameterModel):
     """A load: what it draws at a reference voltage V0, and how that depends on the voltage (ZIP model).
 
     P(V) = P [z (V/V0)^2 + i V/V0 + p], the same for Q with its own shares.
@@ -86,7 +86,7 @@ class Load(Model):
     )
 
 
-class Shunt(Model):
+class Shunt(ParameterModel):
     """A capacitor (Q > 0) or reactor (Q < 0), with losses."""
 
     name: Name
@@ -95,7 +95,7 @@ class Shunt(Model):
     P: float = quantity(0.0, "MW", "active power drawn at 1 p.u. voltage", ge=0, le=1e5)
 
 
-class InfiniteBus(Model):
+class InfiniteBus(ParameterModel):
     """A bus whose voltage never changes: the rest of a grid that is large beside what is modelled."""
 
     name: Name

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from facts_damping.parameters.base import Model, Name, quantity
+from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 LONGEST_S = 60.0  # most that a stage may delay
 Measurement = Literal["voltage_magnitude", "voltage_angle", "speed_deviation", "active_power", "reactive_power"]
@@ -20,7 +20,7 @@ def _share(default: Any, description: str) -> Any:
     return quantity(default, "-", description, ge=0, le=1)
 
 
-class _Stage(Model):
+class _Stage(ParameterModel):
     """What all stages have: a label, and on which entries they act."""
 
     stage: Literal["pmu", "network", "alignment", "computation", "actuator"] = "network"
@@ -253,7 +253,7 @@ Stage = Annotated[
 ]
 
 
-class Link(Model):
+class Link(ParameterModel):
     """A wide-area link: chains of stages from stations to controllers (up) and from there to devices (down)."""
 
     description: str = ""

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from facts_damping.parameters.base import Model, Name, quantity
+from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 # What each machine model needs beside P, V, H, D and Ra.
 NEEDED = {
@@ -18,7 +18,7 @@ NEEDED = {
 }
 
 
-class Machine(Model):
+class Machine(ParameterModel):
     """A synchronous machine: dispatch, and data on its own rating. What a model does not need may be left out.
 
     Without X'q and T'q0 the q axis has no transient circuit: a salient pole.
@@ -77,7 +77,7 @@ class Machine(Model):
         return self
 
 
-class Exciter(Model):
+class Exciter(ParameterModel):
     """An excitation system. A machine without one keeps its field voltage constant."""
 
     machine: Name
@@ -103,7 +103,7 @@ class Exciter(Model):
         return self
 
 
-class Stabiliser(Model):
+class Stabiliser(ParameterModel):
     """A power system stabiliser at a machine's speed: K s Tw/(1+s Tw) (1+s T1)/(1+s T2) (1+s T3)/(1+s T4).
 
     (2.31)-(2.34), whose T1, T3 and T2, T4 are T1, T2 and T3, T4 here, as in IEEE PSS1A. Its output adds to
@@ -122,7 +122,7 @@ class Stabiliser(Model):
     maximum: float = quantity(0.2, "p.u.", "upper limit of the output", ge=0, le=10)
 
 
-class Governor(Model):
+class Governor(ParameterModel):
     """A hydraulic turbine with its governor (HYGOV), on the machine's rating. Without one Pm is constant."""
 
     machine: Name

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
-from facts_damping.parameters.base import Model, Name, quantity
+from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 # A ROS namespace below that of the graph: parts of letters, digits and underscores, joined by slashes.
 _PART = "[A-Za-z][A-Za-z0-9_]*"
@@ -18,7 +18,7 @@ def _time() -> float:
     return quantity(..., "s", "when it happens, from the start of the run", ge=0, le=1e5)  # type: ignore[no-any-return]
 
 
-class Fault(Model):
+class Fault(ParameterModel):
     """A balanced three-phase fault at a bus, or on a line at a fraction of its length from its first bus.
 
     With `duration` it clears itself; otherwise it lasts until a `clear` event or the end.
@@ -40,7 +40,7 @@ class Fault(Model):
         return self
 
 
-class Clear(Model):
+class Clear(ParameterModel):
     """The end of the fault at a bus or on a line."""
 
     time: float = _time()
@@ -55,7 +55,7 @@ class Clear(Model):
         return self
 
 
-class LineSwitch(Model):
+class LineSwitch(ParameterModel):
     """A line or transformer taken out, or put back in."""
 
     time: float = _time()
@@ -63,7 +63,7 @@ class LineSwitch(Model):
     line: Name
 
 
-class LoadStep(Model):
+class LoadStep(ParameterModel):
     """A load that changes to (1 + change) times its value at the start."""
 
     time: float = _time()
@@ -72,7 +72,7 @@ class LoadStep(Model):
     change: float = quantity(..., "-", "relative change, -0.1: ten per cent less", ge=-1, le=10)
 
 
-class MechanicalPowerStep(Model):
+class MechanicalPowerStep(ParameterModel):
     """A mechanical power that changes to (1 + change) times its value at the start."""
 
     time: float = _time()
@@ -81,7 +81,7 @@ class MechanicalPowerStep(Model):
     change: float = quantity(..., "-", "relative change, 0.1: ten per cent more", ge=-2, le=10)
 
 
-class GeneratorTrip(Model):
+class GeneratorTrip(ParameterModel):
     """A machine disconnected for good."""
 
     time: float = _time()
@@ -94,7 +94,7 @@ Event = Annotated[
 ]
 
 
-class Scenario(Model):
+class Scenario(ParameterModel):
     """A list of events, with the duration that a run needs to show what they do."""
 
     name: Name
@@ -104,7 +104,7 @@ class Scenario(Model):
     events: list[Event] = []
 
 
-class Weights(Model):
+class Weights(ParameterModel):
     """Adapted parameters of a neuro-fuzzy controller and its identifier, as a run left them."""
 
     name: Name
@@ -113,7 +113,7 @@ class Weights(Model):
     identifier: list[float] | None = Field(None, description="parameters of its identifier's network")
 
 
-class Controller(Model):
+class Controller(ParameterModel):
     """A controller node: which row of the table of controllers, what it is given, what it commands."""
 
     name: Name = Field("LLC", description="a row of `facts-damping list controllers`, or antecedent+consequent")
@@ -148,7 +148,7 @@ class Controller(Model):
         return float(value[0] if isinstance(value, list) else value)
 
 
-class TunedController(Model):
+class TunedController(ParameterModel):
     """Parameters that a search has chosen for a controller, and what they reached in training."""
 
     name: Name
@@ -157,7 +157,7 @@ class TunedController(Model):
     parameters: dict[str, float | str | list[float]]
 
 
-class Tuned(Model):
+class Tuned(ParameterModel):
     """What `facts-damping tune` chose for a system: how, and for which controllers."""
 
     system: Name
@@ -168,7 +168,7 @@ class Tuned(Model):
     controllers: list[TunedController]
 
 
-class Run(Model):
+class Run(ParameterModel):
     """One closed loop, as the user writes it; `system`, `scenario` and `link` name a file or stand inline."""
 
     system: str | dict[str, Any] = Field("two_area", description="name under config/systems, path, or a system inline")

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from facts_damping.parameters.base import Model, Name, quantity
+from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 FieldPath = Annotated[str, StringConstraints(max_length=200, pattern=r"^[A-Za-z_0-9]+(\.[A-Za-z_0-9+-]+)*$")]
 Number = int | float
@@ -21,7 +21,7 @@ NEEDED = {
 }
 
 
-class Target(Model):
+class Target(ParameterModel):
     """Where a swept value goes: one field of the run, or several, each with a factor."""
 
     name: Name | None = Field(None, description="column of the table; none: the field's path")
@@ -45,7 +45,7 @@ class Target(Model):
             raise ValueError("`fields` need a `name`, the column of the table")
 
 
-class Range(Model):
+class Range(ParameterModel):
     """Evenly spaced values from `start` on: two of `stop`, `step` and `number` say which."""
 
     start: Number = 0
@@ -95,7 +95,7 @@ class Variable(Target):
         return " and ".join(NEEDED[self.distribution])
 
 
-class Draws(Model):
+class Draws(ParameterModel):
     """Values of random variables, drawn together from the study's seed."""
 
     number: int = quantity(..., "-", "how many draws", ge=1, le=1_000_000)
@@ -160,7 +160,7 @@ class Margin(Target):
         return self
 
 
-class Study(Model):
+class Study(ParameterModel):
     """Many closed loops: a base run, what is changed in it, what is swept over, what margin is searched."""
 
     description: str = ""

@@ -6,14 +6,14 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from facts_damping.parameters.base import Model, Name, quantity
+from facts_damping.parameters.base import Name, ParameterModel, quantity
 from facts_damping.parameters.devices import Device
 from facts_damping.parameters.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
 from facts_damping.parameters.machines import Exciter, Governor, Machine, Stabiliser
 from facts_damping.parameters.references import check_references
 
 
-class Station(Model):
+class Station(ParameterModel):
     """A PMU: at a machine's terminals, or at a bus with the branches whose flow out of the bus it measures."""
 
     name: Name
@@ -28,7 +28,7 @@ class Station(Model):
         return self
 
 
-class Signal(Model):
+class Signal(ParameterModel):
     """A measured signal: a weighted sum of one channel over stations, or its deviation from the start.
 
     A washout s T / (1 + s T) takes away what stays; with T far below the period of a swing it is its rate of change.
@@ -47,14 +47,14 @@ class Signal(Model):
         return self
 
 
-class Measures(Model):
+class Measures(ParameterModel):
     """The speed differences that the performance indices (4.108) sum up: names of signals."""
 
     local: list[Name] = []
     interarea: list[Name] = []
 
 
-class System(Model):
+class System(ParameterModel):
     """A power system: everything that does not change from run to run."""
 
     name: Name

@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.base import Model
+from facts_damping.parameters.base import ParameterModel
 
-M = TypeVar("M", bound=Model)
+M = TypeVar("M", bound=ParameterModel)
 
 
 def short(value: Any) -> str:
@@ -35,26 +35,28 @@ def _place(error_location: tuple[int | str, ...], content: Any, *, absent: bool)
     return found
 
 
-def _allowed_keys(model: type[Model], location: tuple[int | str, ...]) -> str:
+def _allowed_keys(model: type[ParameterModel], location: tuple[int | str, ...]) -> str:
     """Keys that are allowed at a location of a model."""
     here: Any = model
     for part in location[:-1]:
-        schema = here.model_fields if isinstance(here, type) and issubclass(here, Model) else {}
+        schema = here.model_fields if isinstance(here, type) and issubclass(here, ParameterModel) else {}
         by_key = {field.alias or name: field for name, field in schema.items()}
         if part in by_key:
             here = by_key[part].annotation
-        while not (isinstance(here, type) and issubclass(here, Model)):
+        while not (isinstance(here, type) and issubclass(here, ParameterModel)):
             inside = [a for a in getattr(here, "__args__", ()) if a is not type(None)]
-            tagged = [a for a in inside if isinstance(a, type) and issubclass(a, Model) and _has_tag(a, location)]
+            tagged = [
+                a for a in inside if isinstance(a, type) and issubclass(a, ParameterModel) and _has_tag(a, location)
+            ]
             if not inside:
                 break
             here = (tagged or inside)[-1]
-    if isinstance(here, type) and issubclass(here, Model):
+    if isinstance(here, type) and issubclass(here, ParameterModel):
         return ", ".join(field.alias or name for name, field in here.model_fields.items() if name != "asked")
     return "none"
 
 
-def _has_tag(model: type[Model], location: tuple[int | str, ...]) -> bool:
+def _has_tag(model: type[ParameterModel], location: tuple[int | str, ...]) -> bool:
     """Whether a member of a union is the one that a location names by its `kind`, or `model` in links."""
     tag = model.model_fields.get("kind") or model.model_fields.get("model")
     return tag is not None and any(part in getattr(tag.annotation, "__args__", ()) for part in location)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.model import Site, Start
 
 
-class Kind(NamedTuple):
+class DeviceKind(NamedTuple):
     """A kind of device: code, fields of its table, names of its states, where it starts, its losses in series.
 
     `losses(device, |I|)` is the resistance (p.u.) that stands for them in the power flow.
@@ -36,9 +36,9 @@ class Kind(NamedTuple):
 SSSC, STATCOM, SVC = range(3)
 
 KINDS = {
-    "sssc": Kind(SSSC, sssc.SSSC, sssc.STATE_NAMES, sssc.start, sssc.losses),
-    "statcom": Kind(STATCOM, statcom.STATCOM, statcom.STATE_NAMES, statcom.start),
-    "svc": Kind(SVC, svc.SVC, svc.STATE_NAMES, svc.start),
+    "sssc": DeviceKind(SSSC, sssc.SSSC, sssc.STATE_NAMES, sssc.start, sssc.losses),
+    "statcom": DeviceKind(STATCOM, statcom.STATCOM, statcom.STATE_NAMES, statcom.start),
+    "svc": DeviceKind(SVC, svc.SVC, svc.STATE_NAMES, svc.start),
 }
 
 FOREVER = 1 << 62  # ns

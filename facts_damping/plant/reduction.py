@@ -41,7 +41,7 @@ class Place(NamedTuple):
     device: Series | None = None
 
 
-class Network(NamedTuple):
+class ReducedNetwork(NamedTuple):
     """A stage's network without its sources: index of each bus, all branches, voltages by unit inputs."""
 
     at: dict[str, int]
@@ -79,7 +79,7 @@ def _solve(
     norton: NDArray[np.complex128],
     topology: Topology,
     voltage: dict[str, float],
-) -> Network:
+) -> ReducedNetwork:
     """Voltages of all buses by unit inputs."""
     names = bus_names(system, topology)
     index = {name: i for i, name in enumerate(names)}
@@ -119,7 +119,7 @@ def _solve(
         raise InputError(
             f"system {system.name}: network equations are singular: {error}; allowed: a regular network"
         ) from error
-    return Network(index, present, norton, given)
+    return ReducedNetwork(index, present, norton, given)
 
 
 def floating(matrix: NDArray[np.complex128], fixed: set[int]) -> NDArray[np.bool_]:
@@ -131,7 +131,9 @@ def floating(matrix: NDArray[np.complex128], fixed: set[int]) -> NDArray[np.bool
     return np.array([part not in fed for part in label])
 
 
-def _series_current(system: System, net: Network, places: Sequence[Place], device: Series) -> NDArray[np.complex128]:
+def _series_current(
+    system: System, net: ReducedNetwork, places: Sequence[Place], device: Series
+) -> NDArray[np.complex128]:
     """Row that gives the current through a device from its first bus to its second: (V1 - V2 - v) / (rs + j xs)."""
     first, second = device.ends
     row: NDArray[np.complex128] = net.voltage[net.at[first]] - net.voltage[net.at[second]]
@@ -148,7 +150,9 @@ def _station_bus(system: System, station: Station) -> str:
     return next(m.bus for m in system.machines if m.name == station.machine)
 
 
-def _station_current(system: System, station: Station, net: Network, places: Sequence[Place]) -> NDArray[np.complex128]:
+def _station_current(
+    system: System, station: Station, net: ReducedNetwork, places: Sequence[Place]
+) -> NDArray[np.complex128]:
     """Row that gives a station's current from the inputs: out of its machine, or out of its bus into its branches."""
     row = np.zeros(net.voltage.shape[1], np.complex128)
     if station.machine is not None:

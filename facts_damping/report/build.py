@@ -13,7 +13,7 @@ from facts_damping.signals import NANOSECONDS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from facts_damping.report.contents import Run
+    from facts_damping.report.contents import ReportedRun
     from facts_damping.signals import Record
 
 # Pictures of `analysis.pictures` by section.
@@ -22,7 +22,7 @@ LEARNT = ("jacobian", "learning_rate")
 MOST_EVENTS = 12  # that are named one by one
 
 
-def build(runs: Sequence[Run], baseline: int = 0) -> Report:
+def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
     """What is said of the runs, in the order in which it is read; a section that would be empty is left out.
 
     `baseline`: index of the run that improvement counts from.
@@ -65,7 +65,7 @@ def _unlike(unlike: Sequence[str]) -> list[str]:
     return [f"The runs differ in {' and '.join(unlike)}: their figures cannot be compared, and none is marked as best."]
 
 
-def _remarks(run: Run) -> list[str]:
+def _remarks(run: ReportedRun) -> list[str]:
     """What a reader has to know of a run before its figures."""
     found = [f"{run.name}: {note}." for note in run.record.notes]
     if run.summary["stable"] is False:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping.analysis import pictures as analysed
-    from facts_damping.report.contents import Run
+    from facts_damping.report.contents import ReportedRun
 
 # What each picture says, by its stem, and what the report calls its section.
 SENTENCES = {
@@ -39,14 +39,14 @@ SENTENCES = {
 }
 
 
-def charts(runs: Sequence[Run], stems: Sequence[str]) -> list[Chart]:
+def charts(runs: Sequence[ReportedRun], stems: Sequence[str]) -> list[Chart]:
     """The pictures with the given stems, of all runs; those that would be empty are left out."""
     pictures = {picture.stem: picture for picture in PICTURES}
     made = [_chart(pictures[stem], runs) for stem in stems]
     return [chart for chart in made if chart.panels]
 
 
-def _chart(picture: Picture, runs: Sequence[Run]) -> Chart:
+def _chart(picture: Picture, runs: Sequence[ReportedRun]) -> Chart:
     """One picture: a panel for each name that a run has."""
     found: dict[str, list[tuple[int, analysed.Panel]]] = {}
     for index, run in enumerate(runs):
@@ -60,7 +60,9 @@ def _chart(picture: Picture, runs: Sequence[Run]) -> Chart:
     )  # fmt: skip
 
 
-def _panel(name: str, parts: Sequence[tuple[int, analysed.Panel]], runs: Sequence[Run], over_time: bool) -> Panel:
+def _panel(
+    name: str, parts: Sequence[tuple[int, analysed.Panel]], runs: Sequence[ReportedRun], over_time: bool
+) -> Panel:
     """Curves of all runs in one panel."""
     curves: list[Curve] = []
     levels: dict[float, None] = {}
@@ -80,7 +82,7 @@ def _panel(name: str, parts: Sequence[tuple[int, analysed.Panel]], runs: Sequenc
     return Panel(" ".join(name.split()), [curve for curve in curves if np.isfinite(curve.y).any()], list(levels))
 
 
-def modes(runs: Sequence[Run]) -> list[Chart]:
+def modes(runs: Sequence[ReportedRun]) -> list[Chart]:
     """Frequency over damping ratio of each mode, with intervals of 95 %; nothing if no run has any."""
     found = [(index, mode) for index, run in enumerate(runs) for mode in run.summary["modes"]]
     curves = [curve for index, mode in found for curve in _cross(index, mode)]

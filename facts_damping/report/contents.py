@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 Mark = Literal["", "best", "worst"]
 
 
-class Run(NamedTuple):
+class ReportedRun(NamedTuple):
     """A recording in the report: its name, what was read, the figures of `analysis.summarise`, where it lies."""
 
     name: str
@@ -31,7 +31,7 @@ class Cell(NamedTuple):
     mark: Mark = ""
 
 
-class Table(NamedTuple):
+class ReportTable(NamedTuple):
     """Rows under a head; the first cell of each names the row. `runs`: its other columns are the runs, in order."""
 
     key: str
@@ -103,7 +103,7 @@ class Section(NamedTuple):
     """A chapter of the report."""
 
     title: str
-    items: Sequence[Table | Chart | Maps]
+    items: Sequence[ReportTable | Chart | Maps]
 
 
 class Report(NamedTuple):

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.analysis.time_frequency import Distribution
-    from facts_damping.report.contents import Run
+    from facts_damping.report.contents import ReportedRun
 
 COLUMNS, ROWS = 300, 150  # of a map at most
 UNIT = "(10⁻³ p.u.)²/Hz"
 DIGITS = 3  # that count of a value: more would not be seen, and not compress
 
 
-def maps(runs: Sequence[Run]) -> list[Maps]:
+def maps(runs: Sequence[ReportedRun]) -> list[Maps]:
     """The distribution of each run's last speed difference, where it can be had; nothing if there is none."""
     made = [one for index, run in enumerate(runs) for one in _map(index, run)]
     sentence = (
@@ -35,7 +35,7 @@ def maps(runs: Sequence[Run]) -> list[Maps]:
     return [Maps("spwvd", "Time and frequency (SPWVD)", sentence, made)] if made else []
 
 
-def _map(index: int, run: Run) -> list[Map]:
+def _map(index: int, run: ReportedRun) -> list[Map]:
     """The map of a run; nothing where it has no speed difference, or is too short."""
     if not measure_weights(run.record.configuration):
         return []

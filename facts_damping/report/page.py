@@ -16,7 +16,7 @@ from facts_damping.analysis.plots import COLOURS
 from facts_damping.errors import InputError
 from facts_damping.parameters import files
 from facts_damping.report.build import MOST_EVENTS, build
-from facts_damping.report.contents import Run, Table
+from facts_damping.report.contents import ReportedRun, ReportTable
 from facts_damping.report.drawing import draw
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def write(
     The summaries may tell the path of the `recording` and, counted from the `baseline`, `improvement_percent`.
     """
     runs = [
-        Run(name, record, summary, summary.get("recording") or "-")
+        ReportedRun(name, record, summary, summary.get("recording") or "-")
         for (name, record), summary in zip(records, summaries, strict=True)
     ]
     text = page(build(runs, baseline))
@@ -73,7 +73,7 @@ def page(report: Report) -> str:
         report=report,
         figures=figures,
         events=_events(report),
-        is_table=lambda item: isinstance(item, Table),
+        is_table=lambda item: isinstance(item, ReportTable),
         marks=MARKS,
         long=LONG,
         colours=[COLOURS[i % len(COLOURS)] for i in range(len(report.names))],

@@ -10,15 +10,15 @@ from facts_damping.analysis.details import JUDGED
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.ringdown import COVERED
-from facts_damping.analysis.summary import ROWS, find, text
-from facts_damping.report.contents import Cell, Table
+from facts_damping.analysis.summary import ROWS, find, value_text
+from facts_damping.report.contents import Cell, ReportTable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.report.contents import Mark, Run
+    from facts_damping.report.contents import Mark, ReportedRun
 
 # Rows of the summary in which runs are compared, and whether the largest value is the best one. Nobody's best is how
 # little a device does, nor how quick a link is.
@@ -34,19 +34,19 @@ NONE = "-"
 UNMARKED: Mark = ""
 
 
-def summary(runs: Sequence[Run], comparable: bool) -> Table:
+def summary(runs: Sequence[ReportedRun], comparable: bool) -> ReportTable:
     """The figures of all runs; if they can be compared, with the best and the worst of each row marked."""
     rows = []
     for label, path, form in ROWS:
         values = [find(run.summary, path) for run in runs]
         judged = comparable and label in LARGEST_IS_BEST
         marks = ranked(values, LARGEST_IS_BEST[label]) if judged else [UNMARKED] * len(runs)
-        cells = [Cell(text(value, form), mark) for value, mark in zip(values, marks, strict=True)]
+        cells = [Cell(value_text(value, form), mark) for value, mark in zip(values, marks, strict=True)]
         rows.append([Cell(label.strip()), *cells])
     sentence = "All figures of the runs side by side."
     if comparable and len(runs) > 1:
         sentence += " ▲ is the best of a row, ▼ the worst; a dash is a figure that the run does not have."
-    return Table("summary", "Summary", sentence, ["", *(run.name for run in runs)], rows, runs=True)
+    return ReportTable("summary", "Summary", sentence, ["", *(run.name for run in runs)], rows, runs=True)
 
 
 def ranked(values: Sequence[float | bool | None], largest_is_best: bool) -> list[Mark]:
@@ -59,7 +59,7 @@ def ranked(values: Sequence[float | bool | None], largest_is_best: bool) -> list
     return [words.get(one, UNMARKED) for one in worth]
 
 
-def improvements(runs: Sequence[Run], baseline: int) -> list[Table]:
+def improvements(runs: Sequence[ReportedRun], baseline: int) -> list[ReportTable]:
     """By how much figures of the others are below the baseline's; nothing without two that have them."""
     parts = [run.summary.get("improvement_percent") for run in runs]
     if sum(part is not None for part in parts) < 2:
@@ -71,10 +71,10 @@ def improvements(runs: Sequence[Run], baseline: int) -> list[Table]:
         "number is worse."
     )
     head = ["[%]", *(run.name for run in runs)]
-    return [Table("improvement", f"Improvement on {name}", sentence, head, rows, runs=True)]
+    return [ReportTable("improvement", f"Improvement on {name}", sentence, head, rows, runs=True)]
 
 
-def modes(runs: Sequence[Run]) -> Table:
+def modes(runs: Sequence[ReportedRun]) -> ReportTable:
     """Modes of all runs with their intervals."""
     rows = [
         [Cell(run.name), *_mode(mode), Cell(_number(find(run.summary, ("ringdown", "snr_db")), ".0f"))]
@@ -89,7 +89,7 @@ def modes(runs: Sequence[Run]) -> Table:
     if without:
         sentence += f" None was found in: {', '.join(without)}."
     head = ["run", "frequency [Hz]", "damping ratio [%]", "amplitude [10⁻³ p.u.]", "signal to noise [dB]"]
-    return Table("mode_table", "Mode table", sentence, head, rows)
+    return ReportTable("mode_table", "Mode table", sentence, head, rows)
 
 
 def _mode(mode: Mapping[str, Any]) -> list[Cell]:
@@ -100,7 +100,7 @@ def _mode(mode: Mapping[str, Any]) -> list[Cell]:
     ]
 
 
-def effort(runs: Sequence[Run]) -> Table:
+def effort(runs: Sequence[ReportedRun]) -> ReportTable:
     """What each device was asked for."""
     rows = []
     for run in runs:
@@ -118,10 +118,10 @@ def effort(runs: Sequence[Run]) -> Table:
         "How much each device is used: one that is often at its limit has no more to give, and a setpoint near zero "
         "leaves it unused."
     )
-    return Table("effort", "Use of the devices", sentence, head, rows)
+    return ReportTable("effort", "Use of the devices", sentence, head, rows)
 
 
-def links(runs: Sequence[Run]) -> Table:
+def links(runs: Sequence[ReportedRun]) -> ReportTable:
     """Latency of each hop, and what was lost."""
     rows = [
         [Cell(run.name), Cell(HOPS[hop]), Cell(", ".join(names)), *(Cell(one) for one in told)]
@@ -135,7 +135,7 @@ def links(runs: Sequence[Run]) -> Table:
         f"n is how many were delivered to each. Entries of frames that the link lost: {lost}."
     )
     head = ["run", "hop", "of", "n", *STATISTICS.values()]
-    return Table("links", "Link statistics", sentence, head, rows)
+    return ReportTable("links", "Link statistics", sentence, head, rows)
 
 
 def _latencies(parts: Mapping[str, NDArray[np.float64]]) -> dict[str, tuple[str, ...]]:
@@ -146,7 +146,7 @@ def _latencies(parts: Mapping[str, NDArray[np.float64]]) -> dict[str, tuple[str,
     }
 
 
-def conditions(runs: Sequence[Run]) -> Table:
+def conditions(runs: Sequence[ReportedRun]) -> ReportTable:
     """What was run."""
     fields = ("system", "scenario", "devices", "controllers", "link", "frame_rate", "duration", "seed")
     rows = [
@@ -154,7 +154,7 @@ def conditions(runs: Sequence[Run]) -> Table:
     ]
     rows.append([Cell("recording"), *(Cell(run.path) for run in runs)])
     sentence = "The runs by the names in their files; what was given inline is called custom."
-    return Table("conditions", "Conditions", sentence, ["", *(run.name for run in runs)], rows, runs=True)
+    return ReportTable("conditions", "Conditions", sentence, ["", *(run.name for run in runs)], rows, runs=True)
 
 
 def _said(value: Any) -> str:

@@ -35,7 +35,7 @@ IMPROVEMENT, OVER_DIRECT, OVER_MISO, OVER_LLC = (
 )
 
 
-class Run(NamedTuple):
+class ComparedRun(NamedTuple):
     """What a run's figures are of."""
 
     system: str
@@ -43,7 +43,9 @@ class Run(NamedTuple):
     who: Who
 
 
-Figures = Mapping[Run, Mapping[str, float] | None]  # by ITAE ... ISE and `smoothness`; none: the run was unstable
+Figures = Mapping[
+    ComparedRun, Mapping[str, float] | None
+]  # by ITAE ... ISE and `smoothness`; none: the run was unstable
 
 
 class Compared(NamedTuple):
@@ -139,10 +141,10 @@ def flat(row: Any) -> dict[str, Any]:
 def markdown(rows: Sequence[Any], left: Sequence[str], right: Sequence[str], form: str = ".4g") -> list[str]:
     """A table in Markdown of fields of named tuples, aligned to the left and to the right (`text`)."""
     titles = [[field.replace("_", " ") for field in fields] for fields in (left, right)]
-    return [*heads(*titles), *(line([text(flat(row)[field], form) for field in (*left, *right)]) for row in rows)]
+    return [*heads(*titles), *(line([value_text(flat(row)[field], form) for field in (*left, *right)]) for row in rows)]
 
 
-def text(value: Any, form: str = ".4g") -> str:
+def value_text(value: Any, form: str = ".4g") -> str:
     """A field as text, for Markdown and CSV: names side by side; nothing: `-`."""
     if value is None:
         return "-"
@@ -158,10 +160,10 @@ def _sign(value: float) -> int:
 
 
 def _compared(cell: Cell, figures: Figures) -> Compared:
-    figure = _figure(figures[Run(cell.system, cell.scenario, cell.who)], cell.quantity)
+    figure = _figure(figures[ComparedRun(cell.system, cell.scenario, cell.who)], cell.quantity)
     ours = figure
     if cell.against is not None:
-        reference = _figure(figures[Run(cell.system, cell.scenario, cell.against)], cell.quantity)
+        reference = _figure(figures[ComparedRun(cell.system, cell.scenario, cell.against)], cell.quantity)
         ours = _better(reference, figure)
     return Compared(cell, figure, ours, None if ours is None else ours - cell.corrected)
 

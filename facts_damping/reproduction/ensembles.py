@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 from scipy.stats import rankdata
 
-from facts_damping.reproduction.agreement import Compared, Run, name
+from facts_damping.reproduction.agreement import Compared, ComparedRun, name
 from facts_damping.reproduction.printed import LLC, SCENARIOS
 from facts_damping.reproduction.ranking import rho
 from facts_damping.reproduction.runs import FIGURES, TUNED
@@ -157,7 +157,7 @@ def firmness(figures: Figures, rows: Ensembles, quantities: Sequence[str] = FIGU
             x = values(own, quantity)
             for label, group in _groups(figures, system, scenario).items():
                 drawn = np.array([x[name(who)] for who in group])
-                plain = np.array([_known(figures[Run(system, scenario, who)], quantity) for who in group])
+                plain = np.array([_known(figures[ComparedRun(system, scenario, who)], quantity) for who in group])
                 middle, first = np.median(drawn, axis=1), int(np.argmin(plain))
                 each = [rho(plain, draw) or 0.0 for draw in drawn.T]
                 found.append(
@@ -180,7 +180,7 @@ def decided(figures: Figures, quantities: Sequence[str] = FIGURES) -> list[Decid
         groups = _groups(figures, system, names[0]) if names else {}
         for quantity in quantities:
             for label, group in groups.items():
-                plain = [[_known(figures[Run(system, one, who)], quantity) for who in group] for one in names]
+                plain = [[_known(figures[ComparedRun(system, one, who)], quantity) for who in group] for one in names]
                 places = np.array([rankdata(row) for row in plain])
                 first = int(np.argmin(places.mean(axis=0)))
                 without = [np.delete(places, i, axis=0).mean(axis=0) for i in range(len(names))] if names[1:] else []

@@ -164,7 +164,9 @@ def told(variant: str, cells: Sequence[Cell], figures: Figures, base: Figures) -
         before = {one[:4]: _places(one) for one in ranking.rankings(agreement.compare(own, base))}
         like = [ranking.rho(_places(one), before[one[:4]]) for one in ranked]
         known = [one for one in like if one is not None]
-        unstable = sum(figures[run] is None for run in {agreement.Run(c.system, c.scenario, c.who) for c in own})
+        unstable = sum(
+            figures[run] is None for run in {agreement.ComparedRun(c.system, c.scenario, c.who) for c in own}
+        )
         rho_own = float(np.mean(known)) if known else None
         told = (signs.share, ranks.mean_rho, rho_own, ranks.same_best, ranks.rankings, unstable)
         found.append(Told(variant, table, *told))

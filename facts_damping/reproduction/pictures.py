@@ -34,7 +34,7 @@ SINGLE = (*BASELINES, Who("MISO", "ANFTSC", "direct"), Who("MISO", "HBsWC", "dir
 BOTH = (LLC, Who("MIMO", "LLC", None), *CENTRAL)
 
 
-class Kind(NamedTuple):
+class PictureKind(NamedTuple):
     """A kind of picture: its title, what of a record is shown (`PICTURES`), of whom, with which tables it goes."""
 
     stem: str
@@ -48,15 +48,15 @@ class Kind(NamedTuple):
 ALONE, LEARNT, TOGETHER = ("4.1", "4.2", "5.1", "5.2", "5.3", "5.4"), ("5.1", "5.2", "5.3", "5.4"), ("6.1", "6.2")
 RESPONSES = ("differences", "tie_power", "injected_voltage", "centre_of_angle")
 KINDS = (
-    Kind("responses", "Responses", RESPONSES, SINGLE, ALONE),
-    Kind("indices", "Performance indices as they grow", ("indices",), SINGLE, ALONE),
-    Kind("jacobian", "Identified Jacobian", ("jacobian",), INDIRECT, LEARNT),
-    Kind("rates", "Learning rates", ("learning_rate",), INDIRECT, LEARNT, columns=True),
-    Kind("spwvd", "SPWVD", (), SINGLE[1:], ALONE),
-    Kind("mimo_responses", "Responses with SSSC and STATCOM", RESPONSES, BOTH, TOGETHER),
-    Kind("mimo_jacobian", "Identified Jacobian, SSSC and STATCOM", ("jacobian",), CENTRAL, TOGETHER),
-    Kind("mimo_rates", "Learning rates, SSSC and STATCOM", ("learning_rate",), CENTRAL, TOGETHER, columns=True),
-    Kind("mimo_spwvd", "SPWVD, SSSC and STATCOM", (), BOTH, TOGETHER),
+    PictureKind("responses", "Responses", RESPONSES, SINGLE, ALONE),
+    PictureKind("indices", "Performance indices as they grow", ("indices",), SINGLE, ALONE),
+    PictureKind("jacobian", "Identified Jacobian", ("jacobian",), INDIRECT, LEARNT),
+    PictureKind("rates", "Learning rates", ("learning_rate",), INDIRECT, LEARNT, columns=True),
+    PictureKind("spwvd", "SPWVD", (), SINGLE[1:], ALONE),
+    PictureKind("mimo_responses", "Responses with SSSC and STATCOM", RESPONSES, BOTH, TOGETHER),
+    PictureKind("mimo_jacobian", "Identified Jacobian, SSSC and STATCOM", ("jacobian",), CENTRAL, TOGETHER),
+    PictureKind("mimo_rates", "Learning rates, SSSC and STATCOM", ("learning_rate",), CENTRAL, TOGETHER, columns=True),
+    PictureKind("mimo_spwvd", "SPWVD, SSSC and STATCOM", (), BOTH, TOGETHER),
 )
 # Signals of the distributions: local and interarea modes, control effort.
 EFFORT = "control effort"

@@ -40,7 +40,7 @@ DIRECT = Who("MISO", "ANFTSC", "direct")
 REFERENCES = {"ANFTSC": DIRECT, "LLC": LLC}  # of improvements, in all tables
 
 
-class Table(NamedTuple):
+class PrintedTable(NamedTuple):
     """What a table shows; `who` is the architecture and scheme of its rows, in tables of smoothness its columns'."""
 
     title: str
@@ -50,14 +50,14 @@ class Table(NamedTuple):
 
 
 TABLES = {
-    "4.1": Table("SMIB, direct: improvement", "smib", 336, ("MISO", "direct")),
-    "4.2": Table("Two areas, direct: improvement", "two_area", 252, ("MISO", "direct")),
-    "5.1": Table("SMIB, indirect: improvement", "smib", 352, ("MISO", "indirect")),
-    "5.2": Table("SMIB: smoothness of the control effort", "smib", 92),
-    "5.3": Table("Two areas, indirect: improvement", "two_area", 264, ("MISO", "indirect")),
-    "5.4": Table("Two areas: smoothness of the control effort", "two_area", 69),
-    "6.1": Table("Two areas, SSSC and STATCOM: smoothness of the control effort", "two_area", 33),
-    "6.2": Table("Two areas, SSSC and STATCOM: improvement", "two_area", 84, ("MIMO", "indirect")),
+    "4.1": PrintedTable("SMIB, direct: improvement", "smib", 336, ("MISO", "direct")),
+    "4.2": PrintedTable("Two areas, direct: improvement", "two_area", 252, ("MISO", "direct")),
+    "5.1": PrintedTable("SMIB, indirect: improvement", "smib", 352, ("MISO", "indirect")),
+    "5.2": PrintedTable("SMIB: smoothness of the control effort", "smib", 92),
+    "5.3": PrintedTable("Two areas, indirect: improvement", "two_area", 264, ("MISO", "indirect")),
+    "5.4": PrintedTable("Two areas: smoothness of the control effort", "two_area", 69),
+    "6.1": PrintedTable("Two areas, SSSC and STATCOM: smoothness of the control effort", "two_area", 33),
+    "6.2": PrintedTable("Two areas, SSSC and STATCOM: improvement", "two_area", 84, ("MIMO", "indirect")),
 }
 COMPLEXITY = "Parameters updated and operations of a forward pass, two inputs and two rules"  # table 3.1
 
@@ -188,7 +188,7 @@ def _columns(number: str) -> list[str]:
     return [f"{scenario}_{kind}" for scenario in SCENARIOS[TABLES[number].system] for kind in kinds]
 
 
-def _meaning(table: Table, row: dict[str, str], column: str) -> tuple[str, Who, str, Who | None]:
+def _meaning(table: PrintedTable, row: dict[str, str], column: str) -> tuple[str, Who, str, Who | None]:
     """Scenario, controller, quantity and reference of a cell."""
     first, *rest = column.split("_")
     scheme: Any

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.parameters.study import Study
-    from facts_damping.reproduction.agreement import Run
+    from facts_damping.reproduction.agreement import ComparedRun
     from facts_damping.reproduction.explanations import Told
     from facts_damping.reproduction.operations import Count
     from facts_damping.reproduction.printed import Cell
@@ -46,7 +46,7 @@ class Results(NamedTuple):
     draws: int | None
     complexity: list[Count]
     cells: list[Cell]
-    figures: dict[Run, dict[str, float] | None]
+    figures: dict[ComparedRun, dict[str, float] | None]
     ensembles: dict[tuple[str, str], list[Row]]
     delayed: dict[tuple[str, str], list[Row]]
     told: list[Told]
@@ -64,7 +64,7 @@ def gather(tables: Sequence[str], draws: int | None, folder: Path, jobs: int) ->
     own = cells([one for one in asked if one in TABLES])
     systems = list(dict.fromkeys(cell.system for cell in own))
     counted = complexity() if OPERATIONS in asked else []
-    figures: dict[Run, dict[str, float] | None] = {}
+    figures: dict[ComparedRun, dict[str, float] | None] = {}
     ensembles: dict[tuple[str, str], list[Row]] = {}
     delayed: dict[tuple[str, str], list[Row]] = {}
     rows = partial(_rows, files.new_folder(folder / "runs"), jobs)
@@ -91,14 +91,14 @@ def _rows(
 
 
 def _variants(
-    tables: Sequence[str], base: dict[Run, dict[str, float] | None], rows: Callable[..., list[Row]]
+    tables: Sequence[str], base: dict[ComparedRun, dict[str, float] | None], rows: Callable[..., list[Row]]
 ) -> list[Told]:
     """The tables of improvements with other set-ups; `base`: figures of the set-up of the tables."""
     found = []
     own = cells(tables)
     for variant in explanations.TABLE if tables else ():
         kept = [cell for cell in own if cell.system in variant.systems]
-        figures: dict[Run, dict[str, float] | None] = {}
+        figures: dict[ComparedRun, dict[str, float] | None] = {}
         for system in dict.fromkeys(cell.system for cell in kept):
             whos = [who for who in runs.whos(kept, system) if who == LLC or who.scheme]
             more = None if variant.more is None else partial(variant.more, system)

@@ -10,7 +10,7 @@ from facts_damping.parameters import files
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.reproduction.agreement import Run, name
+from facts_damping.reproduction.agreement import ComparedRun, name
 from facts_damping.reproduction.printed import LLC, SCENARIOS, SMOOTHNESS, Who
 from facts_damping.studies import sweep
 from facts_damping.studies.compare import NONE
@@ -90,18 +90,18 @@ def carry_out(study: Study, title: str, folder: Path, jobs: int) -> list[Row]:
     return sweep.rows(found)
 
 
-def figures(rows: Iterable[Row], asked: Sequence[Who]) -> dict[Run, dict[str, float] | None]:
+def figures(rows: Iterable[Row], asked: Sequence[Who]) -> dict[ComparedRun, dict[str, float] | None]:
     """Indices and smoothness of each run of a system; none where it lost synchronism."""
     by_name = {name(who): who for who in asked}
     return {
-        Run(row["system"], row["scenario"], by_name[row["who"]]): {one: row[one] for one in FIGURES}
+        ComparedRun(row["system"], row["scenario"], by_name[row["who"]]): {one: row[one] for one in FIGURES}
         if row["error"] is None and row["stable"]
         else None
         for row in rows
     }
 
 
-def reached(figures: Mapping[Run, Mapping[str, float] | None], run: Run, index: str) -> float | None:
+def reached(figures: Mapping[ComparedRun, Mapping[str, float] | None], run: ComparedRun, index: str) -> float | None:
     """How much of the way from LLC to the bound a controller's index has come, %: 100 (LLC - own) / (LLC - bound)."""
     own, llc, bound = (figures.get(run._replace(who=who)) for who in (run.who, LLC, BOUND))
     if own is None or llc is None or bound is None or llc[index] == bound[index]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.reproduction.agreement import Run, compare, markdown, name
+from facts_damping.reproduction.agreement import ComparedRun, compare, markdown, name
 from facts_damping.reproduction.ensembles import drawn, median
 from facts_damping.reproduction.operations import WHY
 from facts_damping.reproduction.operations import markdown as operations
@@ -105,7 +105,7 @@ def _smooth_beside(own: Sequence[Compared], results: Results) -> str:
     """The smoothness of the controllers that the thesis does not have, of the architectures in a table."""
     (system, scenario), architectures = own[0].cell[1:3], dict.fromkeys(c.cell.architecture for c in own)
     whos = [who._replace(architecture=one) for one in architectures for who in BESIDE]
-    found = {name(who): results.figures[Run(system, scenario, who)] for who in whos}
+    found = {name(who): results.figures[ComparedRun(system, scenario, who)] for who in whos}
     told = [f"{who} {'-' if one is None else format(one[SMOOTHNESS], '.4g')}" for who, one in found.items()]
     return f"Ours alone: {', '.join(told)}."
 

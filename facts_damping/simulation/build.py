@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.control import identifier_model
-from facts_damping.control.bank import Bank, BankState, bank, network_of
+from facts_damping.control.bank import Bank, BankState, bank, controller_network
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.identifier import identifiers
 from facts_damping.control.identifier_model import Identified, Identifiers, IdentifierState
@@ -47,7 +47,7 @@ def derivatives(case: Case) -> int:
 
 def learning_rates(case: Case) -> int:
     """Number of learning rates of all networks of a case: one for each output and group of parameters."""
-    nets = [network_of(c) for c in case.controllers if c.scheme is not None]
+    nets = [controller_network(c) for c in case.controllers if c.scheme is not None]
     nets += [identifier_network(c) for c in case.controllers if c.scheme == "indirect"]
     return sum(net.outputs * len(groups(net)) for net in nets)
 
@@ -56,7 +56,7 @@ def identifier_network(controller: Controller) -> Network:
     """The network of a controller's identifier."""
     kind = str(controller.parameters["identifier"])
     order = identifier_model.past_values(controller.number("identifier_span"))
-    return identifier_model.network_of(kind, len(controller.signals), len(controller.devices), order)
+    return identifier_model.predictor_network(kind, len(controller.signals), len(controller.devices), order)
 
 
 def build_plant(case: Case) -> Built:

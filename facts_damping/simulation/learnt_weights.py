@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.case.names import controller_names
-from facts_damping.control.bank import network_of
+from facts_damping.control.bank import controller_network
 from facts_damping.parameters.run import Controller, Weights
 from facts_damping.simulation.build import identifier_network
 
@@ -24,7 +24,7 @@ def adapted(
         return None
     own = learnt = None
     if state is not None:
-        own = state.learner.theta[index, : network_of(controller).size].tolist()
+        own = state.learner.theta[index, : controller_network(controller).size].tolist()
     if identifier is not None:
         n, found = identifier
         learnt = found.learner.theta[n, : identifier_network(controller).size].tolist()

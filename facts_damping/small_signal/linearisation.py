@@ -64,7 +64,7 @@ class Residue(NamedTuple):
     lead_deg: float
 
 
-class Mode(NamedTuple):
+class Eigenmode(NamedTuple):
     """A mode: eigenvalue (1/s), frequency (Hz), damping ratio, share of each state, who swings against whom.
 
     `label` is interarea, local, electromechanical (no areas are given), common (all together) or control;
@@ -143,7 +143,7 @@ def modes(
     system: System | None = None,
     model: LinearModel | None = None,
     devices: Sequence[str] = (),
-) -> list[Mode]:
+) -> list[Eigenmode]:
     """Modes of a state matrix, a conjugate pair once, ordered by falling real part.
 
     Frequency |Im| / (2 pi), damping ratio -Re / |lambda|; participation |w_k v_k| of state k, left times
@@ -171,7 +171,7 @@ def mode(
     left: NDArray[Any],
     names: Sequence[str],
     system: System | None = None,
-) -> Mode:
+) -> Eigenmode:
     """A mode, without residues, of its eigenvalue (1/s) and eigenvectors, whose entries have the names of states.
 
     `left` as in w A = lambda w. The speeds of the system's machines are among the states.
@@ -183,7 +183,7 @@ def mode(
     ratio = float(-eigenvalue.real / size) if size > 0 else 0.0
     shape = _shape(names, right)
     label = _label(_swing_share(names, share), shape, system)
-    return Mode(eigenvalue, float(eigenvalue.imag / (2 * np.pi)), ratio, listed, label, shape, [])
+    return Eigenmode(eigenvalue, float(eigenvalue.imag / (2 * np.pi)), ratio, listed, label, shape, [])
 
 
 def _shape(names: Sequence[str], vector: NDArray[Any]) -> dict[str, complex]:

@@ -49,7 +49,7 @@ KEPT = 1e-3  # of the largest Hankel singular value: what has less is truncated
 STILL = 1e-6  # p.u. or rad per p.u.: a signal that moves less beside the speed differences does not swing
 
 
-class Model(NamedTuple):
+class DesignModel(NamedTuple):
     """dx = A x + B u + G w, y = C x + D u, z = Z x: setpoints u, torques w, signals y, speed differences z; p.u."""
 
     A: NDArray[np.float64]  # (states, states), 1/s
@@ -59,10 +59,10 @@ class Model(NamedTuple):
     D: NDArray[np.float64]  # (signals, devices)
     Z: NDArray[np.float64]  # (differences, states)
 
-    def within(self, T: NDArray[np.float64], back: NDArray[np.float64]) -> Model:
+    def within(self, T: NDArray[np.float64], back: NDArray[np.float64]) -> DesignModel:
         """The model in states z of x = T z, `back` T = 1."""
         of_inputs = product(back, self.B), product(back, self.G)
-        return Model(product(back, self.A, T), *of_inputs, product(self.C, T), self.D, product(self.Z, T))
+        return DesignModel(product(back, self.A, T), *of_inputs, product(self.C, T), self.D, product(self.Z, T))
 
 
 def design(plant: Residues | None, system: System, controller: Controller, here: str) -> StateSpace:
@@ -108,7 +108,7 @@ def _check(plant: Residues, system: System, controller: Controller, size: NDArra
             )
 
 
-def model(plant: Residues, system: System, controller: Controller) -> Model:
+def model(plant: Residues, system: System, controller: Controller) -> DesignModel:
     """The linearised plant as a controller meets it; signals before their washouts."""
     rows = [plant.signals.index(name) for name in controller.signals]
     columns = [plant.devices.index(name) for name in controller.devices]
@@ -121,10 +121,12 @@ def model(plant: Residues, system: System, controller: Controller) -> Model:
         for station, weight in weights.items():
             Z[i, plant.names.index(f"{machine[station]}.omega")] += weight
     own = plant.model
-    return Model(own.A, own.B[:, columns], G, own.C[rows], own.D[np.ix_(rows, columns)], Z)
+    return DesignModel(own.A, own.B[:, columns], G, own.C[rows], own.D[np.ix_(rows, columns)], Z)
 
 
-def reduced(whole: Model, names: Sequence[str], limits: NDArray[np.float64], size: NDArray[np.float64]) -> Model:
+def reduced(
+    whole: DesignModel, names: Sequence[str], limits: NDArray[np.float64], size: NDArray[np.float64]
+) -> DesignModel:
     """The model without rigid motions, and what decays truncated; signals count by their `size`, setpoints by limits.
 
     x = P x + (1 - P) x, P of the matrix's sign, divides the states into what decays and what stays. To each part the
@@ -161,7 +163,7 @@ def _root(gramian: NDArray[np.float64]) -> NDArray[np.float64]:
     return axes * np.sqrt(values)
 
 
-class Frames(NamedTuple):
+class SampledModel(NamedTuple):
     """x(k+1) = Phi x(k) + old u(k-f-1) + new u(k-f) + torque w(k): a model from frame to frame with its delay."""
 
     Phi: NDArray[np.float64]  # (states, states)
@@ -171,19 +173,19 @@ class Frames(NamedTuple):
     f: int
 
 
-def sampled(small: Model, frame_rate: int, loop_delay: float) -> Frames:
+def sampled(small: DesignModel, frame_rate: int, loop_delay: float) -> SampledModel:
     """A model sampled with hold, its setpoints late by `loop_delay`, s; exact (Astrom, Wittenmark, 1997, 2.3)."""
     period, devices = 1.0 / frame_rate, small.B.shape[1]
     f, rest = divmod(to_ns(loop_delay) * frame_rate, NANOSECONDS)
     part = rest / NANOSECONDS * period
     onward, new = held_for(small.A, small.B, period - part)
     Phi, both = held_for(small.A, np.hstack([small.B, small.G]), period)
-    return Frames(Phi, product(onward, held_for(small.A, small.B, part)[1]), new, both[:, devices:], f)
+    return SampledModel(Phi, product(onward, held_for(small.A, small.B, part)[1]), new, both[:, devices:], f)
 
 
 def optimal(
-    small: Model,
-    step: Frames,
+    small: DesignModel,
+    step: SampledModel,
     washout: NDArray[np.float64],
     period: float,
     limits: NDArray[np.float64],
@@ -243,7 +245,7 @@ def _filter(
 
 
 def _regulator(
-    step: Frames, Z: NDArray[np.float64], limits: NDArray[np.float64], control_weight: float
+    step: SampledModel, Z: NDArray[np.float64], limits: NDArray[np.float64], control_weight: float
 ) -> NDArray[np.float64]:
     """K of u(k) = -K [x(k+f), u(k-1)], with setpoints in units of their limits."""
     n, devices = step.new.shape

@@ -27,10 +27,10 @@ class Modal(NamedTuple):
     devices: list[str]
     built: Built
     model: linearisation.LinearModel
-    modes: list[linearisation.Mode]
+    modes: list[linearisation.Eigenmode]
 
     @property
-    def swings(self) -> list[linearisation.Mode]:
+    def swings(self) -> list[linearisation.Eigenmode]:
         """The electromechanical modes."""
         return [mode for mode in self.modes if mode.label not in ("common", "control")]
 
@@ -60,7 +60,7 @@ def _pair(value: complex) -> list[float]:
     return [float(value.real), float(value.imag)]
 
 
-def figures(mode: linearisation.Mode) -> dict[str, Any]:
+def figures(mode: linearisation.Eigenmode) -> dict[str, Any]:
     """A mode's eigenvalue, frequency, damping ratio and kind, for JSON."""
     return {
         "real": mode.eigenvalue.real,
@@ -71,7 +71,7 @@ def figures(mode: linearisation.Mode) -> dict[str, Any]:
     }
 
 
-def _mode(mode: linearisation.Mode) -> dict[str, Any]:
+def _mode(mode: linearisation.Eigenmode) -> dict[str, Any]:
     return {
         **figures(mode),
         "participation": mode.participation,
@@ -84,7 +84,7 @@ def _polar(value: complex) -> dict[str, float]:
     return {"magnitude": abs(value), "angle_deg": float(np.rad2deg(np.angle(value)))}
 
 
-def text(modal: Modal) -> Iterator[str]:
+def modes_text(modal: Modal) -> Iterator[str]:
     """Lines for the terminal."""
     system = modal.system
     yield f"{system.name}: {system.description}"
@@ -112,7 +112,7 @@ def text(modal: Modal) -> Iterator[str]:
             )
 
 
-def _groups(mode: linearisation.Mode) -> list[list[tuple[str, complex]]]:
+def _groups(mode: linearisation.Eigenmode) -> list[list[tuple[str, complex]]]:
     """Machines that swing together with the fastest, and those against it, the fastest first."""
     ranked = sorted(mode.shape.items(), key=lambda item: -abs(item[1]))
     halves = [[item for item in ranked if item[1].real >= 0], [item for item in ranked if item[1].real < 0]]

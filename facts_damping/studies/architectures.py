@@ -113,7 +113,7 @@ def head(picture: str) -> list[str]:
     ]
 
 
-def text(found: Sequence[dict[str, Any]]) -> list[str]:
+def architecture_tables(found: Sequence[dict[str, Any]]) -> list[str]:
     """Tables in Markdown: for each scenario and measure a row a controller, a column an architecture."""
     lines: list[str] = []
     for scenario in dict.fromkeys(row["scenario"] for row in found):

@@ -52,7 +52,7 @@ class Base(NamedTuple):
     modes: bool
 
 
-class Task(NamedTuple):
+class Batch(NamedTuple):
     """A run: its key in the journal, the fields that it sets, and its columns of the table."""
 
     key: str
@@ -68,7 +68,7 @@ def make(base: Base, changes: Mapping[str, Any]) -> Case:
     return loading.make_case(content, base.source, sets)
 
 
-def one_run(base: Base, task: Task) -> tuple[str, dict[str, Any]]:
+def one_run(base: Base, task: Batch) -> tuple[str, dict[str, Any]]:
     """Key and row of a run; one that fails is a row too, with the reason in `error`."""
     row: dict[str, Any] = {**dict.fromkeys(IDENTITY), **names(base, task.changes), **task.columns}
     try:

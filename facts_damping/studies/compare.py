@@ -109,11 +109,11 @@ def page(found: Sequence[dict[str, Any]]) -> list[str]:
         "chosen on the scenarios `training` alone (docs/controllers.md). Indices are those of (4.108) from t = 0;",
         "`smoothness` is (5.34) over dt^2. A row that says no or names an instability is one that fails.",
         "",
-        *text(found),
+        *comparison_tables(found),
     ]
 
 
-def text(found: Sequence[dict[str, Any]]) -> list[str]:
+def comparison_tables(found: Sequence[dict[str, Any]]) -> list[str]:
     """Tables in Markdown, one a scenario."""
     lines = []
     for system, scenario in dict.fromkeys((row["system"], row["scenario"]) for row in found):

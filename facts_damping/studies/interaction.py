@@ -48,7 +48,7 @@ def interactions() -> list[Interaction]:
     return found
 
 
-def text(found: Sequence[Interaction]) -> list[str]:
+def relative_gain_table(found: Sequence[Interaction]) -> list[str]:
     """A table in Markdown."""
     lines = heads(["signals"], ["Hz", "relative gain", "largest gain / smallest"])
     for one in found:

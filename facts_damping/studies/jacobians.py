@@ -85,7 +85,7 @@ def study(
     return run_all(partial(one_run, horizon, list(sets)), todo, jobs, progress)
 
 
-def text(found: Sequence[dict[str, Any]]) -> list[str]:
+def jacobian_tables(found: Sequence[dict[str, Any]]) -> list[str]:
     """Tables in Markdown, one a scenario: a column a derivative, `signal/device`."""
     lines: list[str] = []
     for scenario in dict.fromkeys(row["scenario"] for row in found):

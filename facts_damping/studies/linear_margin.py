@@ -29,7 +29,7 @@ class Track(NamedTuple):
     """A mode followed from delay to delay: what it is where it begins, and the mode at each delay; none: not there."""
 
     label: str
-    modes: list[linearisation.Mode | None]
+    modes: list[linearisation.Eigenmode | None]
 
 
 class Margin(NamedTuple):
@@ -42,7 +42,7 @@ class Margin(NamedTuple):
     tracks: list[Track]  # electromechanical modes, then others that become unstable
     stable: list[tuple[float, float]]  # s, intervals in which the loop is stable
     margin: float | None  # s, smallest delay at which it is not; none: stable at all delays looked at
-    critical: linearisation.Mode | None  # the mode that is at the limit there
+    critical: linearisation.Eigenmode | None  # the mode that is at the limit there
     pade: dict[str, float | None]  # s, the margin of the loop in continuous time with a Pade term; empty: not asked for
 
 
@@ -79,7 +79,7 @@ def looks(longest: float, frame_rate: int) -> NDArray[np.float64]:
     return np.unique(np.round([*steps, *frames, longest], 9))
 
 
-def oscillations(loop: DelayedLoop, found: Eigen, case: Case) -> list[linearisation.Mode]:
+def oscillations(loop: DelayedLoop, found: Eigen, case: Case) -> list[linearisation.Eigenmode]:
     """The modes up to 10 Hz that oscillate, or grow."""
     shown = (found.values.imag > 0.0) | ((found.values.imag == 0.0) & (found.values.real > STILL))
     return [
@@ -88,7 +88,7 @@ def oscillations(loop: DelayedLoop, found: Eigen, case: Case) -> list[linearisat
     ]
 
 
-def _critical(loop: DelayedLoop, delay: float, case: Case) -> linearisation.Mode:
+def _critical(loop: DelayedLoop, delay: float, case: Case) -> linearisation.Eigenmode:
     """The mode with the largest real part."""
     found = eigen(loop, sampled(loop, delay))
     i = int(np.argmax(found.values.real + 1e-12 * (found.values.imag >= 0.0)))
@@ -129,7 +129,7 @@ def _pade_margin(loop: DelayedLoop, delays: NDArray[np.float64], order: int, hol
     return first_limit(intervals(growth, delays[: len(values)], np.array(values)), float(delays[-1]))
 
 
-def follow(listed: Sequence[Sequence[linearisation.Mode]]) -> list[Track]:
+def follow(listed: Sequence[Sequence[linearisation.Eigenmode]]) -> list[Track]:
     """Modes at each delay (s) as tracks: the electromechanical ones of no delay, then others that become unstable."""
     swings = [mode for mode in listed[0] if mode.label not in ("common", "control")]
     columns = _follow(swings, listed[1:])
@@ -143,11 +143,11 @@ def follow(listed: Sequence[Sequence[linearisation.Mode]]) -> list[Track]:
 
 
 def _follow(
-    first: Sequence[linearisation.Mode], listed: Sequence[Sequence[linearisation.Mode]]
-) -> list[list[linearisation.Mode | None]]:
+    first: Sequence[linearisation.Eigenmode], listed: Sequence[Sequence[linearisation.Eigenmode]]
+) -> list[list[linearisation.Eigenmode | None]]:
     """What becomes of each of some modes in the lists that follow, each taken once; none from where it is lost."""
-    columns: list[list[linearisation.Mode | None]] = [[] for _ in first]
-    now: list[linearisation.Mode | None] = list(first)
+    columns: list[list[linearisation.Eigenmode | None]] = [[] for _ in first]
+    now: list[linearisation.Eigenmode | None] = list(first)
     for modes in listed:
         there = [(i, mode) for i, mode in enumerate(now) if mode is not None]
         cost = np.array([[_unlike(mode, other) for other in modes] for _, mode in there])
@@ -160,7 +160,7 @@ def _follow(
     return columns
 
 
-def _unlike(one: linearisation.Mode, other: linearisation.Mode) -> float:
+def _unlike(one: linearisation.Eigenmode, other: linearisation.Eigenmode) -> float:
     """How unlike two modes are, at most 1: change of the eigenvalue, relative, and of the shape, 1 - MAC."""
     a, b = (np.array(list(mode.shape.values())) for mode in (one, other))
     size = np.vdot(a, a).real * np.vdot(b, b).real

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.plots import COLOURS
+from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.modal_analysis import figures
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def shown_to(found: Margin) -> float:
     return min(float(found.delays[-1]), max(limits, default=float(found.delays[-1])) + BEYOND)
 
 
-def text(found: Margin, beside: Beside | None) -> Iterator[str]:
+def margin_text(found: Margin, beside: Beside | None) -> Iterator[str]:
     """Lines for the terminal."""
     case, longest = found.case, found.delays[-1]
     given = ", ".join(f"{c.name} from {c.signals[0]} to {'+'.join(c.devices)}" for c in case.controllers)
@@ -85,7 +86,7 @@ def _limit(value: float | None, longest: float) -> str:
     return f"beyond {_ms(longest)}" if value is None else _ms(value)
 
 
-def _cell(mode: linearisation.Mode | None) -> str:
+def _cell(mode: linearisation.Eigenmode | None) -> str:
     return "-" if mode is None else f"{mode.frequency_hz:.4f}  {mode.damping_ratio:7.4f}"
 
 
@@ -103,7 +104,7 @@ def _runs(found: Margin, beside: Beside) -> Iterator[str]:
             yield f"{1e3 * delay:8.0f}   {mode.frequency_hz:15.4f}  {mode.damping_ratio:7.4f}  {_cell(other):>26}"
 
 
-def nearest(found: Margin, delay: float, hertz: float) -> linearisation.Mode | None:
+def nearest(found: Margin, delay: float, hertz: float) -> linearisation.Eigenmode | None:
     """The linear mode, of those that are followed, whose frequency is nearest."""
     i = int(np.argmin(np.abs(found.delays - delay)))
     there = [track.modes[i] for track in found.tracks]

@@ -20,7 +20,7 @@ from facts_damping.studies.margins import edge
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.analysis.ringdown import Mode
+    from facts_damping.analysis.ringdown import RingdownMode
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
     from facts_damping.studies.linear_margin import Margin
@@ -52,7 +52,7 @@ class Bound(NamedTuple):
 class Beside(NamedTuple):
     """What runs of the nonlinear loop say of delay."""
 
-    ringdown: list[tuple[float, list[Mode]]]  # delay, s, and the modes after a pulse, the strongest first
+    ringdown: list[tuple[float, list[RingdownMode]]]  # delay, s, and the modes after a pulse, the strongest first
     pulse: float | None  # s, the margin for a pulse; none: not near the linear one
     scenario: list[Bound]  # of the run's own scenario
 
@@ -75,7 +75,7 @@ def _lasting(case: Case, duration: float) -> Case:
     return replace(case, run=case.run.model_copy(update={"duration": duration, "asked": None}))
 
 
-def ringdown(case: Case, delay: float) -> list[Mode]:
+def ringdown(case: Case, delay: float) -> list[RingdownMode]:
     """Modes of the nonlinear run after a pulse, the strongest first."""
     record = loop.run(pulsed(case, delay))
     return ringdown_modes(record.time_s, columns(speed_differences(record)), END)

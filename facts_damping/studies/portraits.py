@@ -12,7 +12,7 @@ from facts_damping.analysis.measures import speed_differences
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import load_case
-from facts_damping.control.bank import network_of
+from facts_damping.control.bank import controller_network
 from facts_damping.control.table import kind
 from facts_damping.neurofuzzy.network import Network, forward, passes
 from facts_damping.parameters import files
@@ -55,7 +55,10 @@ def scene(system: str, scenario: str, name: str, scheme: Scheme) -> Case:
 
 def portrait(case: Case) -> Portrait:
     """Run a neuro-fuzzy controller and keep what it learnt: also two seconds after the first event."""
-    net, first = network_of(case.controllers[0]), min([event.time for event in case.scenario.events], default=0.0)
+    net, first = (
+        controller_network(case.controllers[0]),
+        min([event.time for event in case.scenario.events], default=0.0),
+    )
     built = loop.build_loop(case)
     theta = built.bank_state.learner.theta[0, : net.size]
     before = theta.copy()

@@ -74,7 +74,7 @@ def write(folder: Path, rows: Rows, margins: Rows, shares: Rows) -> list[Path]:
     return [*made, folder / "versions.json"]
 
 
-def text(rows: Rows, margins: Rows, shares: Rows, across: str = "scenario") -> list[str]:
+def sweep_tables(rows: Rows, margins: Rows, shares: Rows, across: str = "scenario") -> list[str]:
     """What a terminal shows: counts, the margins, the shares of runs that fail."""
     failed = [row["error"] for row in rows if row["error"]]
     sound = [row for row in rows if not row["error"]]

@@ -36,7 +36,7 @@ POPULATION = 16
 GROWTH = 2  # how many times the draws of a rung the next one has
 
 
-class Task(NamedTuple):
+class SearchTask(NamedTuple):
     """What is searched for, with which budget of closed loops."""
 
     system: str
@@ -95,7 +95,7 @@ def _choice(structure: Structure, system: str, *, delayed: bool) -> Choice:
     return Choice(structure, system, delayed=delayed)
 
 
-def climb(task: Task, rung: Rung, entry: Entry) -> Entry:
+def climb(task: SearchTask, rung: Rung, entry: Entry) -> Entry:
     """A structure after a rung."""
     choice = _choice(entry.structure, task.system, delayed=task.link is not None)
     random = np.random.default_rng([task.seed, rung.number])
@@ -110,7 +110,7 @@ def climb(task: Task, rung: Rung, entry: Entry) -> Entry:
     return entry._replace(population=found.population, controller=best, scores=made)
 
 
-def _first(task: Task, choice: Choice, random: np.random.Generator) -> NDArray[np.float64]:
+def _first(task: SearchTask, choice: Choice, random: np.random.Generator) -> NDArray[np.float64]:
     """The first points of a structure."""
     known = choice.starts(task.start)[:POPULATION]
     made: NDArray[np.float64] = qmc.LatinHypercube(choice.size, rng=random).random(POPULATION)
@@ -121,17 +121,17 @@ def _first(task: Task, choice: Choice, random: np.random.Generator) -> NDArray[n
     return made
 
 
-def _score(task: Task, controller: Controller, against: Sequence[Draw]) -> Score:
+def _score(task: SearchTask, controller: Controller, against: Sequence[Draw]) -> Score:
     return score(controller, against, task.worst, medians=task.medians)
 
 
-def judge(task: Task, against: Sequence[Draw], entry: Entry) -> Entry:
+def judge(task: SearchTask, against: Sequence[Draw], entry: Entry) -> Entry:
     """A structure's best on draws that no rung has used."""
     assert entry.controller is not None  # noqa: S101 (for the types: it has climbed)
     return entry._replace(scores=(*entry.scores, _score(task, entry.controller, against)))
 
 
-def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
+def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
     """All structures, the best first."""
     ensemble(task.system, task.study)  # whose message says which systems there are
     asked = structures(load_system(task.system), names, task.devices, task.scheme)
@@ -155,7 +155,7 @@ def search(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int,
     return sorted([*left, *out], key=lambda entry: entry.rank)
 
 
-def _check_start(task: Task, asked: Sequence[Structure]) -> None:
+def _check_start(task: SearchTask, asked: Sequence[Structure]) -> None:
     """Raises `InputError` where what is to be started from has nothing for any structure."""
     if task.start == "hypercube":
         if task.deviation is not None:

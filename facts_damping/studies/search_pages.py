@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from facts_damping.studies.scoring import Score
-    from facts_damping.studies.search import Entry, Task
+    from facts_damping.studies.search import Entry, SearchTask
 
 
-def run_file(task: Task, command: str, entry: Entry) -> str:
+def run_file(task: SearchTask, command: str, entry: Entry) -> str:
     """A run of an entry on the scenario of training, with the command and what it reached on top."""
     made = Run(
         system=task.system,
@@ -62,7 +62,7 @@ def rows(found: Sequence[Entry]) -> list[dict[str, Any]]:
     ]
 
 
-def text(found: Sequence[Entry]) -> list[str]:
+def search_table(found: Sequence[Entry]) -> list[str]:
     """The ranking in Markdown; the last column is on fresh draws."""
     most = max(len(entry.scores) for entry in found)
     titles = [*(f"rung {i}" for i in range(most - 1)), "fresh"]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.control.table import Kind, Value
+    from facts_damping.control.table import ControllerKind, Value
     from facts_damping.small_signal.residues import Residues
 
 
@@ -82,7 +82,7 @@ GUARDS = {  # of `search`, beside those of the profile
 class Space(NamedTuple):
     """The search for a kind of controller and a scheme, of some signals and devices."""
 
-    row: Kind
+    row: ControllerKind
     scheme: str | None
     signals: Sequence[str]
     devices: Sequence[str]

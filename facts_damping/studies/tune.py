@@ -45,7 +45,7 @@ LOST = 1000.0  # objective of a run that loses synchronism at once
 Scheme = Literal["direct", "indirect"] | None
 
 
-class Task(NamedTuple):
+class TuningTask(NamedTuple):
     """What controllers are tuned for: a system, the devices that are installed and commanded, signals, budget, seed."""
 
     system: str
@@ -58,7 +58,7 @@ class Task(NamedTuple):
 class Job(NamedTuple):
     """One search: a controller and its scheme."""
 
-    task: Task
+    task: TuningTask
     name: str
     scheme: Scheme
 
@@ -148,7 +148,7 @@ def _population(size: int, seed: int) -> NDArray[np.float64]:
     return np.asarray((np.array(places).T + random.random((POPULATION, size))) / POPULATION)
 
 
-def tune(task: Task, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> Tuned:
+def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> Tuned:
     """Search for every controller, several at a time."""
     find("scenarios", SCENARIO, f"{task.system}/")
     asked = [Job(task, name, scheme) for name, scheme in rows(names)]

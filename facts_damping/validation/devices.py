@@ -15,7 +15,7 @@ from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, to_ns
-from facts_damping.validation.table import Row, Table, compare, within
+from facts_damping.validation.table import Row, ValidationTable, compare, within
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -70,7 +70,7 @@ def _follow(
     return devices, frames
 
 
-def converters() -> Table:
+def converters() -> ValidationTable:
     """Active power over the SSSC's voltage: P = V^2 / X sin(delta) + V v_q / X cos(delta / 2), (2.42)."""
     rows: list[Row] = []
     delta = np.deg2rad(ANGLE)
@@ -81,10 +81,10 @@ def converters() -> Table:
         rows.append(compare(f"power with v_q = {v_q:+.2f} p.u.", "p.u.", frames[0, 0, active], expected, 1e-5, ".6f"))
         phase = np.rad2deg(np.arctan2(devices["active_voltage"][0, 0], abs(devices["injected_voltage"][0, 0])))
         rows.append(within(f"voltage with v_q = {v_q:+.2f} p.u., from quadrature to the current", "deg", phase, 0.01))
-    return Table("Transmission characteristic of the SSSC", "the analytic solution (2.42)", "", rows)
+    return ValidationTable("Transmission characteristic of the SSSC", "the analytic solution (2.42)", "", rows)
 
 
-def balance() -> Table:
+def balance() -> ValidationTable:
     """What a converter draws charges its DC link and its transformer's reactance, or is lost in the resistance."""
     system = load_system("two_area")
     times = np.arange(round(SECONDS * FINE) + 1) / FINE
@@ -99,4 +99,4 @@ def balance() -> Table:
         what = f"{name}: drawn less lost and stored, of {np.ptp(stored):.1e} p.u. s stored"
         rows.append(within(what, "p.u. s", drawn - (stored[-1] - stored[0]), 1e-7))
     title = "Energy of the converters of two_area over 0.5 s, from an uncharged DC link and a step of both setpoints"
-    return Table(title, "conservation", "", rows)
+    return ValidationTable(title, "conservation", "", rows)

@@ -10,9 +10,9 @@ from facts_damping.validation.table import markdown
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from facts_damping.validation.table import Table
+    from facts_damping.validation.table import ValidationTable
 
-TABLES: dict[str, Callable[[], Table]] = {
+TABLES: dict[str, Callable[[], ValidationTable]] = {
     "power-flow-two-area": start.two_area,
     "power-flow-kundur": start.kundur,
     "power-flow-smib": start.smib,
@@ -39,7 +39,7 @@ is in [tests](testing.md).
 """
 
 
-def page(tables: Sequence[Table]) -> str:
+def page(tables: Sequence[ValidationTable]) -> str:
     """The page docs/validation.md."""
     rows = [row for table in tables for row in table.rows]
     passed = sum(row.passed for row in rows)

@@ -15,7 +15,7 @@ from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping.small_signal.modal_analysis import analyse
-from facts_damping.validation.table import Row, Table, compare, figures, furthest, within
+from facts_damping.validation.table import Row, ValidationTable, compare, figures, furthest, within
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -85,7 +85,7 @@ def _read(name: str, case: str | None = None) -> NDArray[np.complex128]:
     return np.asarray(rows["re"] + 1j * rows["im"])
 
 
-def kundur() -> Table:
+def kundur() -> ValidationTable:
     """kundur_12_6 and its options against ANDES."""
     system = load_system("kundur_12_6")
     ours = eigenvalues(system)
@@ -98,7 +98,9 @@ def kundur() -> Table:
         ours = eigenvalues(varied(system, fields))
         theirs = _read("kundur_12_6_options_eigenvalues_andes", case)
         rows.append(within(f"{what}: all eigenvalues", "1/s", furthest(_far(ours), _far(theirs)), SAME_EQUATIONS))
-    return Table("Eigenvalues of kundur_12_6 and its options", "ANDES", "facts-damping modes kundur_12_6", rows)
+    return ValidationTable(
+        "Eigenvalues of kundur_12_6 and its options", "ANDES", "facts-damping modes kundur_12_6", rows
+    )
 
 
 def _swings(values: NDArray[np.complex128]) -> list[complex]:
@@ -106,7 +108,7 @@ def _swings(values: NDArray[np.complex128]) -> list[complex]:
     return sorted((complex(v) for v in values if 2 < v.imag < 20 and abs(v.real) < 2), key=lambda v: v.imag)
 
 
-def others() -> Table:
+def others() -> ValidationTable:
     """wscc_9 and new_england_39."""
     published = np.array([*TABLE_8_2, *np.conj(TABLE_8_2), *TABLE_8_2_REAL])
     constant_power = _far(eigenvalues(load_system("wscc_9_constant_power")))
@@ -116,10 +118,12 @@ def others() -> Table:
         theirs = _read(f"{name}_eigenvalues_andes")
         found = furthest(_far(eigenvalues(load_system(name))), _far(theirs))
         rows.append(within(f"{name}: ANDES", "1/s", found, tolerance))
-    return Table("Eigenvalues of wscc_9 and new_england_39", "Sauer and Pai; ANDES", "facts-damping modes wscc_9", rows)
+    return ValidationTable(
+        "Eigenvalues of wscc_9 and new_england_39", "Sauer and Pai; ANDES", "facts-damping modes wscc_9", rows
+    )
 
 
-def two_area() -> Table:
+def two_area() -> ValidationTable:
     """The interarea mode of two_area and its residues, with SSSC and STATCOM."""
     rows = []
     for devices in (["sssc"], ["sssc", "statcom"]):
@@ -135,10 +139,12 @@ def two_area() -> Table:
             if pair[0] == devices[-1]
         ]
     source = "an earlier calculation with the same equations; signs as in (2.42)"
-    return Table("Interarea mode of two_area", source, "facts-damping modes two_area --devices sssc,statcom", rows)
+    return ValidationTable(
+        "Interarea mode of two_area", source, "facts-damping modes two_area --devices sssc,statcom", rows
+    )
 
 
-def ringdown() -> Table:
+def ringdown() -> ValidationTable:
     """The linear model against the ringdown of the time domain after a small pulse."""
     rows: list[Row] = []
     for system, devices, event in RINGDOWN:
@@ -152,4 +158,4 @@ def ringdown() -> Table:
         tolerance = 0.01 * mode.frequency_hz
         rows.append(compare(f"{name}: frequency", "Hz", heard.frequency_hz, mode.frequency_hz, tolerance))
         rows.append(compare(f"{name}: damping ratio", "-", heard.damping_ratio, mode.damping_ratio, 0.003))
-    return Table("Ringdown against the linear model", "the linearised plant", "", rows)
+    return ValidationTable("Ringdown against the linear model", "the linearised plant", "", rows)

@@ -12,7 +12,7 @@ from facts_damping.plant.model import copy, workspace
 from facts_damping.plant.power_flow import solve
 from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
-from facts_damping.validation.table import Row, Table, compare, figures, within
+from facts_damping.validation.table import Row, ValidationTable, compare, figures, within
 
 TWO_AREA = {"G1": 0.7778 + 0.1021j, "G2": 0.7777 + 0.1307j, "G3": 0.7989 + 0.0914j, "G4": 0.7778 + 0.0919j}
 TWO_AREA_LOADS = {"B7": 0.9916, "B9": 1.0028}
@@ -32,7 +32,7 @@ WSCC = {
 }
 
 
-def two_area() -> Table:
+def two_area() -> ValidationTable:
     """Powers of the machines and voltages of the loads, as the thesis prints them."""
     flow = solve(load_system("two_area"))
     voltage = dict(zip(flow.names, np.abs(flow.voltage), strict=True))
@@ -41,10 +41,12 @@ def two_area() -> Table:
         for name, power in TWO_AREA.items()
     ]
     rows += [compare(f"voltage of {bus}", "p.u.", voltage[bus], v, 2e-4) for bus, v in TWO_AREA_LOADS.items()]
-    return Table("Power flow of two_area", "Badar's thesis, 4.5.2, four digits", "facts-damping modes two_area", rows)
+    return ValidationTable(
+        "Power flow of two_area", "Badar's thesis, 4.5.2, four digits", "facts-damping modes two_area", rows
+    )
 
 
-def kundur() -> Table:
+def kundur() -> ValidationTable:
     """Kundur's example 12.6."""
     flow = solve(load_system("kundur_12_6"))
     voltage = dict(zip(flow.names, np.abs(flow.voltage), strict=True))
@@ -54,10 +56,10 @@ def kundur() -> Table:
         for name, q in KUNDUR_REACTIVE.items()
     ]
     source = "Kundur 1994, example 12.6, four digits"
-    return Table("Power flow of kundur_12_6", source, "facts-damping modes kundur_12_6", rows)
+    return ValidationTable("Power flow of kundur_12_6", source, "facts-damping modes kundur_12_6", rows)
 
 
-def smib() -> Table:
+def smib() -> ValidationTable:
     """Flow from B3 to B4, and the rotor's angle against its terminals."""
     rows: list[Row] = []
     for scenario, (power, angle) in SMIB.items():
@@ -68,10 +70,10 @@ def smib() -> Table:
         rows.append(compare(f"{scenario}: flow from B3 to B4", "MW", flow, power, 0.01 * power, ".0f"))
         rows.append(compare(f"{scenario}: load angle", "deg", load_angle, angle, 0.4, ".2f"))
     command = "facts-damping modes smib --scenario heavy"
-    return Table("Power flow of smib", "Badar's thesis, 4.5.1 and 4.7.1", command, rows)
+    return ValidationTable("Power flow of smib", "Badar's thesis, 4.5.1 and 4.7.1", command, rows)
 
 
-def wscc() -> Table:
+def wscc() -> ValidationTable:
     """The nine-bus system of two books."""
     flow = solve(load_system("wscc_9"))
     rows = []
@@ -80,10 +82,10 @@ def wscc() -> Table:
         rows.append(compare(f"voltage of {name}", "p.u.", float(abs(v)), magnitude, 5.1e-4, ".3f"))
         rows.append(compare(f"angle of {name}", "deg", float(np.rad2deg(np.angle(v))), angle, 0.051, ".1f"))
     source = "Anderson and Fouad, figure 2.19; Sauer and Pai, table 7.1: three digits, tenths of a degree"
-    return Table("Power flow of wscc_9", source, "facts-damping modes wscc_9", rows)
+    return ValidationTable("Power flow of wscc_9", source, "facts-damping modes wscc_9", rows)
 
 
-def new_england() -> Table:
+def new_england() -> ValidationTable:
     """The 39-bus system."""
     flow = solve(load_system("new_england_39"))
     voltage = dict(zip(flow.names, flow.voltage, strict=True))
@@ -93,10 +95,12 @@ def new_england() -> Table:
         within("voltages of the 39 buses", "p.u.", np.abs(ours) - theirs["magnitude"], 1e-6),
         within("angles of the 39 buses", "deg", np.rad2deg(np.angle(ours)) - theirs["angle"], 1e-5),
     ]
-    return Table("Power flow of new_england_39", "MATPOWER, case39 solved", "facts-damping modes new_england_39", rows)
+    return ValidationTable(
+        "Power flow of new_england_39", "MATPOWER, case39 solved", "facts-damping modes new_england_39", rows
+    )
 
 
-def rest() -> Table:
+def rest() -> ValidationTable:
     """Every shipped system at its start: how fast any state moves."""
     rows = []
     for name in shipped("systems"):
@@ -107,4 +111,4 @@ def rest() -> Table:
         derivatives(built.plant, state.x, state.reference, state.source, 0, slope, workspace(built.plant, state))
         rows.append(within(f"{name}, all devices installed: dx/dt", "1/s", slope, 1e-9))
         rows.append(within(f"{name}: mismatch of the power flow", "p.u.", built.flow.residual, 1e-9))
-    return Table("Equilibrium of every shipped system", "zero", "", rows)
+    return ValidationTable("Equilibrium of every shipped system", "zero", "", rows)

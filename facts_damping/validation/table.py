@@ -31,7 +31,7 @@ class Row(NamedTuple):
         return math.isfinite(self.difference) and self.difference <= self.tolerance
 
 
-class Table(NamedTuple):
+class ValidationTable(NamedTuple):
     """Comparisons with one source; `command` shows ours to a user."""
 
     title: str
@@ -74,7 +74,7 @@ def furthest(ours: NDArray[np.complex128], theirs: NDArray[np.complex128]) -> fl
     return float(np.abs(np.asarray(ours)[:, None] - np.asarray(theirs)[None]).min(axis=0).max())
 
 
-def text(table: Table) -> list[str]:
+def table_text(table: ValidationTable) -> list[str]:
     """Lines of a table for the terminal."""
     width = max(len(row.what) for row in table.rows)
     lines = [f"{table.title} ({table.source})"]
@@ -87,7 +87,7 @@ def text(table: Table) -> list[str]:
     return lines
 
 
-def document(tables: Sequence[Table]) -> list[dict[str, Any]]:
+def document(tables: Sequence[ValidationTable]) -> list[dict[str, Any]]:
     """The tables as JSON."""
     return [
         {**t._asdict(), "passed": t.passed, "rows": [{**r._asdict(), "passed": r.passed} for r in t.rows]}
@@ -95,7 +95,7 @@ def document(tables: Sequence[Table]) -> list[dict[str, Any]]:
     ]
 
 
-def markdown(table: Table) -> str:
+def markdown(table: ValidationTable) -> str:
     """A table as a section of a Markdown page."""
     lines = [f"## {table.title}", "", f"Reference: {table.source}"]
     if table.command:

@@ -16,7 +16,7 @@ from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, to_ns
 from facts_damping.simulation import loop
 from facts_damping.validation.small_signal import MACHINES, STABILISERS, STATIC, TURBINE, varied
-from facts_damping.validation.table import Row, Table, figures, within
+from facts_damping.validation.table import Row, ValidationTable, figures, within
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -58,7 +58,7 @@ def follow(system: System, devices: list[str], listed: list[dict[str, Any]], tim
     return machines
 
 
-def andes() -> Table:
+def andes() -> ValidationTable:
     """A fault and a load step in kundur_12_6 against ANDES's trapezoidal rule."""
     system = load_system("kundur_12_6")
     theirs = figures("kundur_12_6_bus8_fault_andes")
@@ -75,7 +75,7 @@ def andes() -> Table:
     powers = np.array([theirs[f"pm{g}"] for g in range(1, 5)]).T
     rows.append(within(f"{what}: mechanical powers", "p.u. of 900 MVA", ours["mechanical_power"] / 9 - powers, 2e-7))
     source = "ANDES, steps of 2 ms and 1 ms"
-    return Table("Time domain of kundur_12_6", source, "facts-damping simulate kundur_12_6_fault", rows)
+    return ValidationTable("Time domain of kundur_12_6", source, "facts-damping simulate kundur_12_6_fault", rows)
 
 
 def _speeds(what: str, ours: Any, theirs: Any, tolerance: float) -> Row:
@@ -93,7 +93,7 @@ def _angles(what: str, ours: Any, theirs: Any, tolerance: float) -> Row:
     return within(f"{what}: angles against G3", "deg", pair[0] - pair[1], tolerance)
 
 
-def steps() -> Table:
+def steps() -> ValidationTable:
     """The shipped step against an eighth of it, all else the same, up to 1 s before a loss of synchronism."""
     rows = []
     for system, scenario, devices, controlled, tolerance in STEPS:
@@ -107,4 +107,4 @@ def steps() -> Table:
         control = "LLC" if controlled else "no control"
         what = f"{system} {scenario}, {' and '.join(devices) or 'no device'}, {control}"
         rows.append(within(what, "p.u.", speeds[0] - speeds[1], tolerance))
-    return Table("Error of the speeds at the shipped step", "the same with an eighth of the step", "", rows)
+    return ValidationTable("Error of the speeds at the shipped step", "the same with an eighth of the step", "", rows)

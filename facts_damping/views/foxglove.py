@@ -24,7 +24,7 @@ TYPES = {
 }
 
 
-def text(tabs: Sequence[Tab]) -> str:
+def foxglove_layout(tabs: Sequence[Tab]) -> str:
     """The layout file of some tabs."""
     panels: dict[str, Any] = {}
     shown = []

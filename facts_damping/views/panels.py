@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
-from facts_damping.control.bank import network_of
+from facts_damping.control.bank import controller_network
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.devices import Series as SeriesDevice
 from facts_damping.simulation.build import identifier_network
@@ -107,7 +107,7 @@ def _devices(case: Case, full: Callable[[str], str]) -> Tab:
 def _controller(case: Case, c: int, here: str) -> Tab:
     """One controller: what goes in and out, and how its network learns."""
     controller, topic = case.controllers[c], f"{here}/state"
-    signals, devices, net = controller.signals, controller.devices, network_of(controller)
+    signals, devices, net = controller.signals, controller.devices, controller_network(controller)
     parts, adapts = groups(net), controller.scheme is not None
     outputs = [
         curve

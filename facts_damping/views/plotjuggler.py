@@ -22,7 +22,7 @@ COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e", "#f14cc1", "#9467bd", "#1
 STYLES = {PLOT: "Lines", STATES: "Steps"}
 
 
-def text(tabs: Sequence[Tab]) -> str:
+def plotjuggler_layout(tabs: Sequence[Tab]) -> str:
     """The layout file of some tabs."""
     root = Element("root")
     window = SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})

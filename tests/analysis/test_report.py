@@ -20,7 +20,7 @@ from facts_damping.analysis import details, summarise
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError
 from facts_damping.report.build import build
-from facts_damping.report.contents import Chart, Maps, Run, Table
+from facts_damping.report.contents import Chart, Maps, ReportedRun, ReportTable
 from facts_damping.report.tables import ranked
 from facts_damping.report.traces import detailed, envelope, steps
 from facts_damping.signals import DEVICE_TRUTH
@@ -46,7 +46,7 @@ def said(*named: tuple[str, Record]) -> Report:
     """What the report says of records."""
     summaries = [summarise(record) for _, record in named]
     details.compare(summaries, 0)
-    return build([Run(name, record, one, "-") for (name, record), one in zip(named, summaries, strict=True)])
+    return build([ReportedRun(name, record, one, "-") for (name, record), one in zip(named, summaries, strict=True)])
 
 
 def written(folder: Path, *named: tuple[str, Record]) -> Path:
@@ -223,7 +223,7 @@ def test_a_run_of_nearly_nothing(tmp_path: Path, swing_record: Callable[..., Rec
     bare = swing_record(7, events=[], device_names=[], devices=np.zeros((7, 0), DEVICE_TRUTH), controller_names=[])
     bare = dataclasses.replace(bare, applied=bare.applied[:0], issued=bare.issued[:0])
     found = items(said(("bare", bare)))
-    assert isinstance(found["summary"], Table)
+    assert isinstance(found["summary"], ReportTable)
     assert "spwvd" not in found
     assert "injected_voltage" not in found
     assert written(tmp_path, ("bare", bare)).stat().st_size > 1_000_000
@@ -335,7 +335,7 @@ def test_all_figures_are_drawn_and_fit_the_screen(
         assert 0.35 * width < wide <= width
         assert high > 200
         assert colours > 3  # axes, grid, at least one run
-    assert page.locator("table").count() == sum(isinstance(one, Table) for one in items(said(*runs)).values())
+    assert page.locator("table").count() == sum(isinstance(one, ReportTable) for one in items(said(*runs)).values())
     assert all(box["width"] <= width for box in (one.bounding_box() for one in page.locator(".scroll").all()))
 
 

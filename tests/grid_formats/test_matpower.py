@@ -12,7 +12,7 @@ import pytest
 
 from facts_damping.case.loading import load_system
 from facts_damping.errors import InputError
-from facts_damping.grid_formats.conversion import Case, convert
+from facts_damping.grid_formats.conversion import MatpowerCase, convert
 from facts_damping.grid_formats.matpower import import_case, read_case
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build
@@ -38,7 +38,7 @@ def loaded(folder: Path, dynamics: dict[str, Any] | None = None, case: Path = CA
     return load_system(str(path)), notes, text
 
 
-def tables(**changes: Any) -> Case:
+def tables(**changes: Any) -> MatpowerCase:
     """Two buses, a generator at each, two branches; `bus_1={...}` changes row 1 of the table of buses."""
     common = {"PD": 0.0, "QD": 0.0, "GS": 0.0, "BS": 0.0, "VM": 1.0, "VA": 0.0, "BASE_KV": 230.0}
     unit = {"PG": 40.0, "QG": 0.0, "VG": 1.0, "MBASE": 100.0, "GEN_STATUS": 1, "PMAX": 90.0, "PMIN": 0.0}
@@ -55,7 +55,7 @@ def tables(**changes: Any) -> Case:
         while index >= len(rows[table]):
             rows[table].append(dict(rows[table][-1]))
         rows[table][index] |= change
-    return Case("two_buses", 100.0, rows["bus"], rows["gen"], rows["branch"])
+    return MatpowerCase("two_buses", 100.0, rows["bus"], rows["gen"], rows["branch"])
 
 
 def converted(dynamics: dict[str, Any] | None = None, **changes: Any) -> Imported:

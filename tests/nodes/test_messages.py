@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import packing
 from facts_damping.nodes.messages import ControllerStateMessage, PlantStateMessage
-from facts_damping.nodes.tables import Frames, Setpoints
+from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.warmup import PARTS, compile_part
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_control
@@ -49,7 +49,7 @@ def deliveries(draw: st.DrawFn) -> Any:
 @settings(deadline=None, max_examples=60)
 @given(rows=deliveries(), tick=st.integers(0, 2**40), start=TIMES)
 def test_frames_as_bytes_are_the_message(case: Case, rows: Any, tick: int, start: int) -> None:
-    data = Frames(case).fill(tick, start, rows, len(rows))
+    data = FramesMessage(case).fill(tick, start, rows, len(rows))
     message = deserialize_message(data, msg.PmuDataFrame)
     assert (message.tick, message.fresh) == (tick, len(rows) > 0)
     assert message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec == start
@@ -65,7 +65,7 @@ def test_frames_as_bytes_are_the_message(case: Case, rows: Any, tick: int, start
 @given(rows=deliveries(), tick=st.integers(0, 2**40))
 def test_frames_are_read_back_also_from_rclpy(case: Case, rows: Any, tick: int) -> None:
     rows["tick"] = tick
-    writer, reader = Frames(case), Frames(case)
+    writer, reader = FramesMessage(case), FramesMessage(case)
     data = writer.fill(tick, 0, rows, len(rows))
     again = serialize_message(deserialize_message(data, msg.PmuDataFrame))
     for source in (data, again, data):
@@ -79,7 +79,7 @@ def test_measured_tick_is_that_of_the_frame(case: Case) -> None:
     rows = np.zeros(1, DELIVERY)
     for tick in [0, 1, 2, 59, 60, 61, 12345]:
         rows["measured_ns"] = tick * NANOSECONDS // rate
-        message = deserialize_message(Frames(case).fill(tick + 7, 0, rows, 1), msg.PmuDataFrame)
+        message = deserialize_message(FramesMessage(case).fill(tick + 7, 0, rows, 1), msg.PmuDataFrame)
         assert message.frames[0].tick == tick
 
 
@@ -87,9 +87,9 @@ def test_entries_of_unknown_stations_are_passed_over(case: Case) -> None:
     rows = np.zeros(3, DELIVERY)
     rows["station"] = [0, 1, 2]
     rows["values"] = np.arange(15.0).reshape(3, 5)
-    message = deserialize_message(Frames(case).fill(5, 0, rows, 3), msg.PmuDataFrame)
+    message = deserialize_message(FramesMessage(case).fill(5, 0, rows, 3), msg.PmuDataFrame)
     message.frames[1].station = "ELSEWHERE"
-    tick, seen = Frames(case).read(serialize_message(message))
+    tick, seen = FramesMessage(case).read(serialize_message(message))
     assert tick == 5
     assert seen["station"].tolist() == [0, 2]
     assert seen["values"].tolist() == rows["values"][[0, 2]].tolist()
@@ -105,13 +105,13 @@ def test_setpoints_as_bytes_are_the_message(
     case: Case, tick: int, entries: list[tuple[int, int, int, float]], controller: str
 ) -> None:
     rows = np.array([(tick, 0, 0, *entry) for entry in entries], SETPOINT)
-    data = Setpoints(case).fill(tick, 0, rows, controller)
+    data = SetpointsMessage(case).fill(tick, 0, rows, controller)
     message = deserialize_message(data, msg.VoltageSetpoints)
     assert (message.tick, message.controller, message.fresh) == (tick, controller, len(rows) > 0)
     assert bits([entry.value_pu for entry in message.setpoints]) == bits(rows["value"])
     assert {entry.device for entry in message.setpoints} <= {"sssc"}
     for source in (data, serialize_message(message)):
-        seen_tick, seen_controller, seen = Setpoints(case).read(source)
+        seen_tick, seen_controller, seen = SetpointsMessage(case).read(source)
         assert (seen_tick, seen_controller) == (tick, controller)
         assert seen.tobytes() == rows.tobytes()
 
@@ -119,7 +119,7 @@ def test_setpoints_as_bytes_are_the_message(
 @settings(deadline=None, max_examples=20)
 @given(rows=deliveries(), cut=st.integers(1, 40))
 def test_a_message_cut_short_is_not_taken_for_a_whole_one(case: Case, rows: Any, cut: int) -> None:
-    frames = Frames(case)
+    frames = FramesMessage(case)
     data = frames.fill(7, 0, rows, len(rows))
     shape = frames.shape(tuple(rows["station"].tolist()))
     assert shape.template.take(data)
@@ -130,8 +130,8 @@ def test_warm_up_compiles_what_messages_use(case: Case) -> None:
     for part in PARTS:
         compile_part(part)
     rows, given = np.zeros(2, DELIVERY), np.zeros(1, SETPOINT)
-    Frames(case).read(Frames(case).fill(1, 0, rows, 2))
-    Setpoints(case).read(Setpoints(case).fill(1, 0, given, ""))
+    FramesMessage(case).read(FramesMessage(case).fill(1, 0, rows, 2))
+    SetpointsMessage(case).read(SetpointsMessage(case).fill(1, 0, given, ""))
     for kernel in (packing.pack, packing.unpack, packing.mark, packing.take):
         assert len(kernel.signatures) == 1, kernel
 

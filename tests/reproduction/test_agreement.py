@@ -16,8 +16,8 @@ from scipy.stats import spearmanr
 
 from facts_damping.reproduction.agreement import (
     ALL,
+    ComparedRun,
     Figures,
-    Run,
     Statement,
     compare,
     contradictions,
@@ -26,12 +26,12 @@ from facts_damping.reproduction.agreement import (
     signs,
     statements,
 )
-from facts_damping.reproduction.agreement import text as text_of
+from facts_damping.reproduction.agreement import value_text as text_of
 from facts_damping.reproduction.printed import DIRECT, LLC, Cell, Who, cells
 from facts_damping.reproduction.ranking import correlation, mean_ranks, rankings, totals
 
 CELLS = cells()
-Found = dict[Run, dict[str, float]]
+Found = dict[ComparedRun, dict[str, float]]
 INDIRECT = Who("MISO", "ANFLeC", "indirect")
 
 
@@ -39,7 +39,7 @@ def as_printed() -> Found:
     """Figures that give every corrected cell: LLC's indices are 1, the others follow from the improvement over it."""
     found: Found = {}
     for cell in CELLS:
-        run = Run(cell.system, cell.scenario, cell.who)
+        run = ComparedRun(cell.system, cell.scenario, cell.who)
         if cell.against is None:
             found.setdefault(run, {})["smoothness"] = cell.corrected
         elif cell.against == LLC:
@@ -71,14 +71,14 @@ def test_ours_is_the_cell_itself_where_the_runs_are_theirs() -> None:
 
 def test_an_improvement_is_4_109_and_a_smoothness_stands_as_it_is() -> None:
     figures = as_printed()
-    run = Run("smib", "heavy", INDIRECT)
+    run = ComparedRun("smib", "heavy", INDIRECT)
     figures[run] |= {"ITAE": 3.0, "smoothness": 7.0}
     figures[run._replace(who=LLC)]["ITAE"] = 4.0
     figures[run._replace(who=DIRECT)]["ITAE"] = 2.0
     ours = {
         (c.cell.quantity, c.cell.against): (c.figure, c.ours)
         for c in compare(CELLS, figures)
-        if Run(c.cell.system, c.cell.scenario, c.cell.who) == run
+        if ComparedRun(c.cell.system, c.cell.scenario, c.cell.who) == run
     }
     assert ours["ITAE", LLC] == (3.0, 25.0)
     assert ours["ITAE", DIRECT] == (3.0, -50.0)
@@ -153,7 +153,7 @@ def test_a_slip_whose_sign_is_wrong_counts_in_one_reading_only() -> None:
 
 
 def test_an_unstable_run_contradicts_everything_that_is_said_of_it() -> None:
-    run = Run("smib", "light", INDIRECT)
+    run = ComparedRun("smib", "light", INDIRECT)
     figures: Figures = {**as_printed(), run: None}
     found = stated(figures)
     said = contradictions(found)
@@ -180,10 +180,10 @@ def test_without_the_reference_nothing_can_be_said_but_the_order_is_known() -> N
 
 def test_a_figure_that_is_no_number_is_missing_and_a_run_that_was_not_made_is_an_error() -> None:
     figures = as_printed()
-    figures[Run("smib", "light", INDIRECT)]["ITAE"] = math.nan
+    figures[ComparedRun("smib", "light", INDIRECT)]["ITAE"] = math.nan
     missing = [c.cell for c in compare(CELLS, figures) if c.ours is None]
     assert {(c.scenario, c.who, c.quantity) for c in missing} == {("light", INDIRECT, "ITAE")}
-    del figures[Run("smib", "light", INDIRECT)]
+    del figures[ComparedRun("smib", "light", INDIRECT)]
     with pytest.raises(KeyError, match="ANFLeC"):
         compare(CELLS, figures)
 
@@ -216,7 +216,7 @@ def test_best_and_second_by_hand() -> None:
 
 def test_a_controller_far_from_its_place_is_named_and_ties_share_it() -> None:
     figures = as_printed()
-    figures[Run("two_area", "large", Who("MISO", "HBsWC", "direct"))]["ITAE"] = 0.99
+    figures[ComparedRun("two_area", "large", Who("MISO", "HBsWC", "direct"))]["ITAE"] = 0.99
     changed = [r for r in rankings(compare(CELLS, figures)) if r.rho != pytest.approx(1.0)]
     (r,) = changed
     assert (r.table, r.scenario, r.quantity) == ("4.2", "large", "ITAE")

@@ -10,7 +10,7 @@ import pytest
 
 from facts_damping.cli.main import main
 from facts_damping.parameters.files import share_folder
-from facts_damping.reproduction.agreement import Run, compare
+from facts_damping.reproduction.agreement import ComparedRun, compare
 from facts_damping.reproduction.printed import Who, cells
 from facts_damping.reproduction.results import TITLES
 from facts_damping.reproduction.runs import carry_out, figures, nominal, whos
@@ -88,4 +88,4 @@ def test_cells_of_the_page_are_those_of_a_run(table: str, scenario: str, control
     for row, one in zip(rows, compare(own, made), strict=True):
         assert float(row["ours"]) == pytest.approx(one.ours, rel=ROUNDING)
         assert float(row["printed"]) == one.cell.printed
-    assert Run(own[0].system, scenario, Who("MISO", "LQG", None)) in made
+    assert ComparedRun(own[0].system, scenario, Who("MISO", "LQG", None)) in made

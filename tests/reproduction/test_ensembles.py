@@ -7,7 +7,7 @@ from scipy import stats
 
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.reproduction import ensembles
-from facts_damping.reproduction.agreement import Run, name
+from facts_damping.reproduction.agreement import ComparedRun, name
 from facts_damping.reproduction.printed import DIRECT, LLC, SCENARIOS, Who, cells
 from facts_damping.reproduction.ranking import rho
 from facts_damping.reproduction.runs import BASELINES, FIGURES
@@ -91,10 +91,10 @@ def test_cells_by_medians() -> None:
         assert c.difference == pytest.approx((c.ours or 0.0) - c.cell.corrected)
 
 
-def figures(order: Callable[[str, int], float]) -> dict[Run, dict[str, float] | None]:
+def figures(order: Callable[[str, int], float]) -> dict[ComparedRun, dict[str, float] | None]:
     """Figures of networks by a function of scenario and place."""
     return {
-        Run("smib", scenario, who): dict.fromkeys(FIGURES, float(order(scenario, i)))
+        ComparedRun("smib", scenario, who): dict.fromkeys(FIGURES, float(order(scenario, i)))
         for scenario in SCENARIOS["smib"].values()
         for i, who in enumerate(NETWORKS)
     }

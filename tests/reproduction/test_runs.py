@@ -6,14 +6,14 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.parameters.link import Noise
 from facts_damping.reproduction import explanations
-from facts_damping.reproduction.agreement import Run, name
+from facts_damping.reproduction.agreement import ComparedRun, name
 from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, Who, cells
 from facts_damping.reproduction.results import FOUND
 from facts_damping.reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
 from facts_damping.studies import architectures, axes, compare
 from facts_damping.studies.batch import Base, make
 
-Made = dict[Run, dict[str, float] | None]
+Made = dict[ComparedRun, dict[str, float] | None]
 
 
 def test_a_run_of_the_tables_is_that_of_compare_and_of_architectures(tmp_path: Path) -> None:
@@ -24,11 +24,11 @@ def test_a_run_of_the_tables_is_that_of_compare_and_of_architectures(tmp_path: P
     for scenario in SCENARIOS["two_area"].values():
         for who in asked[:2]:
             row = compare.one_run("two_area", ["duration=4"], own, (scenario, who.controller, who.scheme))
-            ours = found[Run("two_area", scenario, who)]
+            ours = found[ComparedRun("two_area", scenario, who)]
             assert ours == {**row["indices"], "smoothness": row["smoothness"]}
         one = architectures.Contender(scenario, "centralised", "ANFTSC", "indirect")
         row = architectures.one_run(["duration=4"], one)
-        assert found[Run("two_area", scenario, asked[2])] == {**row["indices"], "smoothness": row["smoothness"]}
+        assert found[ComparedRun("two_area", scenario, asked[2])] == {**row["indices"], "smoothness": row["smoothness"]}
 
 
 def test_the_baselines_are_beside_every_table() -> None:
@@ -77,7 +77,9 @@ def test_the_set_up_of_the_tables_agrees_with_itself() -> None:
     system, tables = "smib", cells(("4.1",))
     asked = [who for who in whos(tables, system) if who == LLC or who.scheme]
     made: Made = {
-        Run(system, scenario, who): dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE", "smoothness"), 1.0 + i * 7 % 12)
+        ComparedRun(system, scenario, who): dict.fromkeys(
+            ("ITAE", "IAE", "ITSE", "ISE", "smoothness"), 1.0 + i * 7 % 12
+        )
         for scenario in SCENARIOS[system].values()
         for i, who in enumerate(asked)
     }
@@ -93,10 +95,12 @@ def test_the_set_up_of_the_tables_agrees_with_itself() -> None:
 
 def test_the_way_to_the_bound() -> None:
     place = ("smib", "light")
-    made: Made = {Run(*place, who): {"ITAE": value} for who, value in zip(BASELINES, (9.0, 5.0, 2.0, 1.0), strict=True)}
-    made[Run(*place, Who("MISO", "HBsWC", "direct"))] = None
-    assert [reached(made, Run(*place, who), "ITAE") for who in BASELINES] == [-100.0, 0.0, 75.0, 100.0]
-    assert reached(made, Run(*place, Who("MISO", "HBsWC", "direct")), "ITAE") is None
+    made: Made = {
+        ComparedRun(*place, who): {"ITAE": value} for who, value in zip(BASELINES, (9.0, 5.0, 2.0, 1.0), strict=True)
+    }
+    made[ComparedRun(*place, Who("MISO", "HBsWC", "direct"))] = None
+    assert [reached(made, ComparedRun(*place, who), "ITAE") for who in BASELINES] == [-100.0, 0.0, 75.0, 100.0]
+    assert reached(made, ComparedRun(*place, Who("MISO", "HBsWC", "direct")), "ITAE") is None
 
 
 @pytest.mark.parametrize("who", [one for found in FOUND.values() for one in found], ids=name)

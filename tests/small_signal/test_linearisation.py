@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.system import System
-    from facts_damping.small_signal.linearisation import Mode, Residue
+    from facts_damping.small_signal.linearisation import Eigenmode, Residue
     from facts_damping.small_signal.modal_analysis import Modal
 
 BOTH = ("sssc", "statcom")
@@ -51,12 +51,12 @@ def observed(system: System, frames: NDArray[np.float64], signal: str) -> NDArra
     return np.asarray(np.einsum("tsc,sc->t", np.nan_to_num(frames), weights(system, signal)))
 
 
-def interarea(found: Modal) -> Mode:
+def interarea(found: Modal) -> Eigenmode:
     (mode,) = [m for m in found.modes if m.label == "interarea"]
     return mode
 
 
-def residue(mode: Mode, device: str, signal: str) -> Residue:
+def residue(mode: Eigenmode, device: str, signal: str) -> Residue:
     (found,) = [r for r in mode.residues if (r.device, r.signal) == (device, signal)]
     return found
 
@@ -104,7 +104,7 @@ def test_two_areas_have_one_interarea_and_two_local_modes(devices: tuple[str, ..
     assert all(abs(mode.eigenvalue) < 5e-3 for mode in common)
 
 
-def apart(mode: Mode, one: str, other: str) -> float:
+def apart(mode: Eigenmode, one: str, other: str) -> float:
     """Angle between the motions of two machines, deg."""
     return float(abs(np.rad2deg(np.angle(mode.shape[one] / mode.shape[other]))))
 

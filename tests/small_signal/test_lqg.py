@@ -14,7 +14,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_control, build_sensitivity
-from facts_damping.small_signal.lqg import Model, design, model, optimal, reduced, sampled
+from facts_damping.small_signal.lqg import DesignModel, design, model, optimal, reduced, sampled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -142,7 +142,7 @@ def test_the_reduced_model_is_near_the_plant_and_small(which: str) -> None:
             assert (np.abs(less - full).max(axis=0) < 0.03 * most).all()
 
 
-def reduced_of(case: Case) -> Model:
+def reduced_of(case: Case) -> DesignModel:
     plant, (controller,) = plant_of(case), case.controllers
     whole = model(plant, case.system, controller)
     size = np.abs([plant.ratio(name, controller.signals[0]) for name in controller.signals])

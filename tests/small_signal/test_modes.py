@@ -9,7 +9,7 @@ import pytest
 
 from facts_damping.parameters.files import shipped as names
 from facts_damping.small_signal import linearisation
-from facts_damping.small_signal.linearisation import Mode, linearise, modes
+from facts_damping.small_signal.linearisation import Eigenmode, linearise, modes
 from tests.independent import two_area as reference
 from tests.plant.running import BYPASS, changed, plant, shipped, split
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 DATA = Path(__file__).parents[2] / "config" / "references"
 
 
-def swings(built: Built) -> list[Mode]:
+def swings(built: Built) -> list[Eigenmode]:
     """The three electromechanical modes by frequency: interarea, then the local ones."""
     found = modes(linearise(built)[0], built.state_names)
     return sorted(

@@ -37,8 +37,13 @@ def test_every_controller_runs_in_every_architecture_on_every_scenario(rows: lis
 
 
 def test_the_page_of_architectures_is_what_the_command_gives(rows: list[dict[str, Any]]) -> None:
-    made = [*architectures.head("architectures.png"), *architectures.text(rows), "### Relative gains", ""]
-    made += interaction.text(interaction.interactions())
+    made = [
+        *architectures.head("architectures.png"),
+        *architectures.architecture_tables(rows),
+        "### Relative gains",
+        "",
+    ]
+    made += interaction.relative_gain_table(interaction.interactions())
     written = (DOCS / "architectures.md").read_text(encoding="utf-8").splitlines()
     assert_same_lines(written, made[:-1])  # the last line is empty
     assert (DOCS / "architectures.png").is_file()
@@ -90,7 +95,7 @@ def test_figures_of_an_identifier_that_knows_are_those_of_one_that_knows() -> No
 def test_the_table_of_jacobians_is_what_the_command_gives() -> None:
     """The thesis's three; all others with `facts-damping jacobian`."""
     asked = ["ANFTSC", "ANFLeWC", "HBsWC"]
-    made = jacobians.text(jacobians.study(asked, 10, [], 2, quiet))
+    made = jacobians.jacobian_tables(jacobians.study(asked, 10, [], 2, quiet))
     page = (DOCS / "jacobians" / "jacobians.md").read_text(encoding="utf-8").splitlines()
     written = [line for line in page if not line.startswith("| ANF") or line.split("|")[1].strip() in asked]
     at = written.index(made[0])

@@ -18,7 +18,7 @@ from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel
 from facts_damping.studies.linear_closed_loop import DelayedLoop, Discrete, approximate, delayed_loop, eigen, sampled
 from facts_damping.studies.linear_margin import Margin, first_limit, intervals, margin
-from facts_damping.studies.linear_margin_pages import document, draw, text
+from facts_damping.studies.linear_margin_pages import document, draw, margin_text
 from facts_damping.studies.linear_margin_runs import bears, beside, bounds, pulse_margin, pulsed
 from tests.appendix_b import lead_lag
 
@@ -373,7 +373,7 @@ def test_a_loop_that_is_not_stable_without_delay_has_no_margin(gain: float, tmp_
     one = margin(load_case(None, [f"controllers.0.parameters.gain={gain}"]), 0.1, None, nothing)
     assert (one.margin, one.stable) == (0.0, [])
     assert document(one, None)["margin_s"] == 0.0
-    assert any("0 ms: there a mode of 0.6" in line for line in text(one, None))
+    assert any("0 ms: there a mode of 0.6" in line for line in margin_text(one, None))
     assert draw(one, None, tmp_path / "margin.png").is_file()
 
 
@@ -381,5 +381,5 @@ def test_a_loop_that_bears_every_delay_looked_at_says_so(tmp_path: Path) -> None
     one = margin(load_case(None, []), 0.1, 6, nothing)
     assert (one.margin, one.stable, one.critical) == (None, [(0.0, 0.1)], None)
     assert document(one, None)["margin_s"] is None
-    assert any("beyond 100 ms" in line for line in text(one, None))
+    assert any("beyond 100 ms" in line for line in margin_text(one, None))
     assert draw(one, None, tmp_path / "margin.png").is_file()

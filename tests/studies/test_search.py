@@ -27,7 +27,7 @@ from facts_damping.studies import scoring
 from facts_damping.studies import search as study
 from facts_damping.studies.optimisers import METHODS, Found
 from facts_damping.studies.scoring import LOST, REFERENCE, Score, draws, score
-from facts_damping.studies.search import GROWTH, KEPT, Entry, Rung, Task, rungs, search
+from facts_damping.studies.search import GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
 from facts_damping.studies.structures import Choice, Structure, started, structures
 
 if TYPE_CHECKING:
@@ -195,7 +195,7 @@ def test_a_start_from_tuned_parameters_has_the_tuned_controller_among_its_points
     choice, one = Choice(same, "smib", delayed=False), draws("smib", None, 1)
     found = min(score(choice.controller(at), one).value for at in choice.starts("tuned"))
     assert found <= score(tuned, one).value + 1e-4  # parameters have four digits
-    task = Task("smib", None, (), 1, 4, start="tuned")
+    task = SearchTask("smib", None, (), 1, 4, start="tuned")
     assert study.climb(task, Rung(0, one, 1), Entry(same)).scores[0].value <= found
 
 
@@ -223,7 +223,7 @@ def test_the_other_first_points_are_about_those_of_the_start(monkeypatch: pytest
         return Found(population[0], 0.0, population)
 
     monkeypatch.setitem(METHODS, "recorded", recorded)
-    task = Task("smib", None, (), 1, 4, start="best_smib", deviation=0.01, method="recorded")
+    task = SearchTask("smib", None, (), 1, 4, start="best_smib", deviation=0.01, method="recorded")
     one, network = draws("smib", None, 1), Structure("b-spline+morlet", "direct", ("sssc",))
     lead_lag = Structure(REFERENCE, None, ("sssc",))  # of which that run has none: from the hypercube
     for structure, about in ((network, task), (network, task._replace(deviation=None)), (lead_lag, task)):
@@ -246,12 +246,12 @@ def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.M
     def value(structure: Structure, number: int) -> float:
         return float(np.random.default_rng([number, *map(ord, "".join(map(str, structure)))]).random())
 
-    def climb(_task: Task, rung: Rung, entry: Entry) -> Entry:
+    def climb(_task: SearchTask, rung: Rung, entry: Entry) -> Entry:
         asked.append((rung.number, len(rung.draws), rung.generations))
         made = Score(value(entry.structure, rung.number), {}, 0.0)
         return entry._replace(controller=Controller(), scores=(*entry.scores, made))
 
-    def judge(_task: Task, against: Sequence[int], entry: Entry) -> Entry:
+    def judge(_task: SearchTask, against: Sequence[int], entry: Entry) -> Entry:
         last = GROWTH ** (most - 1)
         assert list(against) == list(range(last, last + GROWTH * last))  # no rung had them
         return entry._replace(scores=(*entry.scores, Score(value(entry.structure, 99), {}, 0.0)))
@@ -261,7 +261,7 @@ def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.M
     monkeypatch.setattr(study, "draws", lambda _system, _link, number, _study: list(range(number)))
     every = structures(load_system("smib"), [], [])
     most = rungs(len(every))
-    found = search(Task("smib", None, (), 9600, 1), [], 1, quiet)
+    found = search(SearchTask("smib", None, (), 9600, 1), [], 1, quiet)
     assert {entry.structure for entry in found} == set(every)
     left = [one for one in every if not one.is_lead_lag]
     assert [len(left) // KEPT**number for number in range(most)] == [64, 16, 4]
@@ -277,7 +277,7 @@ def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.M
 
 
 def test_the_same_seed_gives_the_same_for_any_jobs_and_another_another() -> None:
-    task, names = Task("smib", "pdci_100ms", (), 1, 4), ["gaussian+sam"]
+    task, names = SearchTask("smib", "pdci_100ms", (), 1, 4), ["gaussian+sam"]
     found = [search(task, names, jobs, quiet) for jobs in (1, 2)]
     told = [[(e.structure, e.controller, e.scores) for e in one] for one in found]
     assert told[0] == told[1]
@@ -289,7 +289,7 @@ def test_the_same_seed_gives_the_same_for_any_jobs_and_another_another() -> None
 
 def test_a_rung_goes_on_from_the_population_of_the_one_before(nominal: list[Draw]) -> None:
     """On the same draws nothing is lost: the best is at least as good."""
-    task, entry = Task("smib", None, (), 1, 4), Entry(Structure("LLC-tuned", None, ("sssc",)))
+    task, entry = SearchTask("smib", None, (), 1, 4), Entry(Structure("LLC-tuned", None, ("sssc",)))
     first = study.climb(task, Rung(0, nominal[:1], 1), entry)
     second = study.climb(task, Rung(1, nominal[:1], 2), first)
     assert second.scores[1].value <= first.scores[0].value
@@ -407,7 +407,9 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     asked = parser().parse_args(text.splitlines()[0].removeprefix("# facts-damping ").split())
     assert (asked.system, asked.link or "ideal") == (case.system.name, case.run.link)
     devices = asked.devices.split(",") if asked.devices else []
-    task = Task(**{**{key: value for key, value in vars(asked).items() if key in Task._fields}, "devices": devices})
+    task = SearchTask(
+        **{**{key: value for key, value in vars(asked).items() if key in SearchTask._fields}, "devices": devices}
+    )
     assert f"# {task.command(asked.controllers)}" == text.splitlines()[0]
     searched = structures(load_system(asked.system), asked.controllers, devices, asked.scheme)
     first = asked.draws * GROWTH ** (rungs(len(searched)) - 1)

@@ -15,7 +15,7 @@ from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.validation import check
 from facts_damping.studies import tune
 from facts_damping.studies.space import LEAD_LAG
-from facts_damping.studies.tune import LOST, Job, Task, Trainer, objective, rows, search
+from facts_damping.studies.tune import LOST, Job, Trainer, TuningTask, objective, rows, search
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,8 +31,8 @@ def chosen(system: str) -> Tuned:
     return check(Tuned, read_table(path), str(path))
 
 
-def task(system: str, seed: int = 3, budget: int = 48) -> Task:
-    return Task(system, ["sssc"], ["speed"], budget, seed)
+def task(system: str, seed: int = 3, budget: int = 48) -> TuningTask:
+    return TuningTask(system, ["sssc"], ["speed"], budget, seed)
 
 
 def neighbours(row: TunedController) -> Iterator[dict[str, Value]]:

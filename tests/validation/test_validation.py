@@ -11,7 +11,7 @@ import numpy as np
 
 from facts_damping.cli.main import main
 from facts_damping.validation import report
-from facts_damping.validation.table import Row, Table, compare, furthest, markdown, within
+from facts_damping.validation.table import Row, ValidationTable, compare, furthest, markdown, within
 
 if TYPE_CHECKING:
     import pytest
@@ -42,13 +42,13 @@ def test_a_row_that_fails_is_named_and_ends_with_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = [compare("mass of the earth", "kg", 6.0, 5.97, 0.01), within("a curve", "m", [0.1, -0.3], 0.5)]
-    monkeypatch.setitem(report.TABLES, "equilibrium", lambda: Table("Planets", "a book", "", rows))
+    monkeypatch.setitem(report.TABLES, "equilibrium", lambda: ValidationTable("Planets", "a book", "", rows))
     assert main(["validate", "equilibrium"]) == 1
     out, err = capsys.readouterr()
     assert err == "facts-damping: validate: 1 rows fail: mass of the earth\n"
     assert "FAIL  mass of the earth" in out
     assert "pass  a curve" in out
-    assert "**fail**" in markdown(Table("Planets", "a book", "", rows))
+    assert "**fail**" in markdown(ValidationTable("Planets", "a book", "", rows))
 
 
 def test_an_unknown_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
