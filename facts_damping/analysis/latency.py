@@ -127,16 +127,17 @@ def _links(record: Record) -> list[int]:
 
 
 def frames_lost(record: Record) -> int:
-    """Entries of stations that were measured, yet neither delivered nor possibly still under way, over all links.
+    """Entries of stations that were measured and never arrived, over all links, also of a station that went silent.
 
-    An entry counts as under way if no later one of its station was delivered by the same link. So of a station that
-    never got through nothing counts, and an entry that a later one overtook just before the end counts as lost.
+    The last ones, measured before the end by no more than the longest latency of their way, may still be under way and
+    do not count; where nothing at all came by a way, that of all ways stands for it.
     """
-    ways = record.delivered["link"].astype(np.int64) * len(record.stations) + record.delivered["station"]
-    return sum(_lost(record, record.delivered["measured_ns"][ways == way]) for way in np.unique(ways))
-
-
-def _lost(record: Record, delivered: NDArray[np.int64]) -> int:
-    """Of one way: entries measured until the newest that was delivered, and not delivered."""
-    measured = record.time_ns[record.time_ns <= delivered.max()]
-    return int(np.count_nonzero(~np.isin(measured, delivered)))
+    rows, late = record.delivered, record.delivered["arrival_ns"] - record.delivered["measured_ns"]
+    lost, end = 0, int(record.time_ns.max(initial=0))
+    for link in range(record.links):
+        for station in range(len(record.stations)):
+            own = (rows["link"] == link) & (rows["station"] == station)
+            longest = int(late[own if own.any() else slice(None)].max(initial=0))
+            measured = record.time_ns[record.time_ns <= end - longest]
+            lost += int(np.count_nonzero(~np.isin(measured, rows["measured_ns"][own])))
+    return lost

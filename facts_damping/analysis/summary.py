@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 # Rows of the table: label, path into a summary, format.
 ROWS = (
-    ("stable", ("stable",), ""),
-    ("unstable by", ("instability",), ""),
+    ("in synchronism", ("stable",), ""),
+    ("ended by", ("instability",), ""),
     ("damped", ("damped",), ""),
     ("duration [s]", ("duration_s",), ".2f"),
     *((name, ("indices", name), ".4g") for name in INDICES),

@@ -10,7 +10,7 @@ from facts_damping import report
 from facts_damping.analysis import details
 from facts_damping.analysis.summary import table
 from facts_damping.case import loading
-from facts_damping.cli.main import runs
+from facts_damping.cli import runs
 from facts_damping.errors import FactsDampingError
 from facts_damping.nodes import graph
 from facts_damping.recording.reader import load

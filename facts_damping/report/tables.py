@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 # Rows of the summary in which runs are compared, and whether the largest value is the best one. Nobody's best is how
 # little a device does, nor how quick a link is.
 LARGEST_IS_BEST = {
-    "stable": True,
+    "in synchronism": True,
     "damped": True,
     **dict.fromkeys(INDICES, False),
     "settling time [s]": False,

@@ -31,6 +31,7 @@ def make_record(ticks: int = 1200, damping: float = 0.3, **changes: Any) -> Reco
     delivered = np.zeros(len(arrived), DELIVERY)
     delivered["station"] = np.tile([0, 1, 2], ticks - 6)
     delivered["measured_ns"] = time_ns[arrived]
+    delivered["arrival_ns"] = delivered["measured_ns"] + 100_000_000
     record: dict[str, Any] = {
         "configuration": {
             "asked": {"system": "pair", "controllers": []},

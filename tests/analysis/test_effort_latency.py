@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -18,6 +18,8 @@ from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from numpy.typing import NDArray
 
     from facts_damping.signals import Record
 
@@ -75,8 +77,7 @@ def test_latency(swing_record: Callable[..., Record]) -> None:
 def test_frames_lost(swing_record: Callable[..., Record], seed: int, lost: int) -> None:
     record = swing_record(200)
     random = np.random.default_rng(seed)
-    # The newest entry of each station stays: what comes after it counts as still under way.
-    dropped = random.choice(len(record.delivered) - 3, lost, replace=False)
+    dropped = random.choice(len(record.delivered), lost, replace=False)
     kept = random.permutation(np.delete(record.delivered, dropped))
     assert frames_lost(swing_record(200, delivered=kept)) == lost
 
@@ -84,7 +85,18 @@ def test_frames_lost(swing_record: Callable[..., Record], seed: int, lost: int) 
 def test_entries_under_way_are_not_lost(swing_record: Callable[..., Record]) -> None:
     record = swing_record(200)
     assert frames_lost(record) == 0
-    assert frames_lost(swing_record(200, delivered=record.delivered[:0])) == 0
+    assert frames_lost(swing_record(200, delivered=record.delivered[record.delivered["measured_ns"] < 10**9])) > 0
+
+
+def test_what_never_arrives_is_lost_also_at_the_end(swing_record: Callable[..., Record]) -> None:
+    """A station that falls silent, one that was never heard, and a link that brings nothing at all."""
+    record = swing_record(200)
+    rows = record.delivered
+    silent = (rows["station"] == 1) & (rows["measured_ns"] >= record.time_ns[120])
+    assert frames_lost(swing_record(200, delivered=rows[~silent])) == 194 - 120
+    assert frames_lost(swing_record(200, delivered=rows[rows["station"] != 1])) == 194
+    assert frames_lost(swing_record(200, delivered=rows[:0])) == 3 * 200
+    assert frames_lost(swing_record(200, links=2)) == 3 * 194
 
 
 def test_frames_lost_count_for_each_link_by_itself(swing_record: Callable[..., Record]) -> None:
@@ -92,10 +104,15 @@ def test_frames_lost_count_for_each_link_by_itself(swing_record: Callable[..., R
     first = swing_record(200).delivered
     second = first[first["measured_ns"] < first["measured_ns"][-30]].copy()
     second["link"] = 1
-    assert frames_lost(swing_record(200, delivered=np.concatenate([first, second]))) == 0
+    second["arrival_ns"] += 166_666_666
+
+    def lost(delivered: NDArray[Any]) -> int:
+        return frames_lost(swing_record(200, delivered=delivered, links=2))
+
+    assert lost(np.concatenate([first, second])) == 0
     holes = np.concatenate([first, np.delete(second, [0, 50, 51])])
-    assert frames_lost(swing_record(200, delivered=holes)) == 3
-    assert frames_lost(swing_record(200, delivered=np.concatenate([np.delete(first, 7), second]))) == 1
+    assert lost(holes) == 3
+    assert lost(np.concatenate([np.delete(first, 7), second])) == 1
 
 
 def test_saturation_duty_of_each_device(swing_record: Callable[..., Record]) -> None:

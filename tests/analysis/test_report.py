@@ -17,7 +17,7 @@ from hypothesis.extra.numpy import arrays
 
 from facts_damping import report
 from facts_damping.analysis import details, summarise
-from facts_damping.cli.main import main
+from facts_damping.cli.main import BAD_INPUT, main
 from facts_damping.errors import InputError
 from facts_damping.report.build import build
 from facts_damping.report.contents import Chart, Maps, ReportedRun, ReportTable
@@ -256,7 +256,7 @@ def test_nothing_is_loaded_from_elsewhere(tmp_path: Path, swing_record: Callable
 
 @pytest.mark.parametrize("place", ["no/such/folder/report.html", "", "-", "."])
 def test_a_report_that_cannot_be_written_is_refused_first(place: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main.main(["analyze", "no_such_recording", "--report", place]) == main.BAD_INPUT
+    assert main(["analyze", "no_such_recording", "--report", place]) == BAD_INPUT
     assert "--report" in capsys.readouterr().err
 
 

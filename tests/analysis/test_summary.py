@@ -109,7 +109,7 @@ def test_table(swing_record: Callable[..., Record]) -> None:
         [("calm", summarise(swing_record())), ("lost", summarise(swing_record(in_synchronism=lost)))]
     ).splitlines()
     assert lines[0].split() == ["calm", "lost"]
-    assert lines[2].split() == ["stable", "yes", "no"]
+    assert lines[2].split() == ["in", "synchronism", "yes", "no"]
     assert any(line.startswith("ITAE") and line.endswith(" -") for line in lines)
 
 

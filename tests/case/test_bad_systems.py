@@ -285,7 +285,7 @@ def test_commands_end_with_2_and_one_line(case: str, tmp_path: Path, capsys: pyt
     path = tmp_path / "my.yaml"
     path.write_text(dump(altered(name, changes)))
     for arguments in (["modes", str(path)], ["simulate", "--set", f"system={path}"]):
-        assert main.main(arguments) == 2
+        assert main(arguments) == 2
         out, err = capsys.readouterr()
         assert out == ""
         assert err.count("\n") == 1
@@ -308,7 +308,7 @@ def test_dispatch_of_what_is_not_scheduled_is_refused(
     path = tmp_path / "my.yaml"
     path.write_text(dump({"name": "my", "dispatch": dispatch}))
     for arguments in (["modes", "two_area", "--scenario", str(path)], ["simulate", "--set", f"scenario={path}"]):
-        assert main.main(arguments) == 2
+        assert main(arguments) == 2
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)
         assert str(path) in err

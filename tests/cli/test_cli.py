@@ -140,7 +140,7 @@ def inside(capsys: pytest.CaptureFixture[str]) -> Iterator[Inside]:
     handler = signal.getsignal(signal.SIGTERM)
 
     def run(*arguments: str) -> str:
-        status = main.main(list(arguments))
+        status = main(list(arguments))
         out, err = capsys.readouterr()
         assert (status, err) == (0, "")
         return out
@@ -221,7 +221,7 @@ def test_modes_starts_from_the_dispatch_of_a_scenario(inside: Inside) -> None:
 def test_modes_refuses_what_is_not_there(
     arguments: list[str], said: str, inside: Inside, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main.main(["modes", *arguments]) == 2
+    assert main(["modes", *arguments]) == 2
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert said in err

@@ -74,7 +74,7 @@ def in_order(graphs: dict[str, Path], tmp_path_factory: Any) -> tuple[Path, Chun
 
 
 def called(capsys: Any, *arguments: str) -> tuple[int, str, str]:
-    status = main.main([str(argument) for argument in arguments])
+    status = main([str(argument) for argument in arguments])
     said = capsys.readouterr()
     return status, said.out, said.err
 
@@ -280,7 +280,7 @@ def test_a_database_that_is_cut_is_read_up_to_there_or_refused(
     for share in np.linspace(0.0, 1.0, 24, endpoint=False):
         cut = tmp_path / "cut.db3"
         cut.write_bytes(data[: int(share * len(data))])
-        status = main.main(["replay", str(cut), "--run", run])
+        status = main(["replay", str(cut), "--run", run])
         assert status in (0, 2)
         if status == 0:
             part = load(cut)

@@ -39,7 +39,7 @@ def recording(tmp_path: Path, write_record: Callable[..., None]) -> Iterator[Pat
 def test_bad_input_is_one_line_and_nothing_is_written(
     recording: Path, tmp_path: Path, options: list[str], reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main.main(["analyze", str(recording), "--out", str(tmp_path / "out"), *options]) == 2
+    assert main(["analyze", str(recording), "--out", str(tmp_path / "out"), *options]) == 2
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert reason in err
@@ -48,7 +48,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(
 
 def test_pictures_beside_the_others(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--spwvd", "w12", "--windows", "3,1", "--band", "0.2,2"]
-    assert main.main(["analyze", str(recording), "--out", str(tmp_path / "out"), *options]) == 0
+    assert main(["analyze", str(recording), "--out", str(tmp_path / "out"), *options]) == 0
     out, _ = capsys.readouterr()
     picture = tmp_path / "out" / "spwvd_w12.png"
     assert f"plot: {picture}" in out.splitlines()
@@ -63,7 +63,7 @@ def test_a_report_of_two_recordings(recording: Path, tmp_path: Path, capsys: pyt
     cut.write_bytes(whole[: len(whole) * 2 // 3])
     page = tmp_path / "report.html"
     options = ["--out", str(tmp_path / "out"), "--report", str(page), "--run", "two_area_small"]
-    assert main.main(["analyze", str(recording), str(cut), *options]) == 0
+    assert main(["analyze", str(recording), str(cut), *options]) == 0
     out, err = capsys.readouterr()
     assert out.splitlines()[-1] == f"report: {page}"
     text = page.read_text(encoding="utf-8")

@@ -85,7 +85,7 @@ def test_frame_rate_is_told_by_the_ticks_where_nothing_else_tells(record: Record
 def test_export_holds_the_same_columns(tmp_path: Path, record: Record, write_record: Any, kind: str) -> None:
     write_record(record, tmp_path / "run")
     file = tmp_path / f"table.{kind}"
-    assert main.main(["export", str(tmp_path / "run"), "--out", str(file)]) == 0
+    assert main(["export", str(tmp_path / "run"), "--out", str(file)]) == 0
     arrays = load(tmp_path / "run").arrays
     table = pd.read_parquet(file) if kind == "parquet" else pd.read_csv(file, engine="pyarrow")
     assert list(table.columns) == list(arrays)
@@ -104,5 +104,5 @@ def test_export_refuses_in_one_line(
     tmp_path: Path, record: Record, write_record: Any, capsys: Any, out: str, said: str
 ) -> None:
     write_record(record, tmp_path / "run")
-    assert main.main(["export", str(tmp_path / "run"), "--out", str(tmp_path / out)]) == 2
+    assert main(["export", str(tmp_path / "run"), "--out", str(tmp_path / out)]) == 2
     assert said in capsys.readouterr().err

@@ -291,7 +291,7 @@ def test_commands_say_it_in_lines(
     if data is not None:
         file.write_bytes(data)
     out = {"analyze": ["--out", str(tmp_path / "out")], "export": ["--out", str(tmp_path / "out.csv")]}.get(verb, [])
-    status = main.main([verb, str(file), *out])
+    status = main([verb, str(file), *out])
     said = capsys.readouterr().err
     sound = damage in ("cut", "middle") or (damage == "run" and verb == "export")
     assert status == (0 if sound else 2), said

@@ -277,7 +277,7 @@ def test_ringdown_of_runs_is_that_of_the_linear_modes() -> None:
 @pytest.fixture
 def inside(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     def run(*arguments: str) -> tuple[int, str, str]:
-        status = main.main(["margin", *arguments])
+        status = main(["margin", *arguments])
         return status, *capsys.readouterr()
 
     return run
