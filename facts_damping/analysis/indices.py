@@ -11,8 +11,22 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-# Exponents (r, s) of time and deviation.
-INDICES = {"ITAE": (1, 1), "IAE": (0, 1), "ITSE": (1, 2), "ISE": (0, 2)}
+
+class Index(NamedTuple):
+    """A performance index: exponents of time and of deviation, unit."""
+
+    r: float
+    s: float
+    unit: str
+
+
+INDICES = {
+    "ITAE": Index(1, 1, "p.u. s²"),
+    "IAE": Index(0, 1, "p.u. s"),
+    "ITSE": Index(1, 2, "p.u.² s²"),
+    "ISE": Index(0, 2, "p.u.² s"),
+}
+THESIS_INDICES = ("ITAE", "IAE", "ITSE", "ISE")  # those of its tables, of scores and of agreement; no other ones
 EDGE = 0.05  # of an index's final value: so much lies before its cliff, and so much after it
 
 
@@ -31,8 +45,8 @@ def performance_indices(
 
     `time_s`: (ticks,), s; `deviations`: (ticks, n), local and interarea speed differences, p.u.;
     `since`: s, the instant that counts as t = 0 and before which nothing counts (the first event's, say;
-    the integral begins with the first frame not before it). Returns ITAE (p.u. s^2), IAE (p.u. s),
-    ITSE (p.u.^2 s^2), ISE (p.u.^2 s). Source: (4.108), with r and s as there.
+    the integral begins with the first frame not before it). Returns each of `INDICES`, in its
+    unit. Source: (4.108), with r and s as there.
     """
     t, integrands = _integrands(time_s, deviations, since)
     return {name: float(np.sum(_steps(t, f))) / 2 for name, f in integrands.items()}
@@ -78,7 +92,7 @@ def _integrands(
     kept = time_s >= since
     t = time_s[kept] - since
     magnitude = np.abs(np.reshape(deviations, (len(time_s), -1))[kept])
-    return t, {name: t**r * np.sum(magnitude**s, axis=1) for name, (r, s) in INDICES.items()}
+    return t, {name: t**r * np.sum(magnitude**s, axis=1) for name, (r, s, _) in INDICES.items()}
 
 
 def _steps(t: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from facts_damping.analysis.angles import centres_of_angle
 from facts_damping.analysis.histories import jacobian_histories, learning_rate_histories
-from facts_damping.analysis.indices import index_curves, regions
+from facts_damping.analysis.indices import INDICES, index_curves, regions
 from facts_damping.analysis.latency import HOPS, cdf, hops_ms
 from facts_damping.analysis.measures import SPEED, columns, measure_weights, setpoint_limits, speed_differences
 from facts_damping.analysis.oscillation import is_stable
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 POWER, VOLTAGE = (list(CHANNELS).index(name) for name in ("active_power", "voltage_magnitude"))
-UNITS = {"ITAE": "p.u. s²", "IAE": "p.u. s", "ITSE": "p.u.² s²", "ISE": "p.u.² s"}
 
 
 class Curve(NamedTuple):
@@ -98,7 +97,7 @@ def _indices(record: Record) -> list[Panel]:
         return []
     time, curves = index_curves(record.time_s, columns(speed_differences(record)))
     return [
-        Panel(f"{name} [{UNITS[name]}]", {"": Curve(values, time)}, regions=regions(time, values))
+        Panel(f"{name} [{INDICES[name].unit}]", {"": Curve(values, time)}, regions=regions(time, values))
         for name, values in curves.items()
     ]
 

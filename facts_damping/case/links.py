@@ -6,7 +6,7 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.delay_traces import with_traces
-from facts_damping.link.draws import mean_delay
+from facts_damping.link.stages import mean_delay
 from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.run import Run

@@ -23,7 +23,7 @@ def tune(arguments: argparse.Namespace) -> None:
     progress = Progress("tune", "controllers")
     try:
         devices, signals = arguments.devices.split(","), arguments.signals.split(",")
-        task = study.Task(arguments.system, devices, signals, arguments.budget, arguments.seed)
+        task = study.TuningTask(arguments.system, devices, signals, arguments.budget, arguments.seed)
         found = study.tune(task, arguments.controllers, arguments.jobs, progress)
     finally:
         progress.close()
@@ -44,8 +44,8 @@ def search(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.out, "--out")
     files.check_writable(arguments.lead_lag, "--lead-lag")
     devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
-    asked = {name: value for name, value in vars(arguments).items() if name in study.Task._fields}
-    task = study.Task(**{**asked, "devices": devices})
+    asked = {name: value for name, value in vars(arguments).items() if name in study.SearchTask._fields}
+    task = study.SearchTask(**{**asked, "devices": devices})
     progress = Progress("search", "structures")
     try:
         found = study.search(task, arguments.controllers, arguments.jobs, progress)

@@ -1,7 +1,7 @@
 """A chain of stages that entries pass, one after the other; compiled.
 
 A chain is a table of stages. A stage's model is a code that `traverse` branches on. What chance decides was drawn
-before (`draws.py`), so `traverse` answers at once with the time at which an entry leaves, in ns and never rounded to
+before (`stages.py`), so `traverse` answers at once with the time at which an entry leaves, in ns and never rounded to
 frames, or with LOST. It takes all entries that are sent together: the stations of a frame, or one setpoint.
 """
 
@@ -12,8 +12,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled, inner
-from facts_damping.link.draws import DRAWN as DRAWN_MODELS
-from facts_damping.link.draws import LOST, draw
+from facts_damping.link.stages import (
+    BIAS,
+    CHANCE,
+    CONSTANT,
+    DRAWN,
+    DUPLICATE,
+    FREEZE,
+    IN_ORDER,
+    LOST,
+    MODELS,
+    NOISE,
+    RAMP,
+    REPLAY,
+    SCALE,
+    SPOOF,
+    WAIT,
+    draw,
+)
 from facts_damping.signals import CHANNELS, to_ns
 
 if TYPE_CHECKING:
@@ -21,27 +37,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-# What a stage does. Chains are filled up with stages of zeros, which act on nothing.
-CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP, NOISE = range(13)
-MODELS = {
-    "constant": CONSTANT,
-    **dict.fromkeys(DRAWN_MODELS, DRAWN),
-    "trace": DRAWN,
-    "duplicate": DUPLICATE,
-    "in_order": IN_ORDER,
-    "wait": WAIT,
-    "playout": PLAYOUT,
-    "spoof": SPOOF,
-    "freeze": FREEZE,
-    "replay": REPLAY,
-    "bias": BIAS,
-    "scale": SCALE,
-    "ramp": RAMP,
-    "noise": NOISE,
-}
-NUMBER = {"bias": "bias", "scale": "factor", "ramp": "rate", "noise": "std"}  # field of the number that a model needs
-DELAY = {"constant": "delay", "wait": "wait", "playout": "delay", "spoof": "offset"}  # field of a time
-CHANCE = (DRAWN, DUPLICATE)  # codes of stages that need draws
 FOREVER = LOST
 
 STAGE = np.dtype(
@@ -100,7 +95,7 @@ class DirectionSpec(NamedTuple):
 def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chain, Packets]:
     """The chains of several links' stages, and room for what passes them."""
     stages = [stage for own in given for stage in own]
-    codes = [MODELS[stage.model] for stage in stages]
+    codes = [MODELS[stage.model].code for stage in stages]
     n, most, channels = len(given), max((len(own) for own in given), default=0), len(way.channels)
     draws = way.draws if any(code in CHANCE for code in codes) else 1
     copies = 2 if DUPLICATE in codes else 1
@@ -136,12 +131,13 @@ def _window(stage: Any, way: DirectionSpec) -> int:
 
 def put(made: Chain, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
     """A stage into its place, with its draws: the same seed and place give the same ones."""
-    row, code, begin = made.rows[link], MODELS[stage.model], to_ns(stage.start)
+    row, model, begin = made.rows[link], MODELS[stage.model], to_ns(stage.start)
+    code = model.code
     row[s]["model"], row[s]["begin_ns"] = code, begin
     row[s]["from_ns"] = 0 if code == REPLAY else begin
     row[s]["until_ns"] = FOREVER if stage.duration is None else begin + to_ns(stage.duration)
-    row[s]["delay_ns"] = to_ns(getattr(stage, DELAY[stage.model])) if stage.model in DELAY else 0
-    row[s]["number"] = getattr(stage, NUMBER[stage.model]) if stage.model in NUMBER else 0.0
+    row[s]["delay_ns"] = to_ns(getattr(stage, model.time)) if model.time else 0
+    row[s]["number"] = getattr(stage, model.number) if model.number else 0.0
     measurement = getattr(stage, "measurement", None)
     row[s]["measurement"] = -1 if measurement is None else list(CHANNELS).index(measurement)
     if code in (REPLAY, NOISE):

@@ -14,7 +14,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled, inlined, inner
 from facts_damping.link.chain import Chain, DirectionSpec, Packets, chains, longest_delay_ns, put, traverse
-from facts_damping.link.draws import LOST
+from facts_damping.link.stages import LOST
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:

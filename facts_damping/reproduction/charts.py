@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.indices import INDICES
+from facts_damping.analysis.indices import THESIS_INDICES
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.reproduction.printed import LLC, SMOOTHNESS
 
@@ -27,9 +27,9 @@ def improvements(title: str, compared: Sequence[Compared]) -> Figure:
     """Improvement over LLC, theirs across, ours upwards: an axes an index, a colour a scenario."""
     kept = [c for c in compared if c.cell.against == LLC]
     figure = Figure(figsize=(11.0, 3.6), layout="constrained")
-    axes: Any = figure.subplots(1, len(INDICES), sharex=True, sharey=True)
+    axes: Any = figure.subplots(1, len(THESIS_INDICES), sharex=True, sharey=True)
     scenarios = list(dict.fromkeys(c.cell.scenario for c in kept))
-    for axis, index in zip(axes, INDICES, strict=True):
+    for axis, index in zip(axes, THESIS_INDICES, strict=True):
         for colour, marker, scenario in zip(COLOURS, MARKERS, scenarios, strict=False):
             own = [c for c in kept if (c.cell.scenario, c.cell.quantity) == (scenario, index)]
             places = [(c.cell.corrected, LEAST if c.ours is None else max(c.ours, LEAST)) for c in own]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.analysis.indices import INDICES
+from facts_damping.analysis.indices import THESIS_INDICES
 from facts_damping.reproduction.agreement import name
 from facts_damping.reproduction.explanations import TABLE
 from facts_damping.reproduction.printed import LLC
@@ -62,11 +62,11 @@ def decided(findings: Findings) -> str:
 
 def medians(findings: Findings, system: str, link: str) -> str:
     """Median improvement of the indices over LLC-tuned, %, with intervals: those that also ran behind the link."""
-    kept = [one for one in findings.spreads if one.system == system and one.quantity in INDICES]
+    kept = [one for one in findings.spreads if one.system == system and one.quantity in THESIS_INDICES]
     whos = [who for who in dict.fromkeys(one.who for one in kept if one.link == LINK) if who != name(TUNED)]
     scenarios = dict.fromkeys(one.scenario for one in kept)
     at = {(one.scenario, one.who, one.quantity): one.over_tuned for one in kept if one.link == link}
-    columns = [(scenario, index) for scenario in scenarios for index in INDICES]
+    columns = [(scenario, index) for scenario in scenarios for index in THESIS_INDICES]
     rows = [line([who, *(_interval(at[scenario, who, index]) for scenario, index in columns)]) for who in whos]
     return "\n".join([*heads(["controller"], [" ".join(one) for one in columns]), *rows])
 
@@ -78,7 +78,7 @@ def _interval(value: Interval) -> str:
 
 def beaten(findings: Findings, system: str, link: str, who: str) -> str:
     """Where the median of a controller is not below that of LLC-tuned, and of how many: `none of 12`."""
-    kept = [one for one in findings.spreads if (one.system, one.link) == (system, link) and one.quantity in INDICES]
+    kept = [one for one in findings.spreads if (one.system, one.link) == (system, link) and one.quantity in THESIS_INDICES]
     middle = {(one.scenario, one.quantity, one.who): one.figure.median for one in kept}
     own = [(scenario, index) for scenario, index, whose in middle if whose == who]
     lost = [f"{one} {index}" for one, index in own if not middle[one, index, who] < middle[one, index, name(TUNED)]]
@@ -122,7 +122,7 @@ def over_tuned(findings: Findings) -> str:
     own = [
         one
         for one in findings.spreads
-        if one.link == "ideal" and one.quantity in INDICES and (one.system, one.scenario, one.who) in runs
+        if one.link == "ideal" and one.quantity in THESIS_INDICES and (one.system, one.scenario, one.who) in runs
     ]
     return f"{sum(one.over_tuned.median > 0.0 for one in own)} of {len(own)}"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.analysis.indices import INDICES
+from facts_damping.analysis.indices import THESIS_INDICES
 from facts_damping.reproduction import agreement, ensembles, ranking
 from facts_damping.reproduction.agreement import name
 from facts_damping.reproduction.printed import LLC
@@ -77,5 +77,5 @@ def _reached(results: Results) -> list[Reached]:
     return [
         Reached(run.system, run.scenario, name(run.who), index, reached(results.figures, run, index))
         for run in runs
-        for index in INDICES
+        for index in THESIS_INDICES
     ]

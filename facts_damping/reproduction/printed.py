@@ -9,7 +9,7 @@ import csv
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.analysis.indices import INDICES
+from facts_damping.analysis.indices import THESIS_INDICES
 from facts_damping.errors import InputError, check_known
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.parameters.files import share_folder
@@ -183,7 +183,7 @@ def _cells(number: str) -> dict[tuple[str, str, str, str], Cell]:
 def _columns(number: str) -> list[str]:
     """Columns of figures of a table."""
     if TABLES[number].who:
-        return [f"{index}_vs_{reference}" for reference in REFERENCES for index in INDICES]
+        return [f"{index}_vs_{reference}" for reference in REFERENCES for index in THESIS_INDICES]
     kinds = ["MISO_direct", "MISO_indirect", *(["MIMO_indirect"] if number == "6.1" else [])]
     return [f"{scenario}_{kind}" for scenario in SCENARIOS[TABLES[number].system] for kind in kinds]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.analysis.indices import INDICES
+from facts_damping.analysis.indices import THESIS_INDICES
 from facts_damping.control.table import kind
 from facts_damping.parameters import files
 from facts_damping.parameters.study import Study
@@ -32,7 +32,7 @@ FILE = "run"  # in the place of an architecture: the controllers of a run file
 NOBODY, TUNED, BOUND = (Who("MISO", one, None) for one in (NONE, "LLC-tuned", "LQG"))
 LINEAR = (LLC, TUNED, BOUND)
 BASELINES = (NOBODY, *LINEAR)
-FIGURES = (*INDICES, SMOOTHNESS)
+FIGURES = (*THESIS_INDICES, SMOOTHNESS)
 
 
 def whos(cells: Iterable[Cell], system: str) -> list[Who]:

@@ -16,7 +16,7 @@ from facts_damping.control.bank import Bank, BankState, act, set_estimate
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.control.table import DIRECT, INDIRECT
 from facts_damping.errors import RunError
-from facts_damping.link.chain import SPOOF
+from facts_damping.link.stages import SPOOF
 from facts_damping.link.transfer import Links, downlink, merge, uplink
 from facts_damping.neurofuzzy.learning import view, write_learning
 from facts_damping.neurofuzzy.network import shape_of

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import load_case
@@ -23,10 +24,7 @@ if TYPE_CHECKING:
 # Columns of the table: title, path into a row, format.
 COLUMNS = (
     ("damped", ("damped",), ""),
-    ("ITAE", ("indices", "ITAE"), ".4g"),
-    ("IAE", ("indices", "IAE"), ".4g"),
-    ("ITSE", ("indices", "ITSE"), ".4g"),
-    ("ISE", ("indices", "ISE"), ".4g"),
+    *((name, ("indices", name), ".4g") for name in INDICES),
     ("smoothness", ("smoothness",), ".4g"),
     ("settling [s]", ("settling_time_s",), ".2f"),
     ("max v [p.u.]", ("max_injected_voltage_pu",), ".4f"),

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.analysis.indices import INDICES, performance_indices
+from facts_damping.analysis.indices import THESIS_INDICES, performance_indices
 from facts_damping.analysis.measures import columns, event_times, setpoint_limits, speed_differences
 from facts_damping.analysis.oscillation import is_damped
 from facts_damping.case.controllers import tuned
@@ -151,7 +151,7 @@ def score(controller: Controller, against: Sequence[Draw], worst: int = 100, *, 
             return Score(LOST * (2.0 - (len(found) + one.lasted) / len(against)), {}, 1.0)
         found.append(one)
     pairs = list(zip(found, (draw.reference for draw in against), strict=True))
-    logs = np.array([[np.log(a.indices[name] / b.indices[name]) for a, b in pairs] for name in INDICES])
+    logs = np.array([[np.log(a.indices[name] / b.indices[name]) for a, b in pairs] for name in THESIS_INDICES])
     if medians:
         counted = _medians(logs, [draw.group for draw in against])
     else:
@@ -160,7 +160,7 @@ def score(controller: Controller, against: Sequence[Draw], worst: int = 100, *, 
     undamped = float(np.mean([not one.damped for one in found]))
     value = float(counted.max()) + UNDAMPED * undamped + PRICE * max(0.0, effort)
     ratios = np.exp(logs.mean(axis=1))
-    return Score(value, {name: float(ratio) for name, ratio in zip(INDICES, ratios, strict=True)}, undamped)
+    return Score(value, {name: float(ratio) for name, ratio in zip(THESIS_INDICES, ratios, strict=True)}, undamped)
 
 
 def _medians(logs: NDArray[np.float64], groups: Sequence[tuple[Any, ...]]) -> NDArray[np.float64]:

@@ -95,7 +95,7 @@ class Space(NamedTuple):
         each of the others.
         """
         if self.row.code == STATE_SPACE:
-            return {**LQG, **{f"noise.{i}": NOISE for i in range(len(self.signals))}}
+            return {**LQG, **{f"measurement_noise.{i}": NOISE for i in range(len(self.signals))}}
         if self.row.network is None:
             return self._each(LEAD_LAG)
         wavelets = WAVELETS if self.row.network.consequent in ("mexican-hat", "morlet") else {}

@@ -14,7 +14,7 @@ from facts_damping.case import names
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import load_case, load_system, make_case
 from facts_damping.errors import InputError
-from facts_damping.link.draws import mean_delay
+from facts_damping.link.stages import mean_delay
 from facts_damping.parameters.files import read_table, shipped
 from facts_damping.parameters.link import Noise
 from facts_damping.parameters.yaml_text import dump

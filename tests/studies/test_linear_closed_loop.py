@@ -14,7 +14,7 @@ from scipy.signal import cont2discrete
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
-from facts_damping.link.draws import mean_delay
+from facts_damping.link.stages import mean_delay
 from facts_damping.signals import NANOSECONDS, to_ns
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel, weights_of

@@ -1,0 +1,91 @@
+"""The models of a link's stages, a row each: its code, what is drawn for it, and how much it delays on average.
+
+What chance decides is drawn before a run: the n-th entry of a channel takes the n-th draw, from the beginning again
+after the last one. So the link knows at once when an entry arrives, and a node and the in-process loop know the same.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.link import draws
+from facts_damping.parameters.link import LONGEST_S
+from facts_damping.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.link.draws import Shape
+
+LOST = np.iinfo(np.int64).max  # in the place of a time: never
+
+# What a stage does. Chains are filled up with stages of zeros, which act on nothing.
+CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP, NOISE = range(13)
+CHANCE = (DRAWN, DUPLICATE)  # codes of stages that need draws
+
+
+def _none(_stage: Any, so_far: float) -> float:
+    return so_far
+
+
+class StageModel(NamedTuple):
+    """A row: the code that `chain.traverse` branches on, and what follows from a stage's fields."""
+
+    code: int
+    draw: Callable[[Any, Shape, Sequence[str], np.random.Generator], NDArray[np.float64]] | None = None
+    mean: Callable[[Any, float], float] = _none  # mean delay of a chain with it behind what is delayed so far, s
+    time: str = ""  # its field that is a time
+    number: str = ""  # its field that is another number
+
+
+MODELS = {
+    "constant": StageModel(CONSTANT, None, lambda s, so_far: so_far + s.delay, time="delay"),
+    "uniform": StageModel(DRAWN, draws.uniform, lambda s, so_far: so_far + (s.low + s.high) / 2.0),
+    "normal": StageModel(DRAWN, draws.normal, lambda s, so_far: so_far + s.mean),
+    "gamma": StageModel(DRAWN, draws.gamma, lambda s, so_far: so_far + (s.delay + s.shape * s.scale)),
+    "lognormal": StageModel(
+        DRAWN, draws.lognormal, lambda s, so_far: so_far + (s.delay + s.median * math.exp(s.sigma**2 / 2.0))
+    ),
+    "trace": StageModel(DRAWN, draws.trace, lambda s, so_far: so_far + draws.trace_mean(s)),
+    "bernoulli": StageModel(DRAWN, draws.bernoulli),
+    "gilbert_elliott": StageModel(DRAWN, draws.gilbert_elliott),
+    "duplicate": StageModel(DUPLICATE),
+    "in_order": StageModel(IN_ORDER),
+    "wait": StageModel(WAIT, time="wait"),
+    "playout": StageModel(PLAYOUT, None, lambda s, so_far: max(so_far, s.delay), time="delay"),
+    "spoof": StageModel(SPOOF, time="offset"),
+    "freeze": StageModel(FREEZE),
+    "replay": StageModel(REPLAY),
+    "bias": StageModel(BIAS, number="bias"),
+    "scale": StageModel(SCALE, number="factor"),
+    "ramp": StageModel(RAMP, number="rate"),
+    "noise": StageModel(NOISE, number="std"),
+}
+
+
+def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Generator) -> NDArray[np.int64]:
+    """Delays in ns, LOST where an entry is lost; of `duplicate` 1 where it is copied."""
+    drawn = MODELS[stage.model].draw
+    if drawn is None:
+        return np.asarray(random.random(size) < stage.probability, np.int64)
+    delay = drawn(stage, size, channels, random)
+    lost = np.isnan(delay)
+    times = np.rint(np.clip(np.where(lost, 0.0, delay), 0.0, LONGEST_S) * NANOSECONDS)
+    return np.where(lost, LOST, times.astype(np.int64))
+
+
+def mean_delay(stages: Sequence[Any], names: Collection[str] | None = None) -> float:
+    """Mean delay of a chain, s, where nothing is lost or waits for others; stages that start later add none.
+
+    `names`: what the channel goes by, as stages name it in `channels`; None: one that all stages concern.
+    """
+    total = 0.0
+    for stage in stages:
+        if stage.start <= 0.0 and (names is None or stage.channels is None or set(stage.channels) & set(names)):
+            total = MODELS[stage.model].mean(stage, total)
+    return total
