@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from facts_damping.errors import check_known
 from facts_damping.neurofuzzy.learning import RATES
-from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, IDENTIFIERS, MIMO_FORM, VARIANTS, Variant
+from facts_damping.neurofuzzy.table import (
+    ANTECEDENTS,
+    CONSEQUENTS,
+    IDENTIFIERS,
+    MIMO_FORM,
+    VARIANTS,
+    Variant,
+    has_dilation,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,6 +29,37 @@ MOST_AHEAD = 60  # frames that an identifier may look ahead
 
 
 Value = float | str | list[float]  # a list has an entry a signal, or a device
+
+
+def four_digits(value: float) -> float:
+    """A value to four digits."""
+    return float(f"{value:.4g}")
+
+
+class Range(NamedTuple):
+    """Where a parameter is searched, on a line or by powers of ten."""
+
+    low: float
+    high: float
+    logarithmic: bool = False
+
+    def value(self, at: float) -> float:
+        """The value at a place from 0 to 1, to four digits."""
+        if self.logarithmic:
+            return four_digits(self.low * (self.high / self.low) ** at)
+        return four_digits(self.low + at * (self.high - self.low))
+
+    def place(self, value: float) -> float:
+        """The place of a value, of one outside that of the nearest inside."""
+        inside = min(max(value, self.low), self.high)
+        if self.logarithmic:
+            return math.log(inside / self.low) / math.log(self.high / self.low)
+        return (inside - self.low) / (self.high - self.low)
+
+
+def powers(low: float, high: float) -> Range:
+    """A range that is searched by powers of ten."""
+    return Range(low, high, logarithmic=True)
 
 
 class Parameter(NamedTuple):
@@ -35,6 +75,7 @@ class Parameter(NamedTuple):
     live: bool = True  # may change while it runs
     each: str = ""  # `signal` or `device`: may be a list with an entry each
     whole: bool = False  # a number of things
+    search: Range | None = None  # where `tune` and `search` look; none: it stays as it is
 
     def number(self, value: Value) -> float | NDArray[np.float64]:
         """A value as the compiled functions take it: a word's place among its choices."""
@@ -52,6 +93,8 @@ class ControllerKind(NamedTuple):
     parameters: dict[str, Parameter]
     network: Variant | None = None
     code: int = LEAD_LAG  # of one without a network
+    design: str = ""  # module:function that gives the matrices of one with the code STATE_SPACE
+    tuned: bool = True  # `tune` may choose its parameters
     named: bool = True  # one of the thesis's, not a pair of rows
 
 
@@ -59,8 +102,10 @@ def _choice(default: str, choices: tuple[str, ...], text: str, deployed: str | N
     return Parameter(default, "", 0, len(choices) - 1, text, choices, deployed)
 
 
-def _start(default: float, low: float, high: float, text: str, each: str = "") -> Parameter:
-    return Parameter(default, "-", low, high, text, live=False, each=each)
+def _start(
+    default: float, low: float, high: float, text: str, each: str = "", search: Range | None = None
+) -> Parameter:
+    return Parameter(default, "-", low, high, text, live=False, each=each, search=search)
 
 
 # Of a controller's `compensation` (control/compensation.py); without one they do nothing.
@@ -76,19 +121,33 @@ COMPENSATION_PARAMETERS = {
 }
 
 LEAD_LAG_PARAMETERS = {
-    "gain": Parameter(10.0, "p.u./p.u.", -1000.0, 1000.0, "gain kG of the washout", each="device"),
+    "gain": Parameter(
+        10.0, "p.u./p.u.", -1000.0, 1000.0, "gain kG of the washout", each="device", search=powers(1.0, 200.0)
+    ),
     "Tw": Parameter(10.0, "s", 0.01, 1000.0, "time constant of the washout", each="device"),
-    "T1": Parameter(0.0761, "s", 0.0, 100.0, "numerator of the first section", each="device"),
-    "T2": Parameter(0.3, "s", 0.001, 100.0, "denominator of the first section", each="device"),
-    "T3": Parameter(0.4272, "s", 0.0, 100.0, "numerator of the second section", each="device"),
-    "T4": Parameter(0.3, "s", 0.001, 100.0, "denominator of the second section", each="device"),
+    "T1": Parameter(0.0761, "s", 0.0, 100.0, "numerator of the first section", each="device", search=powers(0.01, 1.0)),
+    "T2": Parameter(
+        0.3, "s", 0.001, 100.0, "denominator of the first section", each="device", search=powers(0.01, 1.0)
+    ),
+    "T3": Parameter(
+        0.4272, "s", 0.0, 100.0, "numerator of the second section", each="device", search=powers(0.01, 1.0)
+    ),
+    "T4": Parameter(
+        0.3, "s", 0.001, 100.0, "denominator of the second section", each="device", search=powers(0.01, 1.0)
+    ),
     **COMPENSATION_PARAMETERS,
 }
 
 # Its matrices follow from these at the start (small_signal/lqg.py).
 LQG_PARAMETERS = {
     "control_weight": Parameter(
-        1e-6, "p.u.", 1e-12, 1e3, "price of a device's limit, beside speeds' squares", live=False
+        1e-6,
+        "p.u.",
+        1e-12,
+        1e3,
+        "price of a device's limit, beside speeds' squares",
+        live=False,
+        search=powers(1e-10, 1e-2),
     ),
     "measurement_noise": Parameter(
         0.01,
@@ -98,6 +157,7 @@ LQG_PARAMETERS = {
         "measurement noise beside steps of torque, in the signal's swing",
         live=False,
         each="signal",
+        search=powers(1e-3, 1e3),
     ),
     "loop_delay": Parameter(
         -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's mean", live=False
@@ -107,23 +167,41 @@ LQG_PARAMETERS = {
 # Guards are off where the thesis has none; the profile `deployed` turns on what makes adaptation safe.
 NEURO_FUZZY_PARAMETERS = {
     "scale": Parameter(
-        0.01, "p.u.", 1e-6, 1e3, "signal that counts as one; others: as they swing beside the first", each="signal"
+        0.01,
+        "p.u.",
+        1e-6,
+        1e3,
+        "signal that counts as one; others: as they swing beside the first",
+        each="signal",
+        search=powers(0.001, 0.05),
     ),
     "change_scale": Parameter(
-        0.001, "p.u./frame", 1e-8, 1e3, "the same of a signal's change from frame to frame", each="signal"
+        0.001,
+        "p.u./frame",
+        1e-8,
+        1e3,
+        "the same of a signal's change from frame to frame",
+        each="signal",
+        search=powers(1e-4, 0.01),
     ),
     "range": Parameter(3.0, "-", 0.1, 3.0, "inputs of the network are clipped to it"),
-    "weight": _start(0.5, -5.0, 5.0, "start of the consequents' weights, 1 = the device's limit", "device"),
-    "spread": _start(0.5, 0.0, 3.0, "start of the memberships' centres, -spread and spread"),
-    "width": _start(1.0, 0.2, 5.0, "start of the memberships' widths s"),
-    "dilation": _start(1.0, 0.2, 10.0, "start of the wavelets' dilation nu"),
+    "weight": _start(
+        0.5, -5.0, 5.0, "start of the consequents' weights, 1 = the device's limit", "device", search=Range(0.0, 2.0)
+    ),
+    "spread": _start(0.5, 0.0, 3.0, "start of the memberships' centres, -spread and spread", search=Range(0.1, 1.5)),
+    "width": _start(1.0, 0.2, 5.0, "start of the memberships' widths s", search=Range(0.4, 3.0)),
+    "dilation": _start(1.0, 0.2, 10.0, "start of the wavelets' dilation nu", search=Range(0.5, 8.0)),
     "rate": _choice("fixed", RATES, "learning rates: fixed, or half of the Lyapunov bound times eta"),
-    "eta": Parameter(0.02, "-", 0.0, 1e6, "learning rate, or its share of the best Lyapunov rate"),
-    "momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the consequents"),
-    "hbar": Parameter(0.1, "-", 0.0, 1e6, "penalty on effort", each="device"),
+    "eta": Parameter(
+        0.02, "-", 0.0, 1e6, "learning rate, or its share of the best Lyapunov rate", search=powers(1e-4, 0.3)
+    ),
+    "momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the consequents", search=Range(0.0, 0.9)),
+    "hbar": Parameter(0.1, "-", 0.0, 1e6, "penalty on effort", each="device", search=powers(0.001, 1.0)),
     "sensitivity": Parameter(0.0, "-", -1.0, 1.0, "sign of dy/du; 0: the plant's, as linearised", live=False),
     "dead_zone": Parameter(0.0, "-", 0.0, 10.0, "smaller errors (of scale) teach nothing; 0: off", deployed=1e-3),
-    "leakage": Parameter(0.0, "1/frame", 0.0, 1.0, "share of the way back to the start each frame; 0: off"),
+    "leakage": Parameter(
+        0.0, "1/frame", 0.0, 1.0, "share of the way back to the start each frame; 0: off", search=powers(1e-5, 0.1)
+    ),
     "projection": _choice("off", OFF_ON, "parameters stay within their bounds", deployed="on"),
     "clip": Parameter(0.0, "-", 0.0, 1e3, "longest step of all parameters together; 0: off", deployed=0.5),
     "anti_windup": _choice("off", OFF_ON, "learning from the applied setpoint", deployed="on"),
@@ -143,12 +221,20 @@ NEURO_FUZZY_PARAMETERS = {
         whole=True,
     ),
     "identifier_rate": _choice("lyapunov", RATES, "the identifier's learning rates"),
-    "identifier_eta": Parameter(0.1, "-", 0.0, 100.0, "the identifier's learning rate, or share of the best one"),
-    "identifier_momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the identifier's consequents"),
-    "identifier_weight": _start(1.5, 0.2, 5.0, "start of the identifier's weights"),
-    "identifier_leakage": Parameter(
-        0.0, "1/frame", 0.0, 1.0, "share of the identifier's way back to its start each frame", deployed=1e-3
+    "identifier_eta": Parameter(
+        0.1, "-", 0.0, 100.0, "the identifier's learning rate, or share of the best one", search=powers(0.001, 1.0)
     ),
+    "identifier_momentum": Parameter(0.0, "-", 0.0, 0.99, "momentum of the identifier's consequents"),
+    "identifier_leakage": Parameter(
+        0.0,
+        "1/frame",
+        0.0,
+        1.0,
+        "share of the identifier's way back to its start each frame",
+        deployed=1e-3,
+        search=powers(1e-4, 1.0),
+    ),
+    "identifier_weight": _start(1.5, 0.2, 5.0, "start of the identifier's weights", search=Range(0.5, 4.0)),
     "loop_delay": Parameter(
         -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's mean", live=False
     ),
@@ -162,16 +248,21 @@ SETTINGS = np.dtype([(name, "f8") for name in {**LEAD_LAG_PARAMETERS, **NEURO_FU
 RENAMED = {"lag": "loop_delay", "effort": "control_weight", "noise": "measurement_noise"}
 
 MIMO_GAIN = 5.0  # kG2 of appendix B: of every device but the first
-LLC = ControllerKind("lead-lag: washout and two lead-lag sections (thesis, appendix B)", 1, 6, LEAD_LAG_PARAMETERS)
+LLC = ControllerKind(
+    "lead-lag: washout and two lead-lag sections (thesis, appendix B)", 1, 6, LEAD_LAG_PARAMETERS, tuned=False
+)
 CONTROLLERS = {
     "LLC": LLC,
-    "LLC-tuned": LLC._replace(description="lead-lag with gain and time constants of an optimiser, one set a system"),
+    "LLC-tuned": LLC._replace(
+        tuned=True, description="lead-lag with gain and time constants of an optimiser, one set a system"
+    ),
     "LQG": ControllerKind(
         "linear-quadratic-Gaussian: optimal for the linearised plant with its delay",
         ANY,
         0,
         LQG_PARAMETERS,
         code=STATE_SPACE,
+        design="facts_damping.small_signal.lqg:design",
     ),
 }
 
@@ -198,8 +289,7 @@ def kind(name: str, where: str = "controller") -> ControllerKind:
         return CONTROLLERS[name]
     check_known(f"{where}: antecedent", antecedent, ANTECEDENTS)
     check_known(f"{where}: consequent", consequent, CONSEQUENTS)
-    wavelet = consequent in ("mexican-hat", "morlet")
-    found = _neuro_fuzzy(Variant(antecedent, consequent, "ANFGuMoI" if wavelet else "ANFTSI"))
+    found = _neuro_fuzzy(Variant(antecedent, consequent, "ANFGuMoI" if has_dilation(consequent) else "ANFTSI"))
     return found._replace(named=False)
 
 

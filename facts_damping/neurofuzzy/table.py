@@ -101,3 +101,8 @@ VARIANTS = {
     "ANFBsC": Variant("b-spline", "singleton", "ANFTSI"),
     "HBsWC": Variant("b-spline", "morlet", "ANFGuMoI"),
 }
+
+
+def has_dilation(consequent: str) -> bool:
+    """Whether a consequent is a wavelet that is dilated: whether a parameter of its is nu."""
+    return any(slot.group == NU.group for slot in CONSEQUENTS[consequent].slots(1))

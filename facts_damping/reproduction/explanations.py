@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.case.controllers import tuned
-from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.neurofuzzy.table import VARIANTS, has_dilation
 from facts_damping.reproduction import agreement, ranking
 from facts_damping.reproduction.printed import SCENARIOS
 from facts_damping.reproduction.runs import ARCHITECTURES
@@ -81,7 +81,7 @@ def _untuned(_: str, who: Who) -> dict[str, Any]:
 
 def _untuned_wide(system: str, who: Who) -> dict[str, Any]:
     """The same with wavelets so wide that they keep their sign over the inputs' range."""
-    wavelet = who.scheme and VARIANTS[who.controller].consequent in ("mexican-hat", "morlet")
+    wavelet = who.scheme and has_dilation(VARIANTS[who.controller].consequent)
     return {**_untuned(system, who), **({f"{PARAMETERS}.dilation": 5.0} if wavelet else {})}
 
 

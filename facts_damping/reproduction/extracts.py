@@ -78,7 +78,9 @@ def _interval(value: Interval) -> str:
 
 def beaten(findings: Findings, system: str, link: str, who: str) -> str:
     """Where the median of a controller is not below that of LLC-tuned, and of how many: `none of 12`."""
-    kept = [one for one in findings.spreads if (one.system, one.link) == (system, link) and one.quantity in THESIS_INDICES]
+    kept = [
+        one for one in findings.spreads if (one.system, one.link) == (system, link) and one.quantity in THESIS_INDICES
+    ]
     middle = {(one.scenario, one.quantity, one.who): one.figure.median for one in kept}
     own = [(scenario, index) for scenario, index, whose in middle if whose == who]
     lost = [f"{one} {index}" for one, index in own if not middle[one, index, who] < middle[one, index, name(TUNED)]]

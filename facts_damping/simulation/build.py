@@ -1,8 +1,9 @@
-"""The parts of a case: plant, links, controllers and identifiers, built; their names as nodes; its events."""
+"""The parts of a case: plant, links, controllers and identifiers, built; its events."""
 
 from __future__ import annotations
 
 import cmath
+import importlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from facts_damping.control.identifier import identifiers
 from facts_damping.control.identifier_model import Identified, Identifiers, IdentifierState
 from facts_damping.control.inputs import TURN
 from facts_damping.control.plant_prior import PlantPrior
-from facts_damping.control.table import STATE_SPACE, kind
+from facts_damping.control.table import kind
 from facts_damping.errors import InputError
 from facts_damping.link.chain import DirectionSpec
 from facts_damping.link.transfer import Links, links
@@ -23,11 +24,13 @@ from facts_damping.parameters.run import Weights
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
 from facts_damping.signals import CHANNELS
-from facts_damping.small_signal.lqg import design
 from facts_damping.small_signal.residues import Residues, residues
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from facts_damping.case.model import Case
+    from facts_damping.control.state_space import StateSpace
     from facts_damping.neurofuzzy.network import Network
     from facts_damping.parameters.run import Controller
 
@@ -85,9 +88,16 @@ def asks_sensitivity(case: Case) -> bool:
     return any(c.scheme or c.compensation != "none" or _optimal(c) for c in case.controllers)
 
 
+def _design(controller: Controller) -> Callable[..., StateSpace]:
+    """The function that designs a controller: (plant, system, controller, its field) to matrices."""
+    module, _, name = kind(controller.name).design.partition(":")
+    found: Callable[..., StateSpace] = getattr(importlib.import_module(module), name)
+    return found
+
+
 def _optimal(controller: Controller) -> bool:
     """Whether a controller is designed for the linearised plant."""
-    return kind(controller.name).code == STATE_SPACE
+    return bool(kind(controller.name).design)
 
 
 def build_sensitivity(case: Case) -> Residues | None:
@@ -110,7 +120,7 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
     known = [_known(case, i, plant) for i in range(len(case.controllers))]
     omega = [_compensated(case, i, plant) for i in range(len(case.controllers))]
     designs = [
-        design(plant, case.system, c, f"controllers.{i}") if _optimal(c) else None
+        _design(c)(plant, case.system, c, f"controllers.{i}") if _optimal(c) else None
         for i, c in enumerate(case.controllers)
     ]
     rate = case.run.frame_rate

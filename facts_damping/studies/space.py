@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.control.table import STATE_SPACE
+from facts_damping.control.table import Range, four_digits
+from facts_damping.neurofuzzy.table import has_dilation
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,60 +18,8 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
 
 
-def _four(value: float) -> float:
-    """A value to four digits."""
-    return float(f"{value:.4g}")
-
-
-class Range(NamedTuple):
-    """Where a parameter is searched, on a line or by powers of ten."""
-
-    low: float
-    high: float
-    logarithmic: bool = False
-
-    def value(self, at: float) -> float:
-        """The value at a place from 0 to 1, to four digits."""
-        if self.logarithmic:
-            return _four(self.low * (self.high / self.low) ** at)
-        return _four(self.low + at * (self.high - self.low))
-
-    def place(self, value: float) -> float:
-        """The place of a value, of one outside that of the nearest inside."""
-        inside = min(max(value, self.low), self.high)
-        if self.logarithmic:
-            return math.log(inside / self.low) / math.log(self.high / self.low)
-        return (inside - self.low) / (self.high - self.low)
-
-
-LEAD_LAG = {
-    "gain": Range(1.0, 200.0, logarithmic=True),
-    "T1": Range(0.01, 1.0, logarithmic=True),
-    "T2": Range(0.01, 1.0, logarithmic=True),
-    "T3": Range(0.01, 1.0, logarithmic=True),
-    "T4": Range(0.01, 1.0, logarithmic=True),
-}
-LQG = {"control_weight": Range(1e-10, 1e-2, logarithmic=True)}
-NOISE = Range(1e-3, 1e3, logarithmic=True)  # of an LQG, each signal's; at least what a PMU may err by
-NEURO_FUZZY = {
-    "scale": Range(0.001, 0.05, logarithmic=True),
-    "change_scale": Range(1e-4, 0.01, logarithmic=True),
-    "weight": Range(0.0, 2.0),
-    "spread": Range(0.1, 1.5),
-    "width": Range(0.4, 3.0),
-    "eta": Range(1e-4, 0.3, logarithmic=True),
-    "momentum": Range(0.0, 0.9),
-    "hbar": Range(0.001, 1.0, logarithmic=True),
-    "leakage": Range(1e-5, 0.1, logarithmic=True),
-}
-WAVELETS = {"dilation": Range(0.5, 8.0)}
 SHARE = Range(0.1, 10.0, logarithmic=True)  # scales of the second signal and on, by how they swing beside the first
 HORIZON = Range(1.0, 24.0)  # frames, where there are several signals or devices
-INDIRECT = {
-    "identifier_eta": Range(0.001, 1.0, logarithmic=True),
-    "identifier_leakage": Range(1e-4, 1.0, logarithmic=True),
-    "identifier_weight": Range(0.5, 4.0),
-}
 RATES = ("fixed", "lyapunov")  # searched too: a place below and above one half
 GUARDS = {  # of `search`, beside those of the profile
     "dead_zone": Range(1e-4, 0.1, logarithmic=True),
@@ -94,12 +42,13 @@ class Space(NamedTuple):
         Parameters that a list may give are searched for each device; scales for the first signal, with a share for
         each of the others.
         """
-        if self.row.code == STATE_SPACE:
-            return {**LQG, **{f"measurement_noise.{i}": NOISE for i in range(len(self.signals))}}
+        own = {name: one.search for name, one in self.row.parameters.items() if one.search is not None}
         if self.row.network is None:
-            return self._each(LEAD_LAG)
-        wavelets = WAVELETS if self.row.network.consequent in ("mexican-hat", "morlet") else {}
-        made = {**self._each(NEURO_FUZZY), **wavelets, **(INDIRECT if self.scheme == "indirect" else {})}
+            return self._each(own)
+        of_identifier = {name: own.pop(name) for name in list(own) if name.startswith("identifier_")}
+        dilation = own.pop("dilation")
+        wavelets = {"dilation": dilation} if has_dilation(self.row.network.consequent) else {}
+        made = {**self._each(own), **wavelets, **(of_identifier if self.scheme == "indirect" else {})}
         if self.scheme == "indirect" and len(self.signals) * len(self.devices) > 1:
             made["identifier_horizon"] = HORIZON
             del made["identifier_weight"]
@@ -107,10 +56,12 @@ class Space(NamedTuple):
         return {**made, "rate": Range(0.0, 1.0)}
 
     def _each(self, ranges: dict[str, Range]) -> dict[str, Range]:
+        """Those of what may be a list once for each device; of what has no network also for each signal."""
+        counts = {"device": len(self.devices), "signal": len(self.signals) if self.row.network is None else 1}
         made: dict[str, Range] = {}
         for name, one in ranges.items():
-            several = self.row.parameters[name].each == "device" and len(self.devices) > 1
-            made |= {f"{name}.{d}": one for d in range(len(self.devices))} if several else {name: one}
+            several = counts.get(self.row.parameters[name].each, 1)
+            made |= {f"{name}.{i}": one for i in range(several)} if several > 1 else {name: one}
         return made
 
     def parameters(self, at: NDArray[np.float64], plant: Residues, limit: float) -> dict[str, Value]:
@@ -119,19 +70,19 @@ class Space(NamedTuple):
         for (place, one), v in zip(self.ranges.items(), at, strict=True):
             found.setdefault(place.partition(".")[0], []).append(one.value(float(v)))
         for name, by in self._units(plant).items():
-            found[name] = [_four(value * by) for value in found[name]] if by != 1.0 else found[name]
+            found[name] = [four_digits(value * by) for value in found[name]] if by != 1.0 else found[name]
         if self.row.network is None:
             return _plain(found)
         rate = RATES[int(found.pop("rate")[0] >= 0.5)]
         for share, signal in zip(found.pop("share", []), self.signals[1:], strict=True):
             beside = share * abs(plant.ratio(signal, self.signals[0]))
             for name in ("scale", "change_scale"):
-                found[name].append(_four(found[name][0] * beside))
+                found[name].append(four_digits(found[name][0] * beside))
         if self.scheme == "indirect":
             if "identifier_horizon" in found:
                 found["identifier_horizon"] = [float(round(found["identifier_horizon"][0]))]
             for name, by in self._multiples(found, plant, limit, rate).items():
-                found[name] = [_four(one * by) for one in found[name]]
+                found[name] = [four_digits(one * by) for one in found[name]]
         return {**_plain(found), "rate": rate}
 
     def place(self, values: Mapping[str, Value], plant: Residues, limit: float) -> NDArray[np.float64]:

@@ -65,10 +65,11 @@ class Job(NamedTuple):
 
 def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
     """Controllers and schemes to be tuned; no names: all that have parameters to choose."""
-    asked = list(names) or [name for name in CONTROLLERS if name != "LLC"]
-    if "LLC" in asked:
-        raise InputError("CONTROLLER: 'LLC' given; allowed: LLC-tuned, or a neuro-fuzzy controller")
-    return every_scheme(asked)
+    tunable = [name for name, row in CONTROLLERS.items() if row.tuned]
+    for name in names:
+        if not kind(name, "CONTROLLER").tuned:
+            raise InputError(f"CONTROLLER: '{name}' given; allowed: {', '.join(tunable)}, or antecedent+consequent")
+    return every_scheme(list(names) or tunable)
 
 
 def every_scheme(names: Sequence[str]) -> list[tuple[str, Scheme]]:

@@ -14,7 +14,6 @@ from facts_damping.parameters.files import read_table, shipped
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.validation import check
 from facts_damping.studies import tune
-from facts_damping.studies.space import LEAD_LAG
 from facts_damping.studies.tune import LOST, Job, Trainer, TuningTask, objective, rows, search
 
 if TYPE_CHECKING:
@@ -93,7 +92,7 @@ def test_a_search_is_reproducible_and_no_worse_than_its_first_points() -> None:
     found = search(job)
     assert search(job) == found
     trainer = Trainer(job)
-    first = tune._population(len(LEAD_LAG), 3)
+    first = tune._population(len(trainer.space.ranges), 3)
     assert first.shape == (24, 5)
     for column in first.T:  # a Latin hypercube: one point in each stripe
         assert sorted((column * 24).astype(int)) == list(range(24))
