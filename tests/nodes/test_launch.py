@@ -38,11 +38,8 @@ def kinds(*names: str) -> dict[str, type[Asked]]:
 
 MODULES = {
     "launch": kinds("LaunchContext", "LaunchDescription"),
-    "launch.actions": kinds(
-        "DeclareLaunchArgument", "IncludeLaunchDescription", "OpaqueFunction", "RegisterEventHandler", "Shutdown"
-    ),
+    "launch.actions": kinds("DeclareLaunchArgument", "OpaqueFunction", "RegisterEventHandler", "Shutdown"),
     "launch.event_handlers": kinds("OnProcessExit"),
-    "launch.launch_description_sources": kinds("PythonLaunchDescriptionSource"),
     "launch.substitutions": kinds("LaunchConfiguration"),
     "launch_ros": {},
     "launch_ros.actions": kinds("Node"),
@@ -63,10 +60,6 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
             match type(action).__name__:
                 case "DeclareLaunchArgument":
                     context.setdefault(action.given[0], action.named["default_value"])
-                case "IncludeLaunchDescription":
-                    (source,) = action.given
-                    context.update(action.named["launch_arguments"])
-                    yield from perform(Path(source.given[0]), context)
                 case "OpaqueFunction":
                     yield from action.named["function"](context)
                 case other:
@@ -91,7 +84,7 @@ ALWAYS = {("plant_sim", "", "plant_sim", None), ("recorder", "", "recorder", Non
 
 
 def test_decentralised_starts_a_link_and_a_controller_in_each_namespace(launched: Any) -> None:
-    assert places(launched("decentralised.launch.py")) == ALWAYS | {
+    assert places(launched("run.launch.py", run="two_area_decentralised")) == ALWAYS | {
         ("wan_link", "tie", "wan_link", 0),
         ("wan_link", "substation", "wan_link", 1),
         ("controller", "tie", "controller_0_ANFTSC", 0),
@@ -102,7 +95,7 @@ def test_decentralised_starts_a_link_and_a_controller_in_each_namespace(launched
 
 
 def test_centralised_starts_one_link(launched: Any) -> None:
-    found = places(launched("centralised.launch.py"))
+    found = places(launched("run.launch.py", run="two_area_centralised"))
     assert found >= ALWAYS | {("wan_link", "", "wan_link", 0)}
     others = found - ALWAYS - {("wan_link", "", "wan_link", 0)}
     assert {executable for executable, *_ in others} <= {"controller", "identifier"}
@@ -123,9 +116,8 @@ def test_a_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: A
     assert all(node.parameters.items() >= common.items() for node in nodes(actions))
 
 
-@pytest.mark.parametrize("name", ["centralised", "decentralised"])
-def test_the_end_of_the_plant_is_the_end_of_the_launch(launched: Any, name: str) -> None:
-    actions = launched(f"{name}.launch.py")
+def test_the_end_of_the_plant_is_the_end_of_the_launch(launched: Any) -> None:
+    actions = launched("run.launch.py")
     (handler,) = (action for action in actions if type(action).__name__ == "RegisterEventHandler")
     (ends,) = handler.given
     assert ends.named["target_action"].named["name"] == "plant_sim"
