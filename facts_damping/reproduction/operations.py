@@ -1,33 +1,27 @@
 """Table 3.1: parameters updated at a step and operations of a network's pass, as printed and as counted in our code.
 
-Two inputs, two rules, one output. Ours are counted in the functions that controllers run (`counting`): those that the
-output needs, as the thesis counts, and those of a whole step, with all derivatives that it computes beside.
+Two inputs, two rules, one output. Ours were counted in the functions that controllers run: those that the output needs,
+as the thesis counts, and those of a whole step, with all derivatives that it computes beside. A test counts them anew
+(`tests/reproduction/counting.py`, which also writes the file).
 """
 
 from __future__ import annotations
 
+import csv
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
-from facts_damping.neurofuzzy.network import Pass, backward, counted, forward, network, shapes
-from facts_damping.neurofuzzy.start import Start, initial
+from facts_damping.neurofuzzy.network import counted
 from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.reproduction import counting
+from facts_damping.parameters.files import share_folder
 from facts_damping.reproduction.printed import Operations, operations
 from facts_damping.studies.pages import heads, line
 
 if TYPE_CHECKING:
-    from collections import Counter
     from collections.abc import Sequence
-
-    from facts_damping.neurofuzzy.table import Variant
+    from pathlib import Path
 
 SHAPE = (2, 2, 1)  # inputs, rules, outputs
-# Where it is counted: every membership fires, and firing strengths lie in one half of the Legendre wavelets.
-AT = (0.2, -0.1)
-START = Start(weight=[0.5], spread=[0.5, 0.5], width=[3.0, 3.0], shift=[0.5, 0.5], dilation=[1.0, 1.0])
-OTHERS = {"roots": "roots", "sign changes": counting.NEGATION}  # table 3.1 has no column for them
+OTHERS = ("roots", "negations")  # table 3.1 has no column for them
 
 _GAUSSIAN = (
     "Multiplications: (3.9) as printed, (x - h)^2 s^-2, has two squares and a product, ours ((x - h) / s)^2 one square:"
@@ -69,32 +63,24 @@ class Count(NamedTuple):
     step: int | None  # none: of parameters
 
 
+def file() -> Path:
+    """The operations that were counted: controller, operation, for the output, for a whole step."""
+    return share_folder() / "config" / "references" / "operations.csv"
+
+
 def complexity() -> list[Count]:
     """Table 3.1 with ours. Raises `InputError` where the printed figures cannot be read."""
+    with file().open(encoding="utf-8", newline="") as stream:
+        ours = {(r["controller"], r["operation"]): (int(r["output"]), int(r["step"])) for r in csv.DictReader(stream)}
     rows = []
     for printed in operations():
-        variant = VARIANTS[printed.controller]
+        name, variant = printed.controller, VARIANTS[printed.controller]
         own = counted(variant.antecedent, variant.consequent, *SHAPE)
-        rows.append(Count(printed.controller, "parameters", printed.parameters, own, None))
-        output, step = counts(variant)
+        rows.append(Count(name, "parameters", printed.parameters, own, None))
         both = zip(Operations._fields[2:], printed[2:], strict=True)
-        rows += [Count(printed.controller, what, theirs, output[what], step[what]) for what, theirs in both]
-        rows += [Count(printed.controller, name, None, output[kind], step[kind]) for name, kind in OTHERS.items()]
+        rows += [Count(name, what, theirs, *ours[name, what]) for what, theirs in both]
+        rows += [Count(name, what, None, *ours[name, what]) for what in OTHERS]
     return rows
-
-
-def counts(variant: Variant) -> tuple[Counter[str], Counter[str]]:
-    """Operations by kind (`counting`): those that the output of a network needs, and those of a whole step."""
-    net, tape = network(variant.antecedent, variant.consequent, *SHAPE), counting.Tape()
-    theta, x = (
-        np.array([counting.Number(tape, float(value)) for value in values], object)
-        for values in (initial(net, START), AT)
-    )
-    passed = Pass(*(np.full(shape, 0.0, object) for shape in shapes(net)))
-    counting.plain(forward)(net, theta, x, passed)
-    output = counting.counted(counting.needed(tape, passed.output))
-    counting.plain(backward)(net, passed)
-    return output, counting.counted(tape.made)
 
 
 def markdown(rows: Sequence[Count]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from collections import Counter
 from typing import Any
@@ -13,9 +14,10 @@ from facts_damping.compiling import compiled
 from facts_damping.neurofuzzy.network import forward, network, passes
 from facts_damping.neurofuzzy.start import initial
 from facts_damping.neurofuzzy.table import VARIANTS, Variant
-from facts_damping.reproduction import counting
-from facts_damping.reproduction.operations import AT, SHAPE, START, WHY, Count, complexity, counts, markdown
+from facts_damping.reproduction.operations import SHAPE, WHY, Count, complexity, file, markdown
 from facts_damping.reproduction.printed import Operations, operations
+from tests.reproduction import counting
+from tests.reproduction.counting import AT, START, counts
 
 KINDS = ("additions", "multiplications", "divisions", "exponentials", "trigonometric")
 # What the thesis counts, as far as it can be derived: a membership, and the rules of a network.
@@ -67,6 +69,12 @@ def test_the_function_that_is_counted_gives_the_output_of_the_compiled_one(name:
     counting.plain(forward)(net, numbers, np.array([counting.Number(tape, v) for v in AT], object), q)
     assert q.output[0].value == pytest.approx(p.output[0], rel=1e-12)
     assert p.total[0] > 0
+
+
+def test_the_file_has_what_is_counted() -> None:
+    with file().open(encoding="utf-8", newline="") as stream:
+        written = [{key: int(v) if v.isdigit() else v for key, v in row.items()} for row in csv.DictReader(stream)]
+    assert written == counting.rows()
 
 
 @pytest.mark.parametrize("row", complexity(), ids=lambda row: f"{row.controller}-{row.what}")

@@ -3,17 +3,34 @@
 So the operations that an output needs can be told from those that only its derivatives need. What the code has as a
 literal is no such number: what is formed of literals alone is known beforehand, and neither `+ 0` nor `* 1` counts.
 Comparisons, absolute values and signs that are copied do not count either, but what is compared does.
+
+`python -m tests.reproduction.counting` writes `config/references/operations.csv`.
 """
 
 from __future__ import annotations
 
+import csv
 import math
 from collections import Counter
 from types import FunctionType, SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from facts_damping.neurofuzzy.network import Pass, backward, forward, network, shapes
+from facts_damping.neurofuzzy.start import Start, initial
+from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.reproduction.operations import OTHERS, SHAPE, file
+from facts_damping.reproduction.printed import Operations
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
+
+    from facts_damping.neurofuzzy.table import Variant
+
+# Where it is counted: every membership fires, and firing strengths lie in one half of the Legendre wavelets.
+AT = (0.2, -0.1)
+START = Start(weight=[0.5], spread=[0.5, 0.5], width=[3.0, 3.0], shift=[0.5, 0.5], dilation=[1.0, 1.0])
 
 ADDITION, MULTIPLICATION, DIVISION, NEGATION = "additions", "multiplications", "divisions", "negations"
 FUNCTIONS = {  # of `math`
@@ -171,3 +188,33 @@ def _copysign(x: Any, sign: Any) -> Any:
 
 
 MATH = SimpleNamespace(**{name: _function(name) for name in FUNCTIONS}, copysign=_copysign, ceil=math.ceil)
+
+
+def counts(variant: Variant) -> tuple[Counter[str], Counter[str]]:
+    """Operations by kind: those that the output of a network needs, and those of a whole step."""
+    net, tape = network(variant.antecedent, variant.consequent, *SHAPE), Tape()
+    theta, x = (
+        np.array([Number(tape, float(value)) for value in values], object) for values in (initial(net, START), AT)
+    )
+    passed = Pass(*(np.full(shape, 0.0, object) for shape in shapes(net)))
+    plain(forward)(net, theta, x, passed)
+    output = counted(needed(tape, passed.output))
+    plain(backward)(net, passed)
+    return output, counted(tape.made)
+
+
+def rows() -> list[dict[str, Any]]:
+    """The rows of the file."""
+    found = []
+    for name, variant in VARIANTS.items():
+        output, step = counts(variant)
+        kinds = (*Operations._fields[2:], *OTHERS)
+        found += [{"controller": name, "operation": o, "output": output[o], "step": step[o]} for o in kinds]
+    return found
+
+
+if __name__ == "__main__":
+    with file().open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.DictWriter(stream, ["controller", "operation", "output", "step"], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows())
