@@ -9,7 +9,7 @@ does not fit it is read by rclpy as usual.
 
 from __future__ import annotations
 
-import re
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,66 +17,31 @@ from rclpy.serialization import serialize_message
 
 from facts_damping.compiling import specialised
 from facts_damping.nodes.packing import take
+from facts_damping.recording.columns import FORMATS, HEADER, Walk
+from facts_damping.recording.schemas import parse_schema, schema_text
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Mapping
 
     from numpy.typing import NDArray
 
-HEADER = 4  # bytes of encapsulation before the stream
-STRING, LENGTH = "string", "length"  # kinds of leaves that are not numbers
-FORMATS = {
-    "boolean": "u1",
-    "uint8": "u1",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "int64": "i8",
-    "uint64": "u8",
-    "double": "f8",
-}
-_SEQUENCE = re.compile(r"sequence<(.+)>")
+
+SIZES = {form: np.dtype(form).itemsize for form in FORMATS.values()}  # bytes
 
 
-def places(message: Any) -> tuple[dict[str, tuple[int, str]], list[int], int]:
-    """Where things stand in the stream, after the encapsulation.
-
-    Offset and format of every number, by path ("frames.0.tick"); offsets of all bytes that make out the
-    shape: strings, their lengths, and those of sequences. What lies between is padding. At last the stream's end.
-    """
-    numbers: dict[str, tuple[int, str]] = {}
-    shape: list[int] = []
-    end = 0
-    for path, kind, value in _fields(message, ""):
-        size = 4 if kind in (STRING, LENGTH) else int(FORMATS[kind][1])
-        start = -(-end // size) * size
-        end = start + size + (len(value.encode()) + 1 if kind == STRING else 0)
-        if kind in (STRING, LENGTH):
-            shape += range(start, end)
-        else:
-            numbers[path] = (start, FORMATS[kind])
-    return numbers, shape, end
+@cache
+def _fields(message_type: str) -> Mapping[str, Any]:
+    """What a message type and those that it is made of consist of."""
+    return parse_schema(message_type, schema_text(message_type))
 
 
-def _fields(message: Any, prefix: str) -> Iterator[tuple[str, str, Any]]:
-    """Path, type and value of every leaf of a message, in the order of the stream."""
-    for name, kind in message.get_fields_and_field_types().items():
-        value = getattr(message, name)
-        sequence = _SEQUENCE.fullmatch(kind)
-        if sequence:
-            yield f"{prefix}{name}", LENGTH, len(value)
-            for i, item in enumerate(value):
-                yield from _leaf(item, sequence.group(1), f"{prefix}{name}.{i}")
-        else:
-            yield from _leaf(value, kind, f"{prefix}{name}")
-
-
-def _leaf(value: Any, kind: str, path: str) -> Iterator[tuple[str, str, Any]]:
-    if kind == STRING or kind in FORMATS:
-        yield path, kind, value
-    else:
-        yield from _fields(value, f"{path}.")
+def _walk(message: Any, serialised: NDArray[np.uint8]) -> Walk:
+    """Where things stand in a message."""
+    message_type = f"{type(message).__module__.partition('.')[0]}/msg/{type(message).__name__}"
+    walk = Walk(serialised[np.newaxis], _fields(message_type))
+    walk.read(message_type)
+    return walk
 
 
 class Field(NamedTuple):
@@ -94,9 +59,7 @@ class Room:
         room = np.zeros(HEADER + size, np.uint8)
         self.all = room[HEADER:]
         stream = room[2 * HEADER :]
-        self.of = {
-            form: stream[: len(stream) // int(form[1]) * int(form[1])].view(f"<{form}") for form in FORMATS.values()
-        }
+        self.of = {form: stream[: len(stream) // size * size].view(f"<{form}") for form, size in SIZES.items()}
 
 
 class Template:
@@ -108,13 +71,14 @@ class Template:
     def __init__(self, message: Any) -> None:
         """Lay out `message`; its numbers may be changed later, its strings and lengths may not."""
         serialised = np.frombuffer(serialize_message(message), np.uint8)
-        self._places, shape, end = places(message)
+        walk = _walk(message, serialised)
+        self._places = {path: (offset - HEADER, form) for path, (offset, form) in walk.places.items()}
         # Padding is zero, between fields and at the end, where DDS fills up a word: equal runs, equal bytes.
         # (rclpy leaves room after empty sequences that the stream does not need.)
-        self.sent, self.come = Room(-(-(HEADER + end) // 4) * 4), Room(HEADER + end)
-        self._shape = np.array(shape, np.int64) + HEADER
+        self.sent, self.come = Room(-(-walk.end // 4) * 4), Room(walk.end)
+        self._shape = np.concatenate(walk.shape[1:]) if len(walk.shape) > 1 else np.zeros(0, np.int64)
         self._names = serialised[self._shape]
-        used = [np.arange(offset, offset + int(form[1])) + HEADER for offset, form in self._places.values()]
+        used = [np.arange(offset, offset + SIZES[form]) + HEADER for offset, form in self._places.values()]
         for part in (np.arange(HEADER), self._shape, *used):
             self.sent.all[part] = serialised[part]
         self._tick = self._places["tick"][0] // 8
@@ -124,7 +88,7 @@ class Template:
         """The fields of some paths, all of one format."""
         known = [self._places[path] for path in paths]
         form = known[0][1] if known else "f8"
-        return Field(form, np.array([offset // int(form[1]) for offset, _ in known], np.int64))
+        return Field(form, np.array([offset // SIZES[form] for offset, _ in known], np.int64))
 
     def write(self, field: Field, values: Any) -> None:
         """Put values into fields of what is sent."""

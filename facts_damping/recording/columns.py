@@ -48,7 +48,7 @@ def blocks(data: Sequence[bytes], fields: Mapping[str, Any], message_type: str) 
         rows = np.flatnonzero(lengths == length)
         stacked = np.frombuffer(b"".join([data[row] for row in rows.tolist()]), np.uint8).reshape(len(rows), length)
         parts = _alike(stacked, fields, message_type)
-        found += [Block(rows[part], _Walk(stacked[part], fields).read(message_type)) for part in parts]
+        found += [Block(rows[part], Walk(stacked[part], fields).read(message_type)) for part in parts]
     return sorted(found, key=lambda one: int(one.rows[0]))
 
 
@@ -85,53 +85,63 @@ def _alike(stacked: NDArray[np.uint8], fields: Mapping[str, Any], message_type: 
 
 def _shape(message: NDArray[np.uint8], fields: Mapping[str, Any], message_type: str) -> NDArray[np.int64]:
     """Places of the bytes that make out a message's layout: encapsulation, strings and lengths."""
-    walk = _Walk(message[np.newaxis], fields)
+    walk = Walk(message[np.newaxis], fields)
     walk.read(message_type)
     return np.concatenate(walk.shape)
 
 
-class _Walk:
-    """Reads messages of one layout (n, length) from their beginning, field by field."""
+class Walk:
+    """Reads messages of one layout (n, length) from their beginning, field by field.
+
+    `shape`: places of the bytes that make out the layout: encapsulation, strings and lengths; `places`: offset and
+    format of every number by its path ("frames.0.tick"); `end`: behind the last field. All count from the first byte.
+    """
 
     def __init__(self, stacked: NDArray[np.uint8], fields: Mapping[str, Any]) -> None:
-        self._stacked, self._fields, self._at = stacked, fields, HEADER
+        self._stacked, self._fields, self.end = stacked, fields, HEADER
         self.shape = [np.arange(HEADER)]
+        self.places: dict[str, tuple[int, str]] = {}
         if stacked.shape[1] < HEADER or stacked[0, 0] != 0 or stacked[0, 1] > 1:
             raise ValueError("a message is not in plain CDR")
         self._order = "<" if stacked[0, 1] else ">"
         self._swapped = (self._order == "<") != (sys.byteorder == "little")
 
-    def read(self, message_type: str) -> SimpleNamespace:
-        """A message of that type, which begins here."""
-        return SimpleNamespace(**{name: self._value(kind) for name, kind in self._fields[message_type][1]})
+    def read(self, message_type: str, path: str = "") -> SimpleNamespace:
+        """A message of that type, which begins here; `path`: of the field that it is."""
+        return SimpleNamespace(
+            **{name: self._value(kind, f"{path}{name}") for name, kind in self._fields[message_type][1]}
+        )
 
-    def _value(self, kind: Any) -> Any:
+    def _value(self, kind: Any, path: str) -> Any:
         node, what = kind
         if node == Nodetype.NAME:
-            return self.read(what)
+            return self.read(what, f"{path}.")
         if node == Nodetype.BASE:
-            return self._string() if what[0] == "string" else self._number(FORMATS[what[0]])
+            return self._string() if what[0] == "string" else self._number(FORMATS[what[0]], path)
         item, count = what
-        return [self._value(item) for _ in range(self._length() if node == Nodetype.SEQUENCE else count)]
+        several = self._length() if node == Nodetype.SEQUENCE else count
+        return [self._value(item, f"{path}.{i}") for i in range(several)]
 
-    def _number(self, form: str) -> NDArray[Any]:
-        """A number of each message."""
+    def _number(self, form: str, path: str = "") -> NDArray[Any]:
+        """A number of each message; without a path one of the layout."""
         size = np.dtype(form).itemsize
-        self._at += -(self._at - HEADER) % size
+        self.end += -(self.end - HEADER) % size
+        if path:
+            self.places[path] = (self.end, form)
         taken = np.ascontiguousarray(self._take(size)).view(self._order + form)[:, 0]
         return taken.astype(form) if self._swapped else taken
 
     def _length(self) -> int:
         """A length, the same in all messages; nothing that it counts takes less than a byte."""
         length = int(self._number("u4")[0])
-        if length > self._stacked.shape[1] - self._at:
+        if length > self._stacked.shape[1] - self.end:
             raise ValueError("a message is shorter than it says")
-        self.shape.append(np.arange(self._at - 4, self._at))
+        self.shape.append(np.arange(self.end - 4, self.end))
         return length
 
     def _string(self) -> str:
         size = self._length()
-        self.shape.append(np.arange(self._at, self._at + size))
+        self.shape.append(np.arange(self.end, self.end + size))
         text = self._take(size)[0].tobytes()
         if not text.endswith(b"\0"):
             raise ValueError("a string does not end with 0")
@@ -139,7 +149,7 @@ class _Walk:
 
     def _take(self, size: int) -> NDArray[np.uint8]:
         """The next bytes of each message."""
-        if self._at + size > self._stacked.shape[1]:
+        if self.end + size > self._stacked.shape[1]:
             raise ValueError("a message is too short")
-        self._at += size
-        return self._stacked[:, self._at - size : self._at]
+        self.end += size
+        return self._stacked[:, self.end - size : self.end]
