@@ -1,4 +1,4 @@
-"""What a user sees: progress on the terminal, JSON in a file or on standard output."""
+"""What a user sees: progress and tables on the terminal, JSON in a file or on standard output."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
 
 
 class Progress:
@@ -35,6 +38,28 @@ class Progress:
         """End the line."""
         if self._shown:
             sys.stderr.write("\n")
+
+
+def table(
+    titles: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1, *, markdown: bool = False, rule: bool = True
+) -> list[str]:
+    """Lines of a table, its first `left` columns aligned to the left, the others to the right.
+
+    For a terminal, with a `rule` below the titles, or in Markdown.
+    """
+    cells = [list(titles), *map(list, rows)]
+    if markdown:
+        kinds = ["---" if column < left else "--:" for column in range(len(titles))]
+        return [f"| {' | '.join(row)} |" for row in (cells[0], kinds, *cells[1:])]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    rules = [["-" * width for width in widths]] if rule else []
+    return [
+        "  ".join(
+            cell.ljust(width) if column < left else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in (cells[0], *rules, *cells[1:])
+    ]
 
 
 def write_json(target: str | None, content: Any) -> None:

@@ -9,7 +9,7 @@ from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.oscillation import is_stable
 from facts_damping.analysis.ringdown import COVERED
-from facts_damping.analysis.summary import aligned
+from facts_damping.terminal import table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -65,10 +65,10 @@ def lines(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: 
     ]
     if rows:
         yield ""
-        yield aligned(["latency by hop [ms]", "mean", "50 %", "99 %", "max"], rows)
+        yield from table(["latency by hop [ms]", "mean", "50 %", "99 %", "max"], rows)
     if len(results) > 1:
         yield ""
-        yield _improvements(names, results, baseline)
+        yield from _improvements(names, results, baseline)
 
 
 def _judged(result: Mapping[str, Any]) -> dict[str, float] | None:
@@ -100,9 +100,9 @@ def _width(error: float | None) -> str:
     return "" if error is None else f" ± {COVERED * error:.1g}"
 
 
-def _improvements(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: int) -> str:
+def _improvements(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: int) -> list[str]:
     rows = []
     for figure in JUDGED:
         found = [(result["improvement_percent"] or {}).get(figure) for result in results]
         rows.append([figure, *("-" if one is None else f"{one:.2f}" for one in found)])
-    return aligned([f"improvement on {names[baseline]} [%]", *names], rows)
+    return table([f"improvement on {names[baseline]} [%]", *names], rows)

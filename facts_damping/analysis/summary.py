@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping import terminal
 from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency
@@ -76,14 +77,7 @@ def summarise(
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
     """Text table for a terminal: a column a run (its name, its summary), a row a figure."""
     rows = [[label, *(value_text(find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
-    return aligned(["", *(name for name, _ in summaries)], rows)
-
-
-def aligned(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Text table: the first column to the left, the others to the right."""
-    widths = [max(len(row[column]) for row in [header, *rows]) for column in range(len(header))]
-    lines = [_line(header, widths), "  ".join("-" * width for width in widths)]
-    return "\n".join([*lines, *(_line(row, widths) for row in rows)])
+    return "\n".join(terminal.table(["", *(name for name, _ in summaries)], rows))
 
 
 def _oscillation(record: Record, signals: NDArray[np.float64], method: str | None, stable: bool) -> dict[str, Any]:
@@ -140,11 +134,3 @@ def find(summary: Any, path: Sequence[str | int]) -> Any:
 def value_text(value: Any, form: str) -> str:
     """A figure of the table."""
     return WORDS[value] if value is None or isinstance(value, bool) else format(value, form)
-
-
-def _line(row: Sequence[str], widths: Sequence[int]) -> str:
-    first, *rest = (
-        cell.ljust(width) if column == 0 else cell.rjust(width)
-        for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-    )
-    return "  ".join([first, *rest]).rstrip()

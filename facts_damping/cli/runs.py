@@ -15,7 +15,7 @@ from facts_damping.parameters.run import Run
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import learnt_weights, loop
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress, write_json
+from facts_damping.terminal import Progress, table, write_json
 
 if TYPE_CHECKING:
     import argparse
@@ -272,14 +272,12 @@ def list_(arguments: argparse.Namespace) -> None:
         for name, path in files.shipped(arguments.kind).items():
             content = files.read_table(path)
             rows.append({"name": name, "description": str(content.get("description", ""))})
+    heads = ["name", "description"]
     if arguments.kind == "controllers":
-        heads = ("name", "antecedent", "consequent", "parameter_count", "identifier", "schemes")
-        cells = [[head.replace("_", " ") for head in heads]] + [[_cell(row[head]) for head in heads] for row in rows]
-    else:
-        cells = [[str(row["name"]), row["description"]] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    for line in cells:
-        say(arguments, "  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
+        heads = ["name", "antecedent", "consequent", "parameter_count", "identifier", "schemes"]
+    cells = [[_cell(row[head]) for head in heads] for row in rows]
+    for line in table([head.replace("_", " ") for head in heads], cells, len(heads), rule=False):
+        say(arguments, line)
     write_json(arguments.json, rows)
 
 

@@ -17,9 +17,9 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from facts_damping import terminal
 from facts_damping.analysis.indices import improvement
 from facts_damping.reproduction.printed import LLC, Who
-from facts_damping.studies.pages import heads, line
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -140,8 +140,9 @@ def flat(row: Any) -> dict[str, Any]:
 
 def markdown(rows: Sequence[Any], left: Sequence[str], right: Sequence[str], form: str = ".4g") -> list[str]:
     """A table in Markdown of fields of named tuples, aligned to the left and to the right (`text`)."""
-    titles = [[field.replace("_", " ") for field in fields] for fields in (left, right)]
-    return [*heads(*titles), *(line([value_text(flat(row)[field], form) for field in (*left, *right)]) for row in rows)]
+    fields = [*left, *right]
+    cells = [[value_text(flat(row)[field], form) for field in fields] for row in rows]
+    return terminal.table([field.replace("_", " ") for field in fields], cells, len(left), markdown=True)
 
 
 def value_text(value: Any, form: str = ".4g") -> str:

@@ -12,7 +12,7 @@ from facts_damping.reproduction.explanations import TABLE
 from facts_damping.reproduction.printed import LLC
 from facts_damping.reproduction.results import LINK
 from facts_damping.reproduction.runs import TUNED
-from facts_damping.studies.pages import heads, line
+from facts_damping.terminal import table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,18 +46,18 @@ def firm(findings: Findings) -> str:
         known = [one.rho for one in own if one.rho is not None]
         spread = f"{100 * first.mean():.0f} ({100 * first.min():.0f} to {100 * first.max():.0f})"
         drawn = float(np.mean([one.rho_in_draws for one in own]))
-        rows.append(line([*key, f"{same} of {len(own)}", spread, f"{np.mean(known):.2f}", f"{drawn:.2f}"]))
+        rows.append([*key, f"{same} of {len(own)}", spread, f"{np.mean(known):.2f}", f"{drawn:.2f}"])
     titles = ["first is first by medians", "share of draws in which it is first [%]", "rho, medians", "rho, draws"]
-    return "\n".join([*heads(["system", "scheme"], titles), *rows])
+    return "\n".join(table(["system", "scheme", *titles], rows, left=2, markdown=True))
 
 
 def decided(findings: Findings) -> str:
     """Who has the best mean place over the scenarios, and which single scenario decides it."""
     rows = [
-        line([one.system, one.scheme, one.quantity, one.first, ", ".join(one.deciding) or "none"])
-        for one in findings.decided
+        [one.system, one.scheme, one.quantity, one.first, ", ".join(one.deciding) or "none"] for one in findings.decided
     ]
-    return "\n".join([*heads(["system", "scheme", "quantity", "best mean place", "decided by"], []), *rows])
+    titles = ["system", "scheme", "quantity", "best mean place", "decided by"]
+    return "\n".join(table(titles, rows, left=5, markdown=True))
 
 
 def medians(findings: Findings, system: str, link: str) -> str:
@@ -67,8 +67,8 @@ def medians(findings: Findings, system: str, link: str) -> str:
     scenarios = dict.fromkeys(one.scenario for one in kept)
     at = {(one.scenario, one.who, one.quantity): one.over_tuned for one in kept if one.link == link}
     columns = [(scenario, index) for scenario in scenarios for index in THESIS_INDICES]
-    rows = [line([who, *(_interval(at[scenario, who, index]) for scenario, index in columns)]) for who in whos]
-    return "\n".join([*heads(["controller"], [" ".join(one) for one in columns]), *rows])
+    rows = [[who, *(_interval(at[scenario, who, index]) for scenario, index in columns)] for who in whos]
+    return "\n".join(table(["controller", *(" ".join(one) for one in columns)], rows, markdown=True))
 
 
 def _interval(value: Interval) -> str:
@@ -95,8 +95,8 @@ def reached(findings: Findings, system: str) -> str:
     rows = []
     for who in dict.fromkeys(one.who for one in kept):
         shares = [at[who, scenario, quantity] for scenario, quantity in columns]
-        rows.append(line([who, *("-" if one is None else f"{one:.0f}" for one in shares)]))
-    return "\n".join([*heads(["controller"], [" ".join(one) for one in columns]), *rows])
+        rows.append([who, *("-" if one is None else f"{one:.0f}" for one in shares)])
+    return "\n".join(table(["controller", *(" ".join(one) for one in columns)], rows, markdown=True))
 
 
 def better(found: Agreement, first: str, second: str) -> str:
@@ -147,8 +147,9 @@ def setups(results: Results) -> str:
             cells = [
                 "" if one is None else f"{100 * one.signs:.0f}; {_two(one.rho)}; {_two(one.rho_own)}" for one in own
             ]
-            rows.append(line([variant.name, variant.what, *cells]))
-    return "\n".join([*heads(["set-up", "what is changed"], [f"table {table}" for table in tables]), *rows])
+            rows.append([variant.name, variant.what, *cells])
+    titles = ["set-up", "what is changed", *(f"table {one}" for one in tables)]
+    return "\n".join(table(titles, rows, left=2, markdown=True))
 
 
 def _two(value: float | None) -> str:

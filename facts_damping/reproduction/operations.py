@@ -14,7 +14,7 @@ from facts_damping.neurofuzzy.network import counted
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.parameters.files import share_folder
 from facts_damping.reproduction.printed import Operations, operations
-from facts_damping.studies.pages import heads, line
+from facts_damping.terminal import table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -88,7 +88,8 @@ def markdown(rows: Sequence[Count]) -> list[str]:
     kinds = list(dict.fromkeys(row.what for row in rows))
     cells = {(row.controller, row.what): " / ".join(_text(n) for n in row[2:]) for row in rows}
     names = dict.fromkeys(row.controller for row in rows)
-    return [*heads(["controller"], kinds), *(line([name, *(cells[name, kind] for kind in kinds)]) for name in names)]
+    rows_of = [[name, *(cells[name, kind] for kind in kinds)] for name in names]
+    return table(["controller", *kinds], rows_of, markdown=True)
 
 
 def _text(number: int | None) -> str:

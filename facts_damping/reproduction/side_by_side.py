@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping import terminal
 from facts_damping.reproduction.agreement import ComparedRun, compare, markdown, name
 from facts_damping.reproduction.ensembles import drawn, median
 from facts_damping.reproduction.operations import WHY
@@ -13,7 +14,6 @@ from facts_damping.reproduction.operations import markdown as operations
 from facts_damping.reproduction.printed import LLC, SMOOTHNESS
 from facts_damping.reproduction.results import OPERATIONS, TITLES
 from facts_damping.reproduction.runs import BOUND, TUNED
-from facts_damping.studies.pages import heads, line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,10 +83,10 @@ def _cells(kept: Sequence[Compared], results: Results) -> list[str]:
     rows = dict.fromkeys(c.cell.controller for c in kept)
     at = {(c.cell.controller, _column(c, smooth=smooth)): c for c in kept}
     made = [
-        line([controller, *(_cell(at[controller, one], results) if (controller, one) in at else "" for one in columns)])
+        [controller, *(_cell(at[controller, one], results) if (controller, one) in at else "" for one in columns)]
         for controller in rows
     ]
-    return [*heads(["controller"], columns), *made]
+    return terminal.table(["controller", *columns], made, markdown=True)
 
 
 def _beside(kept: Sequence[Compared], against: Who, results: Results) -> list[str]:
@@ -98,7 +98,7 @@ def _beside(kept: Sequence[Compared], against: Who, results: Results) -> list[st
         ours = compare([other], results.figures)[0].ours
         told = "-" if ours is None else f"{ours:.4g}"
         rows.setdefault(c.cell.controller, []).append(f"{told}; {_median(other, results)}")
-    return [*heads(["controller"], columns), *(line([who, *cells]) for who, cells in rows.items())]
+    return terminal.table(["controller", *columns], [[who, *cells] for who, cells in rows.items()], markdown=True)
 
 
 def _smooth_beside(own: Sequence[Compared], results: Results) -> str:

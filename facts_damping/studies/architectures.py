@@ -16,10 +16,11 @@ from facts_damping.control.table import CONTROLLERS, MIMO_GAIN, kind
 from facts_damping.simulation import loop
 from facts_damping.studies import compare
 from facts_damping.studies.batch import INTERAREA_HZ
-from facts_damping.studies.pages import at, heads, line, save
+from facts_damping.studies.pages import at, save
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.structures import PORTS
 from facts_damping.studies.tune import Scheme, every_scheme
+from facts_damping.terminal import table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -120,11 +121,12 @@ def architecture_tables(found: Sequence[dict[str, Any]]) -> list[str]:
         rows = [row for row in found if row["scenario"] == scenario]
         lines += [f"### {SYSTEM}, {scenario}", ""]
         for measure, path in MEASURES.items():
-            lines += [f"{measure}:", "", *heads(["controller", "scheme"], list(ARCHITECTURES))]
+            cells = []
             for name, scheme in dict.fromkeys((row["name"], row["scheme"]) for row in rows):
                 own = [row for row in rows if (row["name"], row["scheme"]) == (name, scheme)]
-                lines.append(line([name, scheme or "", *(_cell(row, path) for row in own)]))
-            lines.append("")
+                cells.append([name, scheme or "", *(_cell(row, path) for row in own)])
+            titles = ["controller", "scheme", *ARCHITECTURES]
+            lines += [f"{measure}:", "", *table(titles, cells, left=2, markdown=True), ""]
     return lines
 
 

@@ -12,9 +12,10 @@ from facts_damping.case.loading import load_case
 from facts_damping.control.table import kind
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
-from facts_damping.studies.pages import at, heads, line
+from facts_damping.studies.pages import at
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.tune import SCENARIO, Scheme, rows
+from facts_damping.terminal import table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -116,9 +117,9 @@ def comparison_tables(found: Sequence[dict[str, Any]]) -> list[str]:
     lines = []
     for system, scenario in dict.fromkeys((row["system"], row["scenario"]) for row in found):
         own = [row for row in found if (row["system"], row["scenario"]) == (system, scenario)]
-        lines += [f"### {system}, {scenario}", "", *heads(["controller", "scheme"], [title for title, _, _ in COLUMNS])]
-        lines += [line([row["controller"], row["scheme"] or "", *_cells(row)]) for row in own]
-        lines.append("")
+        cells = [[row["controller"], row["scheme"] or "", *_cells(row)] for row in own]
+        titles = ["controller", "scheme", *(title for title, _, _ in COLUMNS)]
+        lines += [f"### {system}, {scenario}", "", *table(titles, cells, left=2, markdown=True), ""]
     return lines
 
 

@@ -11,7 +11,7 @@ from facts_damping.errors import InputError
 from facts_damping.plant.build import build
 from facts_damping.small_signal.residues import residues
 from facts_damping.studies.architectures import ARCHITECTURES, SYSTEM
-from facts_damping.studies.pages import heads, line
+from facts_damping.terminal import table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -50,9 +50,9 @@ def interactions() -> list[Interaction]:
 
 def relative_gain_table(found: Sequence[Interaction]) -> list[str]:
     """A table in Markdown."""
-    lines = heads(["signals"], ["Hz", "relative gain", "largest gain / smallest"])
+    cells = []
     for one in found:
         value, ratio = one.relative[0, 0], np.linalg.cond(one.gain)
         shown = f"{value.real:.2f} {'+' if value.imag >= 0 else '-'} {abs(value.imag):.2f}j"
-        lines.append(line([", ".join(one.signals), f"{one.frequency_hz:g}", shown, f"{ratio:.3g}"]))
-    return [*lines, ""]
+        cells.append([", ".join(one.signals), f"{one.frequency_hz:g}", shown, f"{ratio:.3g}"])
+    return [*table(["signals", "Hz", "relative gain", "largest gain / smallest"], cells, markdown=True), ""]

@@ -15,9 +15,10 @@ from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.simulation import loop
 from facts_damping.studies import architectures, compare
-from facts_damping.studies.pages import heads, line, save
+from facts_damping.studies.pages import save
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.true_jacobian import figures, follow
+from facts_damping.terminal import table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -95,13 +96,14 @@ def jacobian_tables(found: Sequence[dict[str, Any]]) -> list[str]:
         stated = first["stated_horizon"]
         titles = [f"{name}: sign, %" for name in names] + [f"{name}: error" for name in names]
         titles += [f"{name}: sign at {stated}, %" for name in names] + [f"{name}: answers, %" for name in names]
-        lines += [f"### {first['system']}, {scenario}", "", *heads(["controller"], ["horizon", *titles])]
+        made = []
         for row in rows:
             cells = [f"{100 * v:.0f}" for v in np.ravel(row["right_sign"])]
             cells += [f"{v:.2g}" for v in np.ravel(row["error"])]
             cells += [f"{100 * v:.0f}" for v in (*np.ravel(row["right_sign_stated"]), *np.ravel(row["answering"]))]
-            lines.append(line([row["controller"], str(row["horizon"]), *cells]))
-        lines.append("")
+            made.append([row["controller"], str(row["horizon"]), *cells])
+        shown = table(["controller", "horizon", *titles], made, markdown=True)
+        lines += [f"### {first['system']}, {scenario}", "", *shown, ""]
     return lines
 
 

@@ -1,4 +1,4 @@
-"""What the pages and pictures of studies share: rows of tables in Markdown, a row's figures, PNG files."""
+"""What the pages and pictures of studies share: a row's figures, PNG files."""
 
 from __future__ import annotations
 
@@ -11,16 +11,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 85
-
-
-def line(cells: Sequence[str]) -> str:
-    """A row of a table in Markdown."""
-    return f"| {' | '.join(cells)} |"
-
-
-def heads(left: Sequence[str], right: Sequence[str]) -> list[str]:
-    """The beginning of a table in Markdown: titles of columns aligned to the left and to the right."""
-    return [line([*left, *right]), line(["---"] * len(left) + ["--:"] * len(right))]
 
 
 def at(row: Any, path: Sequence[str]) -> Any:

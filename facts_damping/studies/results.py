@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 from pyarrow import csv, parquet
 
-from facts_damping import __version__
+from facts_damping import __version__, terminal
 from facts_damping.parameters.files import share_folder, write_whole
 from facts_damping.studies.margins import share
-from facts_damping.studies.pages import heads, line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -148,11 +147,17 @@ def margin_table(margins: Rows, across: str) -> list[str]:
             place = {(row[across], *(row.get(name) for name in names)): row for row in own}
             horizons = "/".join(f"{h:g}" for h in dict.fromkeys(row["horizon_s"] for row in own) if h is not None)
             told = ", ".join(part for part in (criterion, scenario, own[0]["field"]) if part)
-            lines += [f"{told}, horizon {horizons} s:", "", *heads(names, [f"{cell(c)} [low, high]" for c in columns])]
-            for one in ranked(own, names):
-                cells = [told_margin(place.get((column, *one))) for column in columns]
-                lines.append(line([*map(cell, one), *cells]))
-            lines.append("")
+            cells = [
+                [*map(cell, one), *(told_margin(place.get((column, *one))) for column in columns)]
+                for one in ranked(own, names)
+            ]
+            titles = [*names, *(f"{cell(c)} [low, high]" for c in columns)]
+            lines += [
+                f"{told}, horizon {horizons} s:",
+                "",
+                *terminal.table(titles, cells, len(names), markdown=True),
+                "",
+            ]
     return lines
 
 
@@ -181,12 +186,12 @@ def spans(values: Sequence[float]) -> str:
 def share_table(shares: Rows) -> list[str]:
     """Shares of runs that fail in Markdown."""
     told = varying(shares, COUNTED)
-    lines = heads(told, ["runs", "failed, %", "95 % interval"])
+    cells = []
     for row in shares:
         interval = f"{100 * row['low']:.1f} to {100 * row['high']:.1f}"
         counted = [str(row["runs"]), f"{100 * row['share']:.1f}", interval]
-        lines.append(line([*(cell(row.get(name)) for name in told), *counted]))
-    return lines
+        cells.append([*(cell(row.get(name)) for name in told), *counted])
+    return terminal.table([*told, "runs", "failed, %", "95 % interval"], cells, len(told), markdown=True)
 
 
 def cell(value: Any) -> str:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.studies.pages import heads, line
 from facts_damping.studies.tune import SCENARIO
+from facts_damping.terminal import table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,11 +65,9 @@ def rows(found: Sequence[Entry]) -> list[dict[str, Any]]:
 def search_table(found: Sequence[Entry]) -> list[str]:
     """The ranking in Markdown; the last column is on fresh draws."""
     most = max(len(entry.scores) for entry in found)
-    titles = [*(f"rung {i}" for i in range(most - 1)), "fresh"]
-    lines = heads(["controller", "scheme", "devices", "compensation"], titles)
+    titles = ["controller", "scheme", "devices", "compensation", *(f"rung {i}" for i in range(most - 1)), "fresh"]
+    cells = []
     for row in rows(found):
         told = [f"{value:.3f}" for value in row["scores"]] + [""] * (most - len(row["scores"]))
-        lines.append(
-            line([row["controller"], row["scheme"] or "-", "+".join(row["devices"]), row["compensation"], *told])
-        )
-    return lines
+        cells.append([row["controller"], row["scheme"] or "-", "+".join(row["devices"]), row["compensation"], *told])
+    return table(titles, cells, left=4, markdown=True)

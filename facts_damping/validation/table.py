@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping import terminal
 from facts_damping.parameters.files import share_folder
 
 if TYPE_CHECKING:
@@ -74,6 +75,9 @@ def furthest(ours: NDArray[np.complex128], theirs: NDArray[np.complex128]) -> fl
     return float(np.abs(np.asarray(ours)[:, None] - np.asarray(theirs)[None]).min(axis=0).max())
 
 
+VERDICTS = {True: "pass", False: "**fail**"}  # in Markdown
+
+
 def table_text(table: ValidationTable) -> list[str]:
     """Lines of a table for the terminal."""
     width = max(len(row.what) for row in table.rows)
@@ -100,9 +104,9 @@ def markdown(table: ValidationTable) -> str:
     lines = [f"## {table.title}", "", f"Reference: {table.source}"]
     if table.command:
         lines += ["", f"    {table.command}"]
-    lines += ["", "| what | unit | ours | reference | difference | tolerance | |", "|---|---|---|---|---|---|---|"]
-    for r in table.rows:
-        verdict = "pass" if r.passed else "**fail**"
-        cells = (r.what, r.unit, r.ours, r.reference, f"{r.difference:.1e}", f"{r.tolerance:.1e}", verdict)
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+    titles = ["what", "unit", "ours", "reference", "difference", "tolerance", ""]
+    cells = [
+        (r.what, r.unit, r.ours, r.reference, f"{r.difference:.1e}", f"{r.tolerance:.1e}", VERDICTS[r.passed])
+        for r in table.rows
+    ]
+    return "\n".join([*lines, "", *terminal.table(titles, cells, len(titles), markdown=True)]) + "\n"

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
-from facts_damping.analysis.indices import INDICES, improvement, index_curves, performance_indices, regions
+from facts_damping.analysis.indices import INDICES, Index, improvement, index_curves, performance_indices, regions
 
 
-@pytest.mark.parametrize(("name", "exponents"), INDICES.items())
-def test_damped_sines(name: str, exponents: tuple[int, int]) -> None:
-    r, s = exponents
+@pytest.mark.parametrize(("name", "index"), INDICES.items())
+def test_damped_sines(name: str, index: Index) -> None:
+    r, s, _ = index
     t = np.linspace(0, 20, 200_001)
 
     def waves(t: float) -> tuple[float, float]:
