@@ -23,7 +23,7 @@ from numba.core import types
 from numba.core.caching import CompileResultCacheImpl
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
 PACKAGE = "facts_damping"
 ROOT = Path(__file__).parent
@@ -141,8 +141,9 @@ def _compiled(function: Any, **options: Any) -> Any:
     Kernels allocate nothing and keep no array, so Numba need not count references to the arrays that they are given:
     with a plant's some forty arrays the counting took more time than what the functions compute (`_nrt`).
     """
-    options |= {"cache": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
-    made: Any = numba.njit(**options)(function)
+    made: Any = numba.njit(
+        **{"cache": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, **options}
+    )(function)
     made.compile = partial(_without_literals, made.compile)
     return made
 
@@ -159,6 +160,28 @@ def _inner(function: Any) -> Any:
     made = _compiled(function, no_cpython_wrapper=True)
     made._insert, made._compile_for_args = (lambda *_, **__: None), refuse  # noqa: SLF001 (Numba has no other place)
     return made
+
+
+def branching(functions: Sequence[Callable[..., Any]]) -> Any:
+    """A compiled function of a code and arguments, which calls the function at that place with them.
+
+    So a table's rows bring their functions along, and no list of branches stands beside it. What calls it is cached as
+    a whole; it must lie in a file that imports, directly or not, those of the functions. The last one is also that of
+    codes beyond.
+    """
+    first, *others = functions
+    if not others:
+
+        def call(_code: int, *arguments: Any) -> Any:
+            return first(*arguments)
+
+    else:
+        after = branching(others)
+
+        def call(code: int, *arguments: Any) -> Any:
+            return first(*arguments) if code == 0 else after(code - 1, *arguments)
+
+    return _compiled(call, cache=False)
 
 
 def specialised(kernel: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from facts_damping.case.links import mean_delays
 from facts_damping.control import bank, identifier_model
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
-from facts_damping.control.table import RENAMED, STATE_SPACE, Parameter, Value, defaults, kind
+from facts_damping.control.table import RENAMED, Parameter, Value, defaults, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.run import Controller, Tuned, Weights
@@ -36,7 +36,7 @@ def filled(
     if row.network is None and controller.scheme is not None:
         raise InputError(f"{where('scheme')}: '{controller.scheme}' given; allowed: none for {controller.name}")
     scheme = None if row.network is None else controller.scheme or "indirect"
-    if row.code == STATE_SPACE and controller.compensation != "none":
+    if row.design and controller.compensation != "none":
         raise InputError(
             f"{where('compensation')}: '{controller.compensation}' given; allowed: none for {controller.name}, which "
             "reckons with its delay by itself"

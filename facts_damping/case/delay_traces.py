@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.errors import InputError, RecordingError
-from facts_damping.parameters.link import Link, Trace
+from facts_damping.parameters.stages import Trace
 from facts_damping.parameters.validation import check
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from facts_damping.parameters.link import Link
     from facts_damping.signals import Record
 
     Series = list[float | None]

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled, inner
-from facts_damping.control import lead_lag, neuro_fuzzy, state_space, table
+from facts_damping.compiling import branching, compiled, inner
+from facts_damping.control import neuro_fuzzy, state_space, table
 from facts_damping.control.compensation import Compensated, Compensators, compensate, compensators
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.neuro_fuzzy import Actuators, Memory, memories
 from facts_damping.control.state_space import StateSpace, state_spaces
-from facts_damping.control.table import DIRECT, INDIRECT, LEAD_LAG, SETTINGS, STATE_SPACE, Parameter, Value, kind
+from facts_damping.control.table import DIRECT, LAW, LAWS, SETTINGS, STATE_SPACE, Parameter, Value, kind
 from facts_damping.neurofuzzy.learning import Learner, learners, view
 from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.system import Signal
 
-SCHEMES = {"direct": DIRECT, "indirect": INDIRECT}
+law_of = branching(LAWS)  # a code, and what a law takes
 RULES = 2  # of every network (thesis, chapter 3)
 
 
@@ -43,6 +43,7 @@ class Bank(NamedTuple):
     """Frozen parameters of all controllers of a run; the first axis is the controller."""
 
     code: NDArray[np.int64]
+    law: NDArray[np.int64]  # of LAWS, of those that have one
     settings: NDArray[Any]  # (controllers, most signals or devices) of SETTINGS: the value of each signal or device
     mode_shape: NDArray[
         np.float64
@@ -97,9 +98,8 @@ def bank(
     optimal, estimate = state_spaces(designs or [None] * n, most_signals, most_devices)
     compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, most_signals)
     made = Bank(
-        code=np.array(
-            [SCHEMES[c.scheme] if c.scheme else k.code for c, k in zip(controllers, kinds, strict=True)], np.int64
-        ),
+        code=np.array([k.code(c.scheme) for c, k in zip(controllers, kinds, strict=True)], np.int64),
+        law=np.array([LAWS.index(k.law) if k.law else 0 for k in kinds], np.int64),
         settings=np.zeros((n, max(most_signals, most_devices)), SETTINGS),
         mode_shape=np.ones((n, most_signals)),
         inputs=given,
@@ -290,11 +290,15 @@ def act(
         newest = state.held.newest_ns[c]
         age, signals = (arrival - newest) * 1e-9, state.held.signal[c]
         compensate(made.compensators, state.compensated, c, made.settings[c, 0], signals, newest, age, since * 1e-9)
-        if made.code[c] == LEAD_LAG:
+        if made.code[c] == LAW:
             for d in range(made.device.shape[1]):
                 if made.device[c, d] != UNSET:
-                    state.unlimited[c, d] = lead_lag.step(
-                        made.settings[c, d], state.internal[c, d], state.compensated.signal[c, 0], since * 1e-9
+                    state.unlimited[c, d] = law_of(
+                        made.law[c],
+                        made.settings[c, d],
+                        state.internal[c, d],
+                        state.compensated.signal[c, 0],
+                        since * 1e-9,
                     )
         elif made.code[c] == STATE_SPACE:
             _optimal(made, state, c, since)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from facts_damping.control import lead_lag
 from facts_damping.errors import check_known
 from facts_damping.neurofuzzy.learning import RATES
 from facts_damping.neurofuzzy.table import (
@@ -20,9 +21,11 @@ from facts_damping.neurofuzzy.table import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
-LEAD_LAG, DIRECT, INDIRECT, STATE_SPACE = range(4)
+LAW, DIRECT, INDIRECT, STATE_SPACE = range(4)  # how a controller acts
 OFF_ON = ("off", "on")
 ANY = 16  # signals, of a controller that takes several
 MOST_AHEAD = 60  # frames that an identifier may look ahead
@@ -92,10 +95,16 @@ class ControllerKind(NamedTuple):
     states: int  # for each device
     parameters: dict[str, Parameter]
     network: Variant | None = None
-    code: int = LEAD_LAG  # of one without a network
-    design: str = ""  # module:function that gives the matrices of one with the code STATE_SPACE
+    law: Callable[..., float] | None = None  # compiled step of one device: (settings, states, signal, dt) to p.u.
+    design: str = ""  # module:function that gives the matrices of an observer with state feedback
     tuned: bool = True  # `tune` may choose its parameters
     named: bool = True  # one of the thesis's, not a pair of rows
+
+    def code(self, scheme: str | None) -> int:
+        """How it acts: a network by its scheme."""
+        if self.network is not None:
+            return INDIRECT if scheme == "indirect" else DIRECT
+        return STATE_SPACE if self.design else LAW
 
 
 def _choice(default: str, choices: tuple[str, ...], text: str, deployed: str | None = None) -> Parameter:
@@ -249,7 +258,12 @@ RENAMED = {"lag": "loop_delay", "effort": "control_weight", "noise": "measuremen
 
 MIMO_GAIN = 5.0  # kG2 of appendix B: of every device but the first
 LLC = ControllerKind(
-    "lead-lag: washout and two lead-lag sections (thesis, appendix B)", 1, 6, LEAD_LAG_PARAMETERS, tuned=False
+    "lead-lag: washout and two lead-lag sections (thesis, appendix B)",
+    1,
+    6,
+    LEAD_LAG_PARAMETERS,
+    law=lead_lag.step,
+    tuned=False,
 )
 CONTROLLERS = {
     "LLC": LLC,
@@ -261,7 +275,6 @@ CONTROLLERS = {
         ANY,
         0,
         LQG_PARAMETERS,
-        code=STATE_SPACE,
         design="facts_damping.small_signal.lqg:design",
     ),
 }
@@ -269,16 +282,17 @@ CONTROLLERS = {
 
 def _neuro_fuzzy(network: Variant) -> ControllerKind:
     """The row of a network: its identifier; its inputs within [-1, 1] where B-splines or Legendre polynomials lie."""
-    bounded = network.antecedent.startswith("b-spline") or network.consequent == "legendre"
+    antecedent = ANTECEDENTS[network.antecedent]
+    bounded = antecedent.bounded or CONSEQUENTS[network.consequent].bounded
     own = dict(NEURO_FUZZY_PARAMETERS)
     own["identifier"] = own["identifier"]._replace(default=network.identifier)
-    if network.antecedent == "triangular":
-        own["width"] = own["width"]._replace(default=3.0)  # of 1 they would not overlap
+    own["width"] = own["width"]._replace(default=antecedent.width)
     own["range"] = own["range"]._replace(default=1.0 if bounded else 3.0)
     return ControllerKind(f"neuro-fuzzy: {network.antecedent} + {network.consequent}", ANY, 0, own, network)
 
 
 CONTROLLERS |= {name: _neuro_fuzzy(variant) for name, variant in VARIANTS.items()}
+LAWS = list(dict.fromkeys(row.law for row in CONTROLLERS.values() if row.law is not None))
 
 
 def kind(name: str, where: str = "controller") -> ControllerKind:

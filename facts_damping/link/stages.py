@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.link import draws
-from facts_damping.parameters.link import LONGEST_S
+from facts_damping.parameters.stages import LONGEST_S
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def _none(_stage: Any, so_far: float) -> float:
     return so_far
 
 
-class StageModel(NamedTuple):
+class StageKind(NamedTuple):
     """A row: the code that `chain.traverse` branches on, and what follows from a stage's fields."""
 
     code: int
@@ -44,27 +44,27 @@ class StageModel(NamedTuple):
 
 
 MODELS = {
-    "constant": StageModel(CONSTANT, None, lambda s, so_far: so_far + s.delay, time="delay"),
-    "uniform": StageModel(DRAWN, draws.uniform, lambda s, so_far: so_far + (s.low + s.high) / 2.0),
-    "normal": StageModel(DRAWN, draws.normal, lambda s, so_far: so_far + s.mean),
-    "gamma": StageModel(DRAWN, draws.gamma, lambda s, so_far: so_far + (s.delay + s.shape * s.scale)),
-    "lognormal": StageModel(
+    "constant": StageKind(CONSTANT, None, lambda s, so_far: so_far + s.delay, time="delay"),
+    "uniform": StageKind(DRAWN, draws.uniform, lambda s, so_far: so_far + (s.low + s.high) / 2.0),
+    "normal": StageKind(DRAWN, draws.normal, lambda s, so_far: so_far + s.mean),
+    "gamma": StageKind(DRAWN, draws.gamma, lambda s, so_far: so_far + (s.delay + s.shape * s.scale)),
+    "lognormal": StageKind(
         DRAWN, draws.lognormal, lambda s, so_far: so_far + (s.delay + s.median * math.exp(s.sigma**2 / 2.0))
     ),
-    "trace": StageModel(DRAWN, draws.trace, lambda s, so_far: so_far + draws.trace_mean(s)),
-    "bernoulli": StageModel(DRAWN, draws.bernoulli),
-    "gilbert_elliott": StageModel(DRAWN, draws.gilbert_elliott),
-    "duplicate": StageModel(DUPLICATE),
-    "in_order": StageModel(IN_ORDER),
-    "wait": StageModel(WAIT, time="wait"),
-    "playout": StageModel(PLAYOUT, None, lambda s, so_far: max(so_far, s.delay), time="delay"),
-    "spoof": StageModel(SPOOF, time="offset"),
-    "freeze": StageModel(FREEZE),
-    "replay": StageModel(REPLAY),
-    "bias": StageModel(BIAS, number="bias"),
-    "scale": StageModel(SCALE, number="factor"),
-    "ramp": StageModel(RAMP, number="rate"),
-    "noise": StageModel(NOISE, number="std"),
+    "trace": StageKind(DRAWN, draws.trace, lambda s, so_far: so_far + draws.trace_mean(s)),
+    "bernoulli": StageKind(DRAWN, draws.bernoulli),
+    "gilbert_elliott": StageKind(DRAWN, draws.gilbert_elliott),
+    "duplicate": StageKind(DUPLICATE),
+    "in_order": StageKind(IN_ORDER),
+    "wait": StageKind(WAIT, time="wait"),
+    "playout": StageKind(PLAYOUT, None, lambda s, so_far: max(so_far, s.delay), time="delay"),
+    "spoof": StageKind(SPOOF, time="offset"),
+    "freeze": StageKind(FREEZE),
+    "replay": StageKind(REPLAY),
+    "bias": StageKind(BIAS, number="bias"),
+    "scale": StageKind(SCALE, number="factor"),
+    "ramp": StageKind(RAMP, number="rate"),
+    "noise": StageKind(NOISE, number="std"),
 }
 
 

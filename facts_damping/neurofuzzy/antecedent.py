@@ -1,4 +1,9 @@
-"""Membership functions with their derivatives; compiled, branching on the kind's code."""
+"""Membership functions with their derivatives; compiled.
+
+Each takes a membership's parameters `theta` and an input x, and gives the degree of membership in [0, 1] and its
+derivative by the input; its derivatives by `theta` go into `slope`. Sources: (3.9), (3.10), (3.11); the derivatives
+(4.6) to (4.9) of the output follow from these by the chain rule ((4.9) has a factor 2 too many).
+"""
 
 from __future__ import annotations
 
@@ -6,37 +11,48 @@ import math
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled, inner
-from facts_damping.neurofuzzy.table import GAUSSIAN, POINTS, SPLINE_NEAREST, TRIANGULAR
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+POINTS = 9  # control points of a B-spline, on [-1, 1]
+
 
 @compiled
-def membership(kind: int, theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
-    """Degree of membership in [0, 1] and its derivative by the input; its derivatives by `theta` into `slope`.
+def gaussian(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
+    """exp(-((x - h) / s)^2), (3.9); theta = h, s."""
+    h, s = theta[0], theta[1]
+    z = (x - h) / s
+    value = math.exp(-z * z)
+    slope[0] = value * 2.0 * z / s
+    slope[1] = value * 2.0 * z * z / s
+    return value, -slope[0]
 
-    Inputs of B-splines are clipped to [-1, 1], where their control points lie. Sources: (3.9), (3.10), (3.11); the
-    derivatives (4.6) to (4.9) of the output follow from these by the chain rule ((4.9) has a factor 2 too many).
-    """
-    if kind == GAUSSIAN:
-        h, s = theta[0], theta[1]
-        z = (x - h) / s
-        value = math.exp(-z * z)
-        slope[0] = value * 2.0 * z / s
-        slope[1] = value * 2.0 * z * z / s
-        return value, -slope[0]
-    if kind == TRIANGULAR:
-        h, s = theta[0], theta[1]
-        value = 1.0 - 2.0 * abs(x - h) / s
-        if value <= 0.0:
-            slope[0] = slope[1] = 0.0
-            return 0.0, 0.0
-        slope[0] = math.copysign(2.0 / s, x - h)
-        slope[1] = (1.0 - value) / s
-        return value, -slope[0]
-    return _spline(kind == SPLINE_NEAREST, theta, x, slope)
+
+@compiled
+def triangular(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
+    """max(0, 1 - 2 |x - h| / s), (3.10); theta = h, s."""
+    h, s = theta[0], theta[1]
+    value = 1.0 - 2.0 * abs(x - h) / s
+    if value <= 0.0:
+        slope[0] = slope[1] = 0.0
+        return 0.0, 0.0
+    slope[0] = math.copysign(2.0 / s, x - h)
+    slope[1] = (1.0 - value) / s
+    return value, -slope[0]
+
+
+@compiled
+def nearest_point(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
+    """Degree of the nearest of a B-spline's control points, (3.11), figure 3.4; inputs are clipped to [-1, 1]."""
+    return _spline(True, theta, x, slope)
+
+
+@compiled
+def spline(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
+    """B-spline of order 2 through its control points, (3.11); inputs are clipped to [-1, 1]."""
+    return _spline(False, theta, x, slope)
 
 
 @inner

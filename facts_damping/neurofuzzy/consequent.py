@@ -1,4 +1,10 @@
-"""Consequents of a rule with their derivatives; compiled, branching on the kind's code."""
+"""Consequents of a rule with their derivatives; compiled.
+
+Each takes its parameters `theta`, the inputs, the rule's firing strength and `terms`, and gives the consequent zeta of
+a rule and output, its weight beside the firing strength, and its derivative by that strength. Derivatives of zeta by
+`theta` go into `slope`, by the inputs into `by_input`; `fourier` has many of both: `fourier_terms`, `fourier_by_input`.
+Sources: control laws (3.13) to (3.30), (6.4); the derivatives are checked by differences.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +12,10 @@ import math
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled, inner
-from facts_damping.neurofuzzy.table import (
-    AFFINE,
-    DEGREES,
-    FOURIER,
-    HARMONICS,
-    LEGENDRE,
-    MEXICAN_HAT,
-    MORLET,
-    SAM,
-    SINGLETON,
-    WAVELETS,
-)
 
+HARMONICS = 5  # 1, sin x, cos x, sin 2x, cos 2x
+DEGREES = 4  # of the Legendre polynomials: 0 to 3
+WAVELETS = 6  # degrees 0 to 2 on two halves of [0, 1]
 LONG = 64  # entries from which on a sum is formed in parts
 
 if TYPE_CHECKING:
@@ -27,41 +24,120 @@ if TYPE_CHECKING:
 
 
 @compiled
-def consequent(
-    kind: int,
+def singleton(
     theta: NDArray[np.float64],
-    x: NDArray[np.float64],
-    firing: float,
-    terms: NDArray[np.float64],
+    _x: NDArray[np.float64],
+    _firing: float,
+    _terms: NDArray[np.float64],
     slope: NDArray[np.float64],
     by_input: NDArray[np.float64],
 ) -> tuple[float, float, float]:
-    """Consequent zeta of a rule and output, its weight beside the firing strength, its derivative by that strength.
-
-    Derivatives of zeta by `theta` go into `slope` (for `sam` that by the volume is left zero), by the inputs into
-    `by_input`; but for `fourier`, whose derivatives by `theta` are its `terms` (`fourier_terms`), and which has many by
-    the inputs (`fourier_by_input`). Sources: control laws (3.13) to (3.30), (6.4); the derivatives are checked by
-    differences.
-    """
+    """W."""
     by_input[:] = 0.0
-    if kind == SINGLETON:
-        slope[0] = 1.0
-        return theta[0], 1.0, 0.0
-    if kind == AFFINE:
-        slope[0], value = 1.0, theta[0]
-        for i in range(x.size):
-            slope[1 + i], by_input[i] = x[i], theta[1 + i]
-            value += theta[1 + i] * x[i]
-        return value, 1.0, 0.0
-    if kind == SAM:
-        slope[0], slope[1] = 1.0, 0.0
-        return theta[0], theta[1], 0.0
-    if kind == FOURIER:
-        return dot(0.0, theta, terms), 1.0, 0.0
-    if kind in (MEXICAN_HAT, MORLET):
-        return _wavelets(kind, theta, x, slope, by_input), 1.0, 0.0
-    if kind == LEGENDRE:
-        return _legendre(theta, x, slope, by_input), 1.0, 0.0
+    slope[0] = 1.0
+    return theta[0], 1.0, 0.0
+
+
+@compiled
+def affine(
+    theta: NDArray[np.float64],
+    x: NDArray[np.float64],
+    _firing: float,
+    _terms: NDArray[np.float64],
+    slope: NDArray[np.float64],
+    by_input: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """w_0 + sum_i w_i x_i, (6.4)."""
+    by_input[:] = 0.0
+    slope[0], value = 1.0, theta[0]
+    for i in range(x.size):
+        slope[1 + i], by_input[i] = x[i], theta[1 + i]
+        value += theta[1 + i] * x[i]
+    return value, 1.0, 0.0
+
+
+@compiled
+def sam(
+    theta: NDArray[np.float64],
+    _x: NDArray[np.float64],
+    _firing: float,
+    _terms: NDArray[np.float64],
+    slope: NDArray[np.float64],
+    by_input: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """Centroid c with volume V, (3.30); the derivative by the volume is left zero."""
+    by_input[:] = 0.0
+    slope[0], slope[1] = 1.0, 0.0
+    return theta[0], theta[1], 0.0
+
+
+@compiled
+def fourier(
+    theta: NDArray[np.float64],
+    _x: NDArray[np.float64],
+    _firing: float,
+    terms: NDArray[np.float64],
+    _slope: NDArray[np.float64],
+    by_input: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """W . kron_i [1, sin x, cos x, sin 2x, cos 2x], (3.13); its derivatives by `theta` are `terms`."""
+    by_input[:] = 0.0
+    return dot(0.0, theta, terms), 1.0, 0.0
+
+
+@compiled
+def mexican_hat(
+    theta: NDArray[np.float64],
+    x: NDArray[np.float64],
+    _firing: float,
+    _terms: NDArray[np.float64],
+    slope: NDArray[np.float64],
+    by_input: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """W sum_i psi((x_i - tau_i) / nu_i), (3.14), (3.18)."""
+    by_input[:] = 0.0
+    return _wavelets(False, theta, x, slope, by_input), 1.0, 0.0
+
+
+@compiled
+def morlet(
+    theta: NDArray[np.float64],
+    x: NDArray[np.float64],
+    _firing: float,
+    _terms: NDArray[np.float64],
+    slope: NDArray[np.float64],
+    by_input: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """W sum_i exp(-q_i^2 / 2) cos 5 q_i, (3.19)."""
+    by_input[:] = 0.0
+    return _wavelets(True, theta, x, slope, by_input), 1.0, 0.0
+
+
+@compiled
+def legendre(
+    theta: NDArray[np.float64],
+    x: NDArray[np.float64],
+    _firing: float,
+    _terms: NDArray[np.float64],
+    slope: NDArray[np.float64],
+    by_input: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """tanh(sum_id w_id L_d(x_i)), (3.21)."""
+    by_input[:] = 0.0
+    return _legendre(theta, x, slope, by_input), 1.0, 0.0
+
+
+@compiled
+def legendre_wavelet(
+    theta: NDArray[np.float64],
+    _x: NDArray[np.float64],
+    firing: float,
+    _terms: NDArray[np.float64],
+    slope: NDArray[np.float64],
+    by_input: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """sum_db rho_db phi_db(F), (3.22), (3.24)."""
+    by_input[:] = 0.0
     value, by_firing = _legendre_wavelets(theta, firing, slope)
     return value, 1.0, by_firing
 
@@ -121,7 +197,7 @@ def fourier_by_input(theta: NDArray[np.float64], waves: NDArray[np.float64], by_
 
 @inner
 def _wavelets(
-    kind: int,
+    is_morlet: bool,
     theta: NDArray[np.float64],
     x: NDArray[np.float64],
     slope: NDArray[np.float64],
@@ -133,7 +209,7 @@ def _wavelets(
         tau, nu = theta[1 + 2 * i], theta[2 + 2 * i]
         q = (x[i] - tau) / nu
         bell = math.exp(-0.5 * q * q)
-        if kind == MORLET:
+        if is_morlet:
             psi = bell * math.cos(5.0 * q)
             by_q = -bell * (q * math.cos(5.0 * q) + 5.0 * math.sin(5.0 * q))
             own = 0.0
@@ -151,7 +227,7 @@ def _wavelets(
 
 
 @compiled
-def legendre(d: int, x: float) -> tuple[float, float]:
+def polynomial(d: int, x: float) -> tuple[float, float]:
     """Legendre polynomial of degree 0 to 3, and its derivative."""
     if d == 0:
         return 1.0, 0.0
@@ -172,7 +248,7 @@ def _legendre(
         at = min(max(x[i], -1.0), 1.0)
         inside = 1.0 if at == x[i] else 0.0
         for d in range(DEGREES):
-            of_x, by_x = legendre(d, at)
+            of_x, by_x = polynomial(d, at)
             slope[DEGREES * i + d] = of_x
             by_input[i] += inside * theta[DEGREES * i + d] * by_x
             xi += theta[DEGREES * i + d] * of_x
@@ -196,7 +272,7 @@ def basis(term: int, firing: float) -> tuple[float, float]:
     if half != b:
         return 0.0, 0.0
     scale = math.sqrt(2.0 * (2.0 * d + 1.0))
-    value, slope = legendre(d, 4.0 * firing - 2.0 * b - 1.0)
+    value, slope = polynomial(d, 4.0 * firing - 2.0 * b - 1.0)
     return scale * value, scale * 4.0 * slope
 
 

@@ -12,19 +12,21 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled, inner
-from facts_damping.neurofuzzy.antecedent import membership
-from facts_damping.neurofuzzy.consequent import consequent, fourier_by_input, fourier_terms, harmonics
-from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS, FOURIER, HARMONICS, SAM
+from facts_damping.compiling import branching, compiled, inner
+from facts_damping.neurofuzzy.consequent import HARMONICS, fourier, fourier_by_input, fourier_terms, harmonics, sam
+from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENT_FUNCTIONS, CONSEQUENTS, MEMBERSHIP_FUNCTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+# Of a code, and what the functions of the tables take.
+membership, consequent_of = branching(MEMBERSHIP_FUNCTIONS), branching(CONSEQUENT_FUNCTIONS)
+SAM, FOURIER = CONSEQUENT_FUNCTIONS.index(sam), CONSEQUENT_FUNCTIONS.index(fourier)
 FLOOR = 1e-12  # of the sum of firing strengths: below it nothing fires, and the output is zero
 
 
 class Network(NamedTuple):
-    """Shape of a network: kinds as codes, numbers, and parameters of one membership and of one consequent."""
+    """Shape of a network: codes of the functions, numbers, parameters of one membership and of one consequent, rows."""
 
     antecedent: int
     consequent: int
@@ -33,6 +35,8 @@ class Network(NamedTuple):
     outputs: int
     stored: int
     width: int
+    antecedent_row: int  # of ANTECEDENTS
+    consequent_row: int  # of CONSEQUENTS
 
     @property
     def size(self) -> int:
@@ -63,13 +67,15 @@ class Pass(NamedTuple):
 def network(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> Network:
     """The shape of a network of two rows of the tables."""
     first, second = ANTECEDENTS[antecedent], CONSEQUENTS[consequent]
-    return Network(first.code, second.code, inputs, rules, outputs, len(first.slots), len(second.slots(inputs)))
+    codes = MEMBERSHIP_FUNCTIONS.index(first.function), CONSEQUENT_FUNCTIONS.index(second.function)
+    rows = list(ANTECEDENTS).index(antecedent), list(CONSEQUENTS).index(consequent)
+    return Network(*codes, inputs, rules, outputs, len(first.slots), len(second.slots(inputs)), *rows)
 
 
 @compiled
 def shape_of(row: NDArray[np.int64]) -> Network:
     """A network's shape from a row of numbers."""
-    return Network(row[0], row[1], row[2], row[3], row[4], row[5], row[6])
+    return Network(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
 
 
 def counted(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> int:
@@ -113,7 +119,7 @@ def forward(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64], p:
         for j in range(net.rules):
             at = first + (j * net.outputs + o) * net.width
             own = theta[at : at + net.width]
-            zeta, volume, by_firing = consequent(
+            zeta, volume, by_firing = consequent_of(
                 net.consequent, own, x, p.firing[j], p.terms[: net.width], p.zeta_by_theta[j, o], p.zeta_by_x[j, o]
             )
             p.zeta[j, o], p.volume[j, o], p.zeta_by_firing[j, o] = zeta, volume, by_firing

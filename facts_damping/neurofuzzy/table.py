@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping.neurofuzzy import antecedent, consequent
+from facts_damping.neurofuzzy.antecedent import POINTS
+from facts_damping.neurofuzzy.consequent import DEGREES, HARMONICS, WAVELETS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-GAUSSIAN, TRIANGULAR, SPLINE_NEAREST, SPLINE = 0, 1, 2, 3
-SINGLETON, AFFINE, SAM, FOURIER, MEXICAN_HAT, MORLET, LEGENDRE, LEGENDRE_WAVELET = range(8)
-POINTS = 9  # control points of a B-spline, on [-1, 1]
-HARMONICS = 5  # 1, sin x, cos x, sin 2x, cos 2x
-DEGREES = 4  # of the Legendre polynomials: 0 to 3
-WAVELETS = 6  # degrees 0 to 2 on two halves of [0, 1]
+    from collections.abc import Callable, Sequence
 
 
 class Slot(NamedTuple):
@@ -30,46 +28,117 @@ TAU, NU = Slot("tau", -3.0, 3.0), Slot("nu", 0.2, 10.0)
 
 
 class Antecedent(NamedTuple):
-    """A kind of membership function: code, parameters of one, how many are active at one input."""
+    """A kind of membership: its compiled function, parameters of one, how many are active at one input, its start.
 
-    code: int
+    `start(h, s)`: parameters that are those of a gaussian of centre h and width s, as far as it can. `bounded`: inputs
+    are within [-1, 1]; `width`: default of s, where it is not 1.
+    """
+
+    function: Callable[..., Any]  # antecedent.py
     slots: list[Slot]
     active: int
+    start: Callable[[float, float], Sequence[float]]
     description: str
+    bounded: bool = False
+    width: float = 1.0
 
 
 class Consequent(NamedTuple):
-    """A kind of consequent: code, parameters of one rule and output as a function of the number of inputs."""
+    """A kind of consequent: its compiled function, parameters of one rule and output by the number of inputs, start.
 
-    code: int
+    `start(w, side, tau, nu)`: parameters that give the weight w at rest, wavelets shifted by `side` tau, dilated by nu;
+    those not said are zero. `bounded`: inputs are within [-1, 1].
+    """
+
+    function: Callable[..., Any]  # consequent.py
     slots: Callable[[int], list[Slot]]
+    start: Callable[[float, float, Sequence[float], Sequence[float]], Sequence[float]]
     description: str
+    bounded: bool = False
+
+
+def _degrees(h: float, s: float) -> list[float]:
+    """A spline's degrees as those of a gaussian."""
+    points = [2.0 * i / (POINTS - 1) - 1.0 for i in range(POINTS)]
+    return [min(max(math.exp(-(((point - h) / s) ** 2)), DEGREE.low), DEGREE.high) for point in points]
+
+
+def _weight(w: float, *_: Any) -> list[float]:
+    return [w]
+
+
+def _wavelets(w: float, side: float, tau: Sequence[float], nu: Sequence[float]) -> list[float]:
+    return [w, *(value for t, n in zip(tau, nu, strict=True) for value in (side * t, n))]
 
 
 ANTECEDENTS = {
-    "gaussian": Antecedent(GAUSSIAN, [H, S], 2, "exp(-((x-h)/s)^2), (3.9): h, s"),
-    "triangular": Antecedent(TRIANGULAR, [H, S], 2, "max(0, 1 - 2|x-h|/s), (3.10): h, s"),
+    "gaussian": Antecedent(antecedent.gaussian, [H, S], 2, lambda h, s: [h, s], "exp(-((x-h)/s)^2), (3.9): h, s"),
+    "triangular": Antecedent(
+        antecedent.triangular,
+        [H, S],
+        2,
+        lambda h, s: [h, s],
+        "max(0, 1 - 2|x-h|/s), (3.10): h, s",
+        width=3.0,  # of 1 they would not overlap
+    ),
     "b-spline": Antecedent(
-        SPLINE_NEAREST, [DEGREE] * POINTS, 1, "degree of the nearest control point, (3.11), figure 3.4"
+        antecedent.nearest_point,
+        [DEGREE] * POINTS,
+        1,
+        _degrees,
+        "degree of the nearest control point, (3.11), figure 3.4",
+        bounded=True,
     ),
     "b-spline-interpolated": Antecedent(
-        SPLINE, [DEGREE] * POINTS, 2, "order-2 curve through the control points, (3.11)"
+        antecedent.spline,
+        [DEGREE] * POINTS,
+        2,
+        _degrees,
+        "order-2 curve through the control points, (3.11)",
+        bounded=True,
     ),
 }
 CONSEQUENTS = {
-    "singleton": Consequent(SINGLETON, lambda _: [W], "w"),
-    "affine": Consequent(AFFINE, lambda m: [W] * (1 + m), "w_0 + sum_i w_i x_i, (6.4)"),
-    "sam": Consequent(SAM, lambda _: [Slot("c", W.low, W.high), VOLUME], "centroid c with volume V > 0, (3.30)"),
+    "singleton": Consequent(consequent.singleton, lambda _: [W], _weight, "w"),
+    "affine": Consequent(consequent.affine, lambda m: [W] * (1 + m), _weight, "w_0 + sum_i w_i x_i, (6.4)"),
+    "sam": Consequent(
+        consequent.sam,
+        lambda _: [Slot("c", W.low, W.high), VOLUME],
+        lambda w, *_: [w, 1.0],
+        "centroid c with volume V > 0, (3.30)",
+    ),
     "fourier": Consequent(
-        FOURIER, lambda m: [W] * HARMONICS**m, "w . kron_i [1, sin x, cos x, sin 2x, cos 2x], (3.13)"
+        consequent.fourier,
+        lambda m: [W] * HARMONICS**m,
+        _weight,
+        "w . kron_i [1, sin x, cos x, sin 2x, cos 2x], (3.13)",
     ),
     "mexican-hat": Consequent(
-        MEXICAN_HAT, lambda m: [W] + [TAU, NU] * m, "w sum_i psi((x_i - tau_i) / nu_i), (3.14, 3.18)"
+        consequent.mexican_hat,
+        lambda m: [W] + [TAU, NU] * m,
+        _wavelets,
+        "w sum_i psi((x_i - tau_i) / nu_i), (3.14, 3.18)",
     ),
-    "morlet": Consequent(MORLET, lambda m: [W] + [TAU, NU] * m, "w sum_i exp(-q_i^2/2) cos 5 q_i, (3.19)"),
-    "legendre": Consequent(LEGENDRE, lambda m: [W] * (DEGREES * m), "tanh(sum_id w_id L_d(x_i)), (3.21)"),
-    "legendre-wavelet": Consequent(LEGENDRE_WAVELET, lambda _: [W] * WAVELETS, "sum_db rho_db phi_db(F), (3.22, 3.24)"),
+    "morlet": Consequent(
+        consequent.morlet, lambda m: [W] + [TAU, NU] * m, _wavelets, "w sum_i exp(-q_i^2/2) cos 5 q_i, (3.19)"
+    ),
+    "legendre": Consequent(
+        consequent.legendre,
+        lambda m: [W] * (DEGREES * m),
+        _weight,
+        "tanh(sum_id w_id L_d(x_i)), (3.21)",
+        bounded=True,
+    ),
+    "legendre-wavelet": Consequent(
+        consequent.legendre_wavelet,
+        lambda _: [W] * WAVELETS,
+        lambda w, *_: [w / math.sqrt(2.0)] * 2,  # phi of degree 0 is sqrt(2) on its half
+        "sum_db rho_db phi_db(F), (3.22, 3.24)",
+    ),
 }
+# Codes of the compiled functions: their places.
+MEMBERSHIP_FUNCTIONS = list(dict.fromkeys(row.function for row in ANTECEDENTS.values()))
+CONSEQUENT_FUNCTIONS = list(dict.fromkeys(row.function for row in CONSEQUENTS.values()))
 
 
 # Networks of the identifiers (table C.2).

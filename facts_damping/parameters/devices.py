@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 
-class _Device(ParameterModel):
+class DeviceModel(ParameterModel):
     """What every kind has."""
+
+    if TYPE_CHECKING:
+        v_max: float
+        rate_max: float
 
     name: Name
     kind: str
@@ -23,7 +27,7 @@ class _Device(ParameterModel):
     )
 
 
-class Series(_Device):
+class Series(DeviceModel):
     """What every kind in series has: two buses, or a line in which it stands next to its `from` or `to` bus.
 
     It acts behind an impedance, and where it is not installed it is its resistance alone.
@@ -54,7 +58,7 @@ class Series(_Device):
         return self.line or "-".join(self.ends)
 
 
-class Parallel(_Device):
+class Parallel(DeviceModel):
     """What every kind in parallel has: a bus. It starts without current, and is nothing where it is not installed."""
 
     bus: Name
@@ -131,4 +135,5 @@ class Svc(Parallel):
     V_min: float = quantity(0.05, "p.u.", "voltage of its bus below which it is blocked", gt=0, le=0.9)
 
 
-Device = Annotated[Sssc | Statcom | Svc, Field(discriminator="kind")]
+# What a device of a system may be.
+DEVICES: list[type[DeviceModel]] = [Sssc, Statcom, Svc]

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
-from facts_damping.parameters.devices import Device
+from facts_damping.parameters.devices import DEVICES, Parallel, Series
 from facts_damping.parameters.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
 from facts_damping.parameters.machines import Exciter, Governor, Machine, Stabiliser
 from facts_damping.parameters.references import check_references
+
+if TYPE_CHECKING:
+    Device = Series | Parallel
+else:
+    Device = Annotated[tuple(DEVICES), Field(discriminator="kind")]
 
 
 class Station(ParameterModel):

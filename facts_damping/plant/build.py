@@ -20,9 +20,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Device
     from facts_damping.parameters.run import Event
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.system import Device, System
 
 
 class Built(NamedTuple):

@@ -1,4 +1,4 @@
-"""The kinds of devices: a row each, and the one place where compiled functions branch on them."""
+"""The kinds of devices: a row each, with their compiled functions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import branching, compiled
 from facts_damping.plant import sssc, statcom, svc
 from facts_damping.signals import to_ns
 
@@ -16,30 +16,45 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Device, Series
+    from facts_damping.parameters.devices import Series
+    from facts_damping.parameters.system import Device
     from facts_damping.plant.model import Site, Start
 
 
-class DeviceKind(NamedTuple):
-    """A kind of device: code, fields of its table, names of its states, where it starts, its losses in series.
+@compiled
+def _no_more(_d: Any, _x: NDArray[np.float64], _u: float, _size: float, _blocked: bool, _out: Any) -> None:
+    """Nothing is known better than at the port."""
 
-    `losses(device, |I|)` is the resistance (p.u.) that stands for them in the power flow.
+
+class DeviceKind(NamedTuple):
+    """A kind of device: fields of its table, names of its states, where it starts, and its compiled functions.
+
+    These take `d`, a row of DEVICE (the kind's own fields are in the field of its name), `x`, the plant's states, `u`,
+    the reference, and `size`, the magnitude of the port's response: in series its current, in parallel its bus voltage;
+    p.u. `losses(device, |I|)` is the resistance (p.u.) that stands for the losses in series in the power flow.
     """
 
-    code: int
     table: np.dtype[Any]
     states: list[str]
     start: Callable[[Any, Site], Start]
+    characteristic: Callable[..., tuple[complex, complex]]  # (d, x, u, size): what it gives, and the slope by size
+    derivatives: Callable[..., None]  # (d, x, u, size, dx), 1/s
+    truth: Callable[..., None] = _no_more  # (d, x, u, size, blocked, out): what it knows better than its port
     losses: Callable[[Any, float], float] | None = None
 
 
-SSSC, STATCOM, SVC = range(3)
-
 KINDS = {
-    "sssc": DeviceKind(SSSC, sssc.SSSC, sssc.STATE_NAMES, sssc.start, sssc.losses),
-    "statcom": DeviceKind(STATCOM, statcom.STATCOM, statcom.STATE_NAMES, statcom.start),
-    "svc": DeviceKind(SVC, svc.SVC, svc.STATE_NAMES, svc.start),
+    "sssc": DeviceKind(
+        sssc.SSSC, sssc.STATE_NAMES, sssc.start, sssc.characteristic, sssc.derivatives, sssc.truth, sssc.losses
+    ),
+    "statcom": DeviceKind(
+        statcom.STATCOM, statcom.STATE_NAMES, statcom.start, statcom.characteristic, statcom.derivatives, statcom.truth
+    ),
+    "svc": DeviceKind(svc.SVC, svc.STATE_NAMES, svc.start, svc.characteristic, svc.derivatives),
 }
+# Kinds by their functions: the code is the place, the table has the name of the first that has them.
+LAWS = {kind.characteristic: name for name, kind in reversed(KINDS.items())}
+FIELDS = [name for name in KINDS if name in LAWS.values()]
 
 FOREVER = 1 << 62  # ns
 
@@ -50,7 +65,7 @@ DEVICE = np.dtype(
         *((name, "i8") for name in ("port", "kind", "offset", "states")),
         *((name, "f8") for name in ("v_max", "rate_max")),
         ("hold_ns", "i8"),
-        *((name, kind.table) for name, kind in KINDS.items()),
+        *((name, KINDS[name].table) for name in FIELDS),
     ]
 )
 
@@ -58,11 +73,11 @@ DEVICE = np.dtype(
 def install(row: Any, device: Device, site: Site) -> Start:
     """Fill a row of DEVICE, but for its port, with a device at rest."""
     kind = KINDS[device.kind]
-    start = kind.start(device, site)
-    row["kind"], row["offset"], row["states"] = kind.code, site.offset, len(kind.states)
+    start, field = kind.start(device, site), LAWS[kind.characteristic]
+    row["kind"], row["offset"], row["states"] = FIELDS.index(field), site.offset, len(kind.states)
     row["v_max"], row["rate_max"] = device.v_max, device.rate_max
     row["hold_ns"] = FOREVER if device.hold is None else to_ns(device.hold)
-    row[device.kind] = start.row
+    row[field] = start.row
     return start
 
 
@@ -72,8 +87,15 @@ def losses_of(device: Series, magnitude: float) -> float:
     return losses(device, magnitude) if losses else 0.0
 
 
-# What follows has a branch a kind. `d` is a row of DEVICE, `x` the plant's states, `u` the reference, `size` the
-# magnitude of the port's response: in series its current, in parallel its bus voltage; p.u.
+@compiled
+def _unknown(_d: Any, _x: NDArray[np.float64], _u: float, _size: float) -> tuple[complex, complex]:
+    """No kind: no number, which ends the run."""
+    return complex(math.nan, math.nan), 0j
+
+
+_characteristic = branching([*(KINDS[name].characteristic for name in FIELDS), _unknown])
+_derivatives = branching([KINDS[name].derivatives for name in FIELDS])
+_truth = branching([KINDS[name].truth for name in FIELDS])
 
 
 @compiled
@@ -82,30 +104,16 @@ def characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tup
 
     In series a voltage drop, in parallel a current into the network.
     """
-    if d.kind == SSSC:
-        return sssc.characteristic(d.sssc, x, u, size)
-    if d.kind == STATCOM:
-        return statcom.characteristic(d.statcom, x)
-    if d.kind == SVC:
-        return svc.characteristic(d.svc, x, size)
-    return complex(math.nan, math.nan), 0j
+    return _characteristic(d.kind, d, x, u, size)
 
 
 @compiled
 def derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArray[np.float64]) -> None:
     """Write the derivatives of a device's states, 1/s."""
-    if d.kind == SSSC:
-        sssc.derivatives(d.sssc, x, u, size, dx)
-    elif d.kind == STATCOM:
-        statcom.derivatives(d.statcom, x, u, size, dx)
-    elif d.kind == SVC:
-        svc.derivatives(d.svc, x, u, size, dx)
+    _derivatives(d.kind, d, x, u, size, dx)
 
 
 @compiled
 def truth(d: Any, x: NDArray[np.float64], u: float, size: float, blocked: bool, out: Any) -> None:
     """Write into a row of DEVICE_TRUTH what a kind knows better than its port: see `measurement`."""
-    if d.kind == SSSC:
-        sssc.truth(d.sssc, x, u, size, blocked, out)
-    elif d.kind == STATCOM:
-        statcom.truth(d.statcom, x, out)
+    _truth(d.kind, d, x, u, size, blocked, out)

@@ -98,19 +98,23 @@ def converter(d: Any, x: NDArray[np.float64], u: float, magnitude: float) -> Con
 
 
 @compiled
-def characteristic(d: Any, x: NDArray[np.float64], setpoint: float, magnitude: float) -> tuple[complex, complex]:
+def characteristic(device: Any, x: NDArray[np.float64], setpoint: float, magnitude: float) -> tuple[complex, complex]:
     """Converter voltage over the direction of the current, v_p + j v_q, and its derivative by |I|, p.u."""
+    d = device.sssc
     c = converter(d, x, -setpoint, magnitude)
     return complex(c.v_p, c.v_q), complex(c.v_p_slope, c.v_q_slope)
 
 
 @compiled
-def derivatives(d: Any, x: NDArray[np.float64], setpoint: float, magnitude: float, dx: NDArray[np.float64]) -> None:
+def derivatives(
+    device: Any, x: NDArray[np.float64], setpoint: float, magnitude: float, dx: NDArray[np.float64]
+) -> None:
     """Write the derivatives of the states, 1/s, at a current's magnitude, p.u.
 
     dx_ac = Ki e_ac, dx_dc = Kdi (1 - vdc), each standing still while its output is limited;
     dvdc = (v_p |I| - g vdc^2) / (tau vdc): what the converter draws charges the DC link or is lost.
     """
+    d = device.sssc
     o, u = d.offset, -setpoint
     vdc = x[o + 2]
     c = converter(d, x, u, magnitude)
@@ -120,8 +124,9 @@ def derivatives(d: Any, x: NDArray[np.float64], setpoint: float, magnitude: floa
 
 
 @compiled
-def truth(d: Any, x: NDArray[np.float64], setpoint: float, magnitude: float, blocked: bool, out: Any) -> None:
+def truth(device: Any, x: NDArray[np.float64], setpoint: float, magnitude: float, blocked: bool, out: Any) -> None:
     """Write what DEVICE_TRUTH has of it: voltages, and the power that converter and transformer give."""
+    d = device.sssc
     c = converter(d, x, -setpoint, magnitude)
     v_p, v_q = (0.0, 0.0) if blocked else (c.v_p, c.v_q)
     out.injected_voltage = -(v_q + d.xs * magnitude)

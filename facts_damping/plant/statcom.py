@@ -33,13 +33,14 @@ def start(device: Statcom, site: Site) -> Start:
 
 
 @compiled
-def characteristic(d: Any, x: NDArray[np.float64]) -> tuple[complex, complex]:
+def characteristic(device: Any, x: NDArray[np.float64], _u: float, _voltage: float) -> tuple[complex, complex]:
     """Current over the direction of the voltage, i_d + j i_q, and its derivative by |V|, p.u."""
+    d = device.statcom
     return complex(x[d.offset], x[d.offset + 1]), 0j
 
 
 @compiled
-def derivatives(d: Any, x: NDArray[np.float64], u: float, voltage: float, dx: NDArray[np.float64]) -> None:
+def derivatives(device: Any, x: NDArray[np.float64], u: float, voltage: float, dx: NDArray[np.float64]) -> None:
     """Write the derivatives of the states, 1/s, at an offset u of its reference and a bus voltage |V|, p.u.
 
     Currents: did = omega_0 / L (c_d - V - R i_d + L i_q), diq = omega_0 / L (c_q - R i_q - L i_d).
@@ -49,6 +50,7 @@ def derivatives(d: Any, x: NDArray[np.float64], u: float, voltage: float, dx: ND
     c_d = vdc (V - Kf i_q + Kc e_d + x_d), c_q = vdc (Kf i_d + Kc e_q + x_q).
     DC link: dvdc = -(c_d i_d + c_q i_q) / (tau vdc). An integrator stands still while its output is limited.
     """
+    d = device.statcom
     o = d.offset
     i_d, i_q, vdc = x[o], x[o + 1], x[o + 2]
     e_ac = d.Vref + u - voltage + d.droop * i_q
@@ -69,6 +71,7 @@ def derivatives(d: Any, x: NDArray[np.float64], u: float, voltage: float, dx: ND
 
 
 @compiled
-def truth(d: Any, x: NDArray[np.float64], out: Any) -> None:
+def truth(device: Any, x: NDArray[np.float64], _u: float, _voltage: float, _blocked: bool, out: Any) -> None:
     """Write what DEVICE_TRUTH has of it beside current and power."""
+    d = device.statcom
     out.dc_voltage = x[d.offset + 2]

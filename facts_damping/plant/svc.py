@@ -31,14 +31,16 @@ def start(device: Svc, site: Site) -> Start:
 
 
 @compiled
-def characteristic(d: Any, x: NDArray[np.float64], voltage: float) -> tuple[complex, complex]:
+def characteristic(device: Any, x: NDArray[np.float64], _u: float, voltage: float) -> tuple[complex, complex]:
     """Current into the network over the direction of the voltage, -j B |V|, and its derivative by |V|, p.u."""
+    d = device.svc
     slope = complex(0.0, -x[d.offset])
     return slope * voltage, slope
 
 
 @compiled
-def derivatives(d: Any, x: NDArray[np.float64], u: float, voltage: float, dx: NDArray[np.float64]) -> None:
+def derivatives(device: Any, x: NDArray[np.float64], u: float, voltage: float, dx: NDArray[np.float64]) -> None:
     """Write the derivative of the state, 1/s: T dB = clip(K (Vref + u - V), B_min, B_max) - B."""
+    d = device.svc
     wanted = d.K * (d.Vref + u - voltage)
     dx[d.offset] = (min(max(wanted, d.B_min), d.B_max) - x[d.offset]) / d.T

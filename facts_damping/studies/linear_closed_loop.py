@@ -24,7 +24,8 @@ from facts_damping.control.bank import act
 from facts_damping.control.table import CONTROLLERS, STATE_SPACE
 from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
-from facts_damping.parameters.link import Constant, Link
+from facts_damping.parameters.link import Link
+from facts_damping.parameters.stages import Constant
 from facts_damping.plant.build import build
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT, to_ns
 from facts_damping.simulation.build import build_control

@@ -16,7 +16,7 @@ from facts_damping.case.loading import load_case, load_system, make_case
 from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
 from facts_damping.parameters.files import read_table, shipped
-from facts_damping.parameters.link import Noise
+from facts_damping.parameters.stages import Noise
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build as build_grid
 from facts_damping.plant.network import series_devices

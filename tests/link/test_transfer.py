@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from facts_damping.link.chain import Chain, DirectionSpec, Packets, longest_delay_ns
 from facts_damping.link.transfer import Direction, Links, downlink, links, merge, uplink
-from facts_damping.parameters.link import Constant, Link
+from facts_damping.parameters.link import Link
+from facts_damping.parameters.stages import Constant
 from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
 from facts_damping.simulation.loop import tick_ns
 

@@ -10,9 +10,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from facts_damping.control.table import NEURO_FUZZY_PARAMETERS
+from facts_damping.neurofuzzy.antecedent import POINTS
 from facts_damping.neurofuzzy.network import network
 from facts_damping.neurofuzzy.start import Start, initial
-from facts_damping.neurofuzzy.table import NU, POINTS, H, S, Slot, W
+from facts_damping.neurofuzzy.table import NU, H, S, Slot, W
 from tests.neurofuzzy.pupil import Pupil, every_pair, looked
 from tests.neurofuzzy.test_network import output
 

@@ -48,7 +48,8 @@ def own(built: Built, name: str) -> list[int]:
 
 
 def test_codes_of_the_kinds_are_different() -> None:
-    assert len({kind.code for kind in devices.KINDS.values()}) == len(KINDS)
+    assert list(devices.LAWS.values()) == list(reversed(devices.FIELDS))
+    assert devices.FIELDS == KINDS
 
 
 @pytest.mark.parametrize("kind", KINDS)

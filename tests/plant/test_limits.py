@@ -54,7 +54,8 @@ class Port(NamedTuple):
 
     def slopes(self, u: float) -> NDArray[np.float64]:
         dx = np.zeros(3)
-        sssc.derivatives(self.row, self.x, -u, self.magnitude, dx)
+        whole = np.array([(self.row,)], [("sssc", sssc.SSSC)])[0]
+        sssc.derivatives(whole, self.x, -u, self.magnitude, dx)
         return dx
 
 

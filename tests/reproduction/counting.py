@@ -12,7 +12,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import Counter
-from types import FunctionType, SimpleNamespace
+from types import CellType, FunctionType, SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -128,7 +128,8 @@ def plain(function: Callable[..., Any]) -> Callable[..., Any]:
             namespace[name] = MATH
         elif isinstance(getattr(value, "py_func", value), FunctionType):
             namespace[name] = plain(value)  # type: ignore[arg-type]
-    return FunctionType(source.__code__, namespace, source.__name__, source.__defaults__, source.__closure__)
+    closure = tuple(CellType(plain(cell.cell_contents)) for cell in source.__closure__ or ())
+    return FunctionType(source.__code__, namespace, source.__name__, source.__defaults__, closure or None)
 
 
 def counted(numbers: Iterable[Number]) -> Counter[str]:

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.parameters.link import Noise
+from facts_damping.parameters.stages import Noise
 from facts_damping.reproduction import explanations
 from facts_damping.reproduction.agreement import ComparedRun, name
 from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, Who, cells
