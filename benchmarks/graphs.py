@@ -17,9 +17,9 @@ from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
-from facts_damping.studies import architectures
 from facts_damping.studies.compare import SYSTEMS, scenarios
 
+BOTH = ("devices=[sssc, statcom]", "controllers=[{signals: [speed, power], devices: [sssc, statcom]}]")
 ARRAYS = (
     *("time_ns", "frames", "delivered", "issued", "applied", "machines"),
     *("devices", "in_synchronism", "estimates", "learning"),
@@ -45,9 +45,8 @@ def runs(mimo_only: bool) -> list[tuple[str, list[str]]]:
                     own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}"]
                     if not mimo_only:
                         found.append((f"{system} {scenario} {name} {scheme}", [*place, *own]))
-                    if system == architectures.SYSTEM:
-                        both = architectures.controllers("centralised", name, scheme)
-                        found.append((f"{system} {scenario} {name} {scheme} MIMO", [*place, *both]))
+                    if system == "two_area":
+                        found.append((f"{system} {scenario} {name} {scheme} MIMO", [*place, *BOTH, *own]))
     return found
 
 

@@ -10,7 +10,7 @@ from facts_damping.case.controllers import filled
 from facts_damping.case.links import open_own, read_links, with_own
 from facts_damping.case.model import Case
 from facts_damping.errors import check_known
-from facts_damping.parameters.files import find, parse_set, read_table, read_value, set_field
+from facts_damping.parameters.files import each_path, find, parse_set, read_table, read_value, set_field
 from facts_damping.parameters.placement import place
 from facts_damping.parameters.run import Run, Scenario
 from facts_damping.parameters.system import System
@@ -25,8 +25,10 @@ def load_system(name: str, sets: list[str] | None = None, scenario: str | None =
     path = find("systems", name)
     content = read_table(path)
     pairs = dict(parse_set(text) for text in sets or [])
-    for key, value in pairs.items():
-        set_field(content, key, read_value(value, f"--set {key}={value}"), f"--set {key}={value}")
+    for given, text in pairs.items():
+        value, where = read_value(text, f"--set {given}={text}"), f"--set {given}={text}"
+        for key in each_path(content, given):
+            set_field(content, key, value, where)
     system = check(System, content, str(path), pairs)
     if scenario is not None:
         file = find("scenarios", scenario, f"{system.name}/")
@@ -58,9 +60,10 @@ def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str
     """Set fields of a run's content by their paths; `sets`: each value as the text that `--set` would take."""
     if values:
         content.pop("asked", None)  # no longer what was asked for
-    for key in sorted(values, key=lambda key: key.count(".")):  # names before what lies below them
-        _open_name(content, key)
-        set_field(content, key, deepcopy(values[key]), f"--set {key}={sets[key]}")
+    for given in sorted(values, key=lambda key: key.count(".")):  # names before what lies below them
+        for key in each_path(content, given):
+            _open_name(content, key)
+            set_field(content, key, deepcopy(values[given]), f"--set {given}={sets[given]}")
 
 
 def _open_name(content: dict[str, Any], key: str) -> None:

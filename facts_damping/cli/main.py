@@ -173,27 +173,18 @@ def _studies(add: Add) -> None:
     command.add_argument("--out", metavar="RUN.yaml", help="the run of the best network; none: standard output")
     command.add_argument("--lead-lag", metavar="RUN.yaml", help="also the run of LLC-tuned as the search tuned it")
     _common(command, sets=False, out=False)
-    text = "Every controller, direct and indirect, on every scenario of a system: the table of all indices."
+    text = "Every controller, direct and indirect, on every scenario of some systems: tables of figures."
     command = add("compare", "studies.compare", text)
     command.add_argument("systems", nargs="*", metavar="SYSTEM", help="which systems; none: two_area and smib")
     command.add_argument("--controllers", nargs="+", default=[], metavar="NAME", help="which; none: all of the table")
     _jobs(command)
-    command.add_argument("--out", metavar="FILE.md", help="write the tables as a Markdown page")
-    _common(command, out=False)
+    _common(command)
     text = "Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."
     command = add("sweep", "studies.sweep", text)
     command.add_argument("study", metavar="STUDY", help="name under config/studies, or a YAML file")
     _jobs(command)
     command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose cluster makes the runs")
     _common(command)
-    text = "Centralised MIMO, decentralised MISO and single devices on two_area, and how the devices interact."
-    command = add("architectures", "studies.architectures", text)
-    command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
-    _jobs(command)
-    command.add_argument(
-        "--out", metavar="FILE.md", help="write the tables as a Markdown page, and a picture beside it"
-    )
-    _common(command, out=False)
     text = (
         "What identifiers estimate of the plant's Jacobian beside the true one, over runs of a centralised controller."
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from facts_damping.case import loading
@@ -13,6 +14,8 @@ from facts_damping.terminal import Progress, write_json
 
 if TYPE_CHECKING:
     import argparse
+
+    from facts_damping.studies.sweep import Plan
 
 
 def tune(arguments: argparse.Namespace) -> None:
@@ -66,71 +69,51 @@ def search(arguments: argparse.Namespace) -> None:
 
 
 def compare(arguments: argparse.Namespace) -> None:
-    """Every controller, direct and indirect, on every scenario of a system: the table of all indices."""
+    """Every controller, direct and indirect, on every scenario of some systems: tables of figures."""
     from facts_damping.studies import compare as study
 
-    files.check_writable(arguments.out, "--out")
-    systems = arguments.systems or study.SYSTEMS
-    progress, rows = Progress("compare", "runs"), []
-    try:
-        for system in systems:
-            rows += study.compare(system, arguments.controllers, arguments.set, arguments.jobs, progress)
-    finally:
-        progress.close()
-    write_json(arguments.json, rows)
-    if arguments.out is not None:
-        files.write_whole(Path(arguments.out), "\n".join(study.page(rows)).rstrip() + "\n")
-    for line in study.comparison_tables(rows):
-        say(arguments, line)
+    plan = study.plan(arguments.systems, arguments.controllers, arguments.set)
+    _carry_out(plan, None if arguments.out is None else Path(arguments.out), arguments)
 
 
 def sweep(arguments: argparse.Namespace) -> None:
     """Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."""
-    from facts_damping.studies import results
     from facts_damping.studies import sweep as study
-    from facts_damping.studies.sweep_plots import draw
 
     plan = study.plan(arguments.study, arguments.set)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
+    _carry_out(plan, folder, arguments, arguments.scheduler)
+
+
+def _carry_out(plan: Plan, folder: Path | None, arguments: argparse.Namespace, scheduler: str | None = None) -> None:
+    """Make the runs of a study; what came out goes to the terminal and, where there is one, into a folder."""
+    from facts_damping.studies import results, sweep_plots, tables
+    from facts_damping.studies import sweep as study
+
     progress = Progress(plan.name, "runs")
-    try:
-        found = study.run(plan, folder, arguments.jobs, arguments.scheduler, progress)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
-    finally:
-        progress.close()
+    with TemporaryDirectory() as passing:
+        try:
+            found = study.run(plan, folder or Path(passing), arguments.jobs, scheduler, progress)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}" if folder else "") from None
+        finally:
+            progress.close()
     rows, margins = study.rows(found), study.found_margins(plan, found)
     shares, across = study.found_shares(plan, found), study.across(plan)
+    asked = plan.study.tables
+    figures = tables.figure_tables(rows, asked) if asked else []
     write_json(arguments.json, {"rows": rows, "margins": margins, "shares": shares})
-    written = results.write(folder, rows, margins, shares)
-    pictures = draw(rows, study.swept(plan), margins, across, folder)
-    for line in (*results.sweep_tables(rows, margins, shares, across), "", *(f"table: {p}" for p in written)):
+    for line in (*results.sweep_tables(rows, margins, shares, across), "", *figures):
         say(arguments, line)
-    for path in pictures:
+    if folder is None:
+        return
+    if asked:
+        files.write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
+        tables.draw(rows, asked, folder / "figures.png")
+    for path in results.write(folder, rows, margins, shares):
+        say(arguments, f"table: {path}")
+    for path in sweep_plots.draw(rows, study.swept(plan), margins, across, folder):
         say(arguments, f"picture: {path}")
-
-
-def architectures(arguments: argparse.Namespace) -> None:
-    """Centralised MIMO, decentralised MISO and single devices on two_area, and how the devices interact."""
-    from facts_damping.studies import architectures as study
-    from facts_damping.studies import interaction
-
-    files.check_writable(arguments.out, "--out")
-    progress = Progress("architectures", "runs")
-    try:
-        rows = study.study(arguments.controllers, arguments.set, arguments.jobs, progress)
-    finally:
-        progress.close()
-    found = interaction.interactions()
-    write_json(arguments.json, rows)
-    tables = [*study.architecture_tables(rows), "### Relative gains", "", *interaction.relative_gain_table(found)]
-    if arguments.out is not None:
-        page = Path(arguments.out)
-        picture = page.with_suffix(".png")
-        files.write_whole(page, "\n".join([*study.head(picture.name), *tables]).rstrip() + "\n")
-        study.draw(rows, picture)
-    for line in tables:
-        say(arguments, line)
 
 
 def jacobian(arguments: argparse.Namespace) -> None:

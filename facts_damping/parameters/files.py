@@ -118,10 +118,26 @@ def write_whole(path: Path, text: str) -> None:
     beside.replace(path)
 
 
+FIELD_PATH = r"[A-Za-z_0-9]+(\.([A-Za-z_0-9+-]+|\*))*"
+
+
+def each_path(content: Any, key: str) -> list[str]:
+    """A path with `*` in it as the paths of every entry that a list has there; another one as it is."""
+    before, star, after = key.partition(".*")
+    if not star:
+        return [key]
+    here = content
+    for part in before.split("."):
+        here = here.get(part) if isinstance(here, dict) else None
+    if not isinstance(here, list) or not here:
+        raise InputError(f"{key}: '*' given; allowed: where {before} is a list with entries")
+    return [path for i in range(len(here)) for path in each_path(content, f"{before}.{i}{after}")]
+
+
 def parse_set(text: str) -> tuple[str, str]:
     """`key.path=value` as its two parts."""
     key, equals, value = text.partition("=")
-    if not equals or not re.fullmatch(r"[A-Za-z_0-9]+(\.[A-Za-z_0-9+-]+)*", key):
+    if not equals or not re.fullmatch(FIELD_PATH, key):
         raise InputError(f"--set {text}: given; allowed: key.path=value")
     return key, value
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -18,7 +18,7 @@ def _named(content: Any) -> Any:
 if TYPE_CHECKING:
     Stage = StageModel
 else:
-    Stage = Annotated[Annotated[tuple(STAGES), Field(discriminator="model")], BeforeValidator(_named)]
+    Stage = Annotated[Annotated[Union[tuple(STAGES)], Field(discriminator="model")], BeforeValidator(_named)]  # noqa: UP007 (made from the list)
 
 
 class Link(ParameterModel):

@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, StringConstraints, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.parameters.files import FIELD_PATH
 
-FieldPath = Annotated[str, StringConstraints(max_length=200, pattern=r"^[A-Za-z_0-9]+(\.[A-Za-z_0-9+-]+)*$")]
+FieldPath = Annotated[str, StringConstraints(max_length=200, pattern=rf"^{FIELD_PATH}$")]
 Number = int | float
 Criterion = Literal["unstable", "not_damped"]
 
@@ -160,6 +161,16 @@ class Margin(Target):
         return self
 
 
+class Tables(ParameterModel):
+    """Tables of figures for a page, one below the other: a row a controller, say, for each scenario of each system."""
+
+    rows: list[str] = Field(["controller", "scheme"], min_length=1, description="columns that say what a row is")
+    across: str | None = Field(
+        None, description="column whose values stand side by side, a table for each figure; none: the figures do"
+    )
+    figures: list[str] = Field(..., min_length=1, description="columns that are shown")
+
+
 class Study(ParameterModel):
     """Many closed loops: a base run, what is changed in it, what is swept over, what margin is searched."""
 
@@ -170,3 +181,4 @@ class Study(ParameterModel):
     sweep: list[Axis] = Field([], description="axes; every value of one with every value of the others")
     margin: Margin | None = Field(None, description="searched at every point of the sweep")
     modes: bool = Field(True, description="also find the interarea mode of each run")
+    tables: Tables | None = Field(None, description="of figures of all runs; none: no page of tables")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Union
 
 from pydantic import Field, model_validator
 
@@ -15,7 +15,7 @@ from facts_damping.parameters.references import check_references
 if TYPE_CHECKING:
     Device = Series | Parallel
 else:
-    Device = Annotated[tuple(DEVICES), Field(discriminator="kind")]
+    Device = Annotated[Union[tuple(DEVICES)], Field(discriminator="kind")]  # noqa: UP007 (made from the list)
 
 
 class Station(ParameterModel):

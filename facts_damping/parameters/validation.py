@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from fnmatch import fnmatchcase
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -64,7 +65,8 @@ def _has_tag(model: type[ParameterModel], location: tuple[int | str, ...]) -> bo
 
 def origin(field: str, source: str, sets: dict[str, str] | None) -> str:
     """Where a field's value comes from, and its path: the `--set` that gave it, or the source."""
-    changed = next((f"--set {k}={v}" for k, v in (sets or {}).items() if f"{field}.".startswith(f"{k}.")), source)
+    found = (f"--set {k}={v}" for k, v in (sets or {}).items() if fnmatchcase(f"{field}.", f"{k}.*"))
+    changed = next(found, source)
     return f"{changed}: {field}" if field else changed
 
 

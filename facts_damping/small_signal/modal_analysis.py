@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 
 from facts_damping.plant.build import Built, build
 from facts_damping.small_signal import linearisation
+from facts_damping.small_signal.relative_gains import Interaction, interactions
+from facts_damping.terminal import table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -28,6 +30,7 @@ class Modal(NamedTuple):
     built: Built
     model: linearisation.LinearModel
     modes: list[linearisation.Eigenmode]
+    interactions: list[Interaction]
 
     @property
     def swings(self) -> list[linearisation.Eigenmode]:
@@ -40,7 +43,7 @@ def analyse(system: System, devices: Sequence[str]) -> Modal:
     built = build(system, devices, [])
     model = linearisation.linear_model(built, system.signals, [s.name for s in system.stations])
     modes = linearisation.modes(model.A, built.state_names, system, model, devices)
-    return Modal(system, list(devices), built, model, modes)
+    return Modal(system, list(devices), built, model, modes, interactions(built, system, devices))
 
 
 def document(modal: Modal) -> dict[str, Any]:
@@ -52,6 +55,15 @@ def document(modal: Modal) -> dict[str, Any]:
         "transfer_functions": [
             {**t._asdict(), "zeros": [_pair(z) for z in t.zeros], "poles": [_pair(p) for p in t.poles]}
             for t in linearisation.transfer_functions(modal.model, list(modal.system.signals), modal.devices)
+        ],
+        "relative_gains": [
+            {
+                "signals": list(one.signals),
+                "frequency_hz": one.frequency_hz,
+                "relative_gain": _pair(one.relative[0, 0]),
+                "condition": one.condition,
+            }
+            for one in modal.interactions
         ],
     }
 
@@ -110,6 +122,24 @@ def modes_text(modal: Modal) -> Iterator[str]:
                 f"  {r.device:<12} {r.signal:<10} {r.magnitude:13.5g} {r.angle_deg:10.1f} "
                 f"{'+' if r.sign > 0 else '-':>15} {r.lead_deg:9.1f}"
             )
+    yield from _interactions_text(modal)
+
+
+def _interactions_text(modal: Modal) -> Iterator[str]:
+    """Relative gains at the mode, of each two signals."""
+    if not modal.interactions:
+        return
+    at = modal.interactions[0].frequency_hz
+    yield f"\n{at:.4f} Hz: relative gain from {modal.devices[0]} to the first of two signals, 1: no interaction"
+    rows = []
+    for one in modal.interactions:
+        if one.frequency_hz == at:
+            value = one.relative[0, 0]
+            shown = f"{value.real:.2f} {'+' if value.imag >= 0 else '-'} {abs(value.imag):.2f}j"
+            rows.append([", ".join(one.signals), shown, f"{one.condition:.3g}"])
+    yield from (
+        "  " + line for line in table(["signals", "relative gain", "largest gain / smallest"], rows, rule=False)
+    )
 
 
 def _groups(mode: linearisation.Eigenmode) -> list[list[tuple[str, complex]]]:

@@ -85,8 +85,8 @@ def _row_columns(axis: Axis, rows: list[dict[str, Any]]) -> list[dict[str, Any]]
 
 
 def _label(row: dict[str, Any]) -> str:
-    """A name of a row of several fields: its texts, `HBsWC direct`."""
-    return " ".join(str(value) for value in row.values() if value is not None)
+    """A name of a row of several fields: its texts and numbers, `HBsWC direct`."""
+    return " ".join(str(value) for value in row.values() if isinstance(value, str | int | float))
 
 
 def joined(parts: Iterable[Point]) -> Point:

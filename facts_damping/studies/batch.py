@@ -36,6 +36,10 @@ T = TypeVar("T")
 INTERAREA_HZ = 0.9  # below it a mode of the ringdown is the interarea one
 QUANTILES = (0, 1, 5, 10, 25, 50, 75, 90, 95, 99, 100)  # %, of the latency
 MOST_SHARED = 256  # plants that a process keeps; some kB each
+LATENCIES = ("latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms")
+SUMMED = ("settling_time_s", "smoothness", "max_injected_voltage_pu")
+OUTCOME = ("damped", "instability", "duration_s")
+INTERAREA = ("interarea_hz", "interarea_damping_ratio")
 NAMED = ("system", "scenario", "link")
 IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
 
@@ -125,30 +129,35 @@ def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
     return kept[key]
 
 
+def figure_names(*, modes: bool) -> list[str]:
+    """Columns of `figures`."""
+    found = ["stable", *OUTCOME, *INDICES, *SUMMED, "saturation_duty", *LATENCIES, "frames_lost"]
+    return [*found, *INTERAREA] if modes else found
+
+
 def figures(record: Record, *, modes: bool) -> dict[str, Any]:
     """The figures of a run, flat; None where a run has none."""
     told = summarise(record, method=METHOD if modes else None)
     found: dict[str, Any] = {
         "stable": told["stable"] is True,
-        **{name: told[name] for name in ("damped", "instability", "duration_s")},
+        **{name: told[name] for name in OUTCOME},
         **(told["indices"] or dict.fromkeys(INDICES)),
-        **{name: told[name] for name in ("settling_time_s", "smoothness", "max_injected_voltage_pu")},
+        **{name: told[name] for name in SUMMED},
         "saturation_duty": max(told["saturation_duty"].values(), default=None),
         **_latency(record),
         "frames_lost": told["frames_lost"],
     }
     if modes:
         slow = next((mode for mode in told["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)
-        found["interarea_hz"] = slow and slow["frequency_hz"]
-        found["interarea_damping_ratio"] = slow and slow["damping_ratio"]
+        values = (slow["frequency_hz"], slow["damping_ratio"]) if slow else (None, None)
+        found |= dict(zip(INTERAREA, values, strict=True))
     return found
 
 
 def _latency(record: Record) -> dict[str, float | None]:
     """Mean and quantiles of the latency from measurement to device."""
-    named = ["latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms"]
     ages = ages_ms(record)
     if not len(ages):
-        return dict.fromkeys(named)
+        return dict.fromkeys(LATENCIES)
     found = [ages.mean(), *np.percentile(ages, QUANTILES)]
-    return dict(zip(named, map(float, found), strict=True))
+    return dict(zip(LATENCIES, map(float, found), strict=True))

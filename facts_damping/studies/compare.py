@@ -1,135 +1,79 @@
-"""The comparison of controllers: every scenario of a system with each of them, in process."""
+"""The comparison of controllers as a study: every scenario of some systems with every controller of the table."""
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.analysis.indices import INDICES
-from facts_damping.analysis.summary import summarise
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import load_case
-from facts_damping.control.table import kind
+from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.parameters import files
-from facts_damping.simulation import loop
-from facts_damping.studies.pages import at
-from facts_damping.studies.pool import run_all
-from facts_damping.studies.tune import SCENARIO, Scheme, rows
-from facts_damping.terminal import table
+from facts_damping.parameters.files import parse_set, read_value
+from facts_damping.parameters.study import Axis, Study, Tables
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.studies import sweep
+from facts_damping.studies.tune import SCENARIO, Scheme, every_scheme
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from facts_damping.parameters.run import Controller
 
-# Columns of the table: title, path into a row, format.
-COLUMNS = (
-    ("damped", ("damped",), ""),
-    *((name, ("indices", name), ".4g") for name in INDICES),
-    ("smoothness", ("smoothness",), ".4g"),
-    ("settling [s]", ("settling_time_s",), ".2f"),
-    ("max v [p.u.]", ("max_injected_voltage_pu",), ".4f"),
-)
-NONE = "none"
-BARE = ("scenario=[]", "controllers.0.name=ANFTSC")  # a run whose signals and devices may be asked for
 SYSTEMS = ("two_area", "smib")
+NONE = "none"
+TABLES = Tables(figures=["damped", *INDICES, "smoothness", "settling_time_s", "max_injected_voltage_pu"])
+BARE = ("scenario=[]", "controllers.0.name=ANFTSC")  # a run whose signals and devices may be asked for
+OF_ALL = ("devices=", "controllers.0.signals=", "controllers.0.devices=")  # not of networks alone
 
 
-def contenders(system: str, names: Sequence[str], own: Controller) -> list[tuple[str, Scheme]]:
-    """No control, LLC and LLC-tuned, and every controller and scheme asked for (no names: all).
+def plan(systems: Sequence[str], names: Sequence[str], sets: Sequence[str]) -> sweep.Plan:
+    """The study of these systems (none: `SYSTEMS`) and controllers (none: all), with `--set` for all runs.
 
-    LLC-tuned is left out where it is not tuned for the signals and devices of `own`.
+    What it says below `controllers` is for networks alone, but for signals and devices: of them each controller takes
+    as many as it can.
     """
-    others = [name for name in names if name not in (NONE, "LLC")]
-    asked = rows(others) if others or not names else []
-    plain: list[tuple[str, Scheme]] = [(NONE, None), ("LLC", None)]
-    known = ("LLC-tuned", None) in tuned(system, own.signals[:1], own.devices)
-    return plain + [one for one in asked if one not in plain and (one[0] != "LLC-tuned" or known)]
+    rows = [
+        {"system": system, "scenario": scenario, **row}
+        for system in systems or SYSTEMS
+        for scenario in scenarios(system)
+        for row in contenders(system, names, sets)
+    ]
+    study = Study(
+        description="every scenario with every controller",
+        sweep=[Axis(name="run", labels=list(range(len(rows))), rows=rows)],
+        tables=TABLES,
+    )
+    text = dump(study.model_dump(exclude_defaults=True))
+    common = [text for text in sets if not text.startswith("controllers.")]
+    return sweep.planned(study, "comparison", "compare", text, common)
 
 
 def scenarios(system: str) -> list[str]:
     """The scenarios of a system that are judged: all but the one for training."""
+    files.find("systems", system)
     found = [name.removeprefix(f"{system}/") for name in files.shipped("scenarios") if name.startswith(f"{system}/")]
     return [name for name in found if name != SCENARIO]
 
 
-def everybody(system: str, sets: Sequence[str]) -> Controller:
-    """A controller with the signals and devices that changes of a run give to all controllers."""
-    kept = ("devices=", "controllers.0.signals=", "controllers.0.devices=")
-    return load_case(None, [f"system={system}", *BARE, *(s for s in sets if s.startswith(kept))]).run.controllers[0]
+def contenders(system: str, names: Sequence[str], sets: Sequence[str]) -> list[dict[str, Any]]:
+    """What makes a run one of no control, of LLC, and of each controller and scheme asked for: fields of the run.
 
-
-def changes(sets: Sequence[str], own: Controller, name: str, scheme: Scheme) -> list[str]:
-    """The changes that make a run one of a contender.
-
-    Those of `controllers` are for networks alone, but for signals and devices, of which each takes as many as it can.
+    LLC-tuned is left out where it is not tuned for the signals and devices that all are given.
     """
-    if scheme is not None:
-        return [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", *sets]
-    plain = [text for text in sets if not text.startswith("controllers.")]
-    if name == NONE:
-        return ["controllers=[]", *plain]
-    given = [f"controllers.0.signals={own.signals[: kind(name).signals]}", f"controllers.0.devices={own.devices}"]
-    return [f"controllers.0.name={name}", *plain, *given]
+    given = [text for text in sets if text.startswith(OF_ALL)]
+    own = load_case(None, [f"system={system}", *BARE, *given]).run.controllers[0]
+    known = ("LLC-tuned", None) in tuned(system, own.signals[:1], own.devices)
+    asked = every_scheme([name for name in names if name != NONE] or list(CONTROLLERS))
+    kept = [one for one in asked if one[0] != "LLC" and (one[0] != "LLC-tuned" or known)]
+    pairs = [parse_set(text) for text in sets if text.startswith("controllers.") and not text.startswith(OF_ALL)]
+    changes = {key: read_value(value, f"--set {key}={value}") for key, value in pairs}
+    rows: list[dict[str, Any]] = [{"controllers": []}]
+    for name, scheme in [("LLC", None), *kept]:
+        rows.append({"controllers": [_controller(name, scheme, own)], **(changes if scheme else {})})
+    return rows
 
 
-def one_run(system: str, sets: Sequence[str], own: Controller, what: tuple[str, str, Scheme]) -> dict[str, Any]:
-    """The figures of one run; `what`: scenario, controller, scheme."""
-    scenario, name, scheme = what
-    case = load_case(None, [f"system={system}", f"scenario={scenario}", *changes(sets, own, name, scheme)])
-    result = summarise(loop.run(case))
-    keep = ("stable", "instability", "damped", "indices", "smoothness", "settling_time_s", "max_injected_voltage_pu")
-    return {
-        "system": system,
-        "scenario": scenario,
-        "controller": name,
-        "scheme": scheme,
-        **{key: result[key] for key in keep},
-    }
-
-
-def compare(
-    system: str, names: Sequence[str], sets: Sequence[str], jobs: int, progress: Callable[[int, int], None]
-) -> list[dict[str, Any]]:
-    """A row for each scenario and contender, in this order."""
-    files.find("systems", system)
-    own = everybody(system, sets)
-    asked = contenders(system, names, own)
-    todo = [(scenario, *one) for scenario in scenarios(system) for one in asked]
-    return run_all(partial(one_run, system, list(sets), own), todo, jobs, progress)
-
-
-def page(found: Sequence[dict[str, Any]]) -> list[str]:
-    """The page of a comparison."""
-    return [
-        "# Comparison of the controllers",
-        "",
-        "Made by `facts-damping compare --out docs/comparison.md`, as it came out; parameters: `config/controllers`,",
-        "chosen on the scenarios `training` alone (docs/controllers.md). Indices are those of (4.108) from t = 0;",
-        "`smoothness` is (5.34) over dt^2. A row that says no or names an instability is one that fails.",
-        "",
-        *comparison_tables(found),
-    ]
-
-
-def comparison_tables(found: Sequence[dict[str, Any]]) -> list[str]:
-    """Tables in Markdown, one a scenario."""
-    lines = []
-    for system, scenario in dict.fromkeys((row["system"], row["scenario"]) for row in found):
-        own = [row for row in found if (row["system"], row["scenario"]) == (system, scenario)]
-        cells = [[row["controller"], row["scheme"] or "", *_cells(row)] for row in own]
-        titles = ["controller", "scheme", *(title for title, _, _ in COLUMNS)]
-        lines += [f"### {system}, {scenario}", "", *table(titles, cells, left=2, markdown=True), ""]
-    return lines
-
-
-def _cells(row: dict[str, Any]) -> list[str]:
-    if not row["stable"]:
-        return [str(row["instability"]), *[""] * (len(COLUMNS) - 1)]
-    return [_cell(at(row, path), form) for _, path, form in COLUMNS]
-
-
-def _cell(value: Any, form: str) -> str:
-    if value is None:
-        return "-"
-    return ("yes" if value else "no") if isinstance(value, bool) else format(value, form)
+def _controller(name: str, scheme: Scheme, own: Controller) -> dict[str, Any]:
+    found = {"name": name, "signals": own.signals[: kind(name).signals], "devices": own.devices}
+    return found if scheme is None else {**found, "scheme": scheme}

@@ -14,7 +14,7 @@ from facts_damping.control.table import kind
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.simulation import loop
-from facts_damping.studies import architectures, compare
+from facts_damping.studies.compare import scenarios
 from facts_damping.studies.pages import save
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.true_jacobian import figures, follow
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
+SYSTEM, RUN = "two_area", "two_area_centralised"
 LEAST = 1e-9  # on logarithmic axes
 DRAWN = "large"  # the scenario of the pictures
 HEAD = [
@@ -50,8 +51,7 @@ def names(asked: Sequence[str]) -> list[str]:
 
 def scene(scenario: str, name: str, sets: Sequence[str]) -> Case:
     """A run of a centralised controller with an identifier."""
-    own = architectures.controllers("centralised", name, "indirect")
-    return load_case(None, [f"system={architectures.SYSTEM}", f"scenario={scenario}", *own, *sets])
+    return load_case(RUN, [f"scenario={scenario}", f"controllers.0.name={name}", "link=ideal", *sets])
 
 
 def one_run(horizon: int, sets: Sequence[str], what: tuple[str, str]) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def one_run(horizon: int, sets: Sequence[str], what: tuple[str, str]) -> dict[st
     found = figures(follow(case, record, horizon))
     c = case.controllers[0]
     return {
-        "system": architectures.SYSTEM,
+        "system": SYSTEM,
         "scenario": scenario,
         "controller": name,
         "stable": bool(record.in_synchronism.all()),
@@ -82,7 +82,7 @@ def study(
     progress: Callable[[int, int], None],
 ) -> list[dict[str, Any]]:
     """A row for each scenario and controller, in this order."""
-    todo = [(scenario, name) for scenario in compare.scenarios(architectures.SYSTEM) for name in names]
+    todo = [(scenario, name) for scenario in scenarios(SYSTEM) for name in names]
     return run_all(partial(one_run, horizon, list(sets)), todo, jobs, progress)
 
 

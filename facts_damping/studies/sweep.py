@@ -14,7 +14,7 @@ from facts_damping.parameters.files import find, parse_set, read_table, read_val
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.studies import axes, margins
-from facts_damping.studies.batch import IDENTITY, Base, Batch, make, one_run
+from facts_damping.studies.batch import IDENTITY, Base, Batch, figure_names, make, one_run
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.pool import workers
 
@@ -63,12 +63,24 @@ def planned(study: Study, name: str, source: str, text: str, sets: Sequence[str]
         points = axes.points(study)
         if study.margin is not None:
             check_known("margin.across", study.margin.across, [*IDENTITY, *points[0].columns])
+        _check_tables(study, points[0])
         first = make(base, points[0].changes | _margin_changes(study, study.margin.low if study.margin else None))
     except InputError as error:
         raise InputError(str(error) if source in str(error) else f"{source}: {error}") from error
     told = [study.model_dump(), base.content, base.set, first.document(), __version__]
     digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
     return Plan(name, text, study, base, points, digest)
+
+
+def _check_tables(study: Study, first: Point) -> None:
+    """Raise `InputError` where a table is of columns that no row has."""
+    if study.tables is None:
+        return
+    columns = [*IDENTITY, *first.columns]
+    for name in study.tables.rows + ([study.tables.across] if study.tables.across else []):
+        check_known("tables", name, columns)
+    for name in study.tables.figures:
+        check_known("tables.figures", name, figure_names(modes=study.modes))
 
 
 def _base(study: Study, sets: Sequence[str], source: str) -> Base:

@@ -19,8 +19,8 @@ from facts_damping.nodes import graph
 from facts_damping.parameters.files import read_table
 from facts_damping.recording.reader import load
 from facts_damping.simulation import learnt_weights, loop
-from facts_damping.studies.architectures import controllers
 from tests.nodes.graphs import LOADED_S, assert_named, assert_same, quiet
+from tests.two_devices import centralised
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -81,7 +81,7 @@ def test_a_centralised_graph_is_the_in_process_run_bit_for_bit(
     domain: int, tmp_path: Path, name: str, scheme: str | None, scenario: str, link: str
 ) -> None:
     """Two signals, two devices; all of them: benchmarks/graphs.py."""
-    own = [*controllers("centralised", name, scheme), f"scenario={scenario}", f"link={link}", "duration=2"]
+    own = [*centralised(name, scheme), f"scenario={scenario}", f"link={link}", "duration=2"]
     case = load_case(None, own)
     graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     recorded, computed = load(tmp_path / "recording"), loop.run(case)

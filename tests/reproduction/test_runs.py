@@ -3,6 +3,8 @@ from pathlib import Path
 
 import pytest
 
+from facts_damping.analysis.indices import THESIS_INDICES
+from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.parameters.stages import Noise
 from facts_damping.reproduction import explanations
@@ -10,25 +12,31 @@ from facts_damping.reproduction.agreement import ComparedRun, name
 from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, Who, cells
 from facts_damping.reproduction.results import FOUND
 from facts_damping.reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
-from facts_damping.studies import architectures, axes, compare
+from facts_damping.simulation import loop
+from facts_damping.studies import axes, compare, sweep
 from facts_damping.studies.batch import Base, make
+from facts_damping.terminal import Progress
 
 Made = dict[ComparedRun, dict[str, float] | None]
 
 
-def test_a_run_of_the_tables_is_that_of_compare_and_of_architectures(tmp_path: Path) -> None:
+def test_a_run_of_the_tables_is_that_of_compare_and_of_the_shipped_run(tmp_path: Path) -> None:
     asked = [LLC, Who("MISO", "HBsWC", "direct"), Who("MIMO", "ANFTSC", "indirect")]
     rows = carry_out(nominal("two_area", asked, duration=4), "some", tmp_path, 1)
     found = figures(rows, asked)
-    own = compare.everybody("two_area", [])
+    names = ["LLC", "HBsWC"]
+    plan = compare.plan(["two_area"], names, ["duration=4"])
+    compared = sweep.rows(sweep.run(plan, tmp_path / "compare", 1, None, Progress("compare")))
     for scenario in SCENARIOS["two_area"].values():
         for who in asked[:2]:
-            row = compare.one_run("two_area", ["duration=4"], own, (scenario, who.controller, who.scheme))
+            place = (scenario, who.controller, who.scheme)
+            (row,) = [r for r in compared if (r["scenario"], r["controller"], r["scheme"]) == place]
             ours = found[ComparedRun("two_area", scenario, who)]
-            assert ours == {**row["indices"], "smoothness": row["smoothness"]}
-        one = architectures.Contender(scenario, "centralised", "ANFTSC", "indirect")
-        row = architectures.one_run(["duration=4"], one)
-        assert found[ComparedRun("two_area", scenario, asked[2])] == {**row["indices"], "smoothness": row["smoothness"]}
+            assert ours == {name: row[name] for name in (*THESIS_INDICES, "smoothness")}
+        both = ["controllers.0.name=ANFTSC", f"scenario={scenario}", "link=ideal", "duration=4"]
+        told = summarise(loop.run(load_case("two_area_centralised", both)))
+        expected = {**told["indices"], "smoothness": told["smoothness"]}
+        assert found[ComparedRun("two_area", scenario, asked[2])] == expected
 
 
 def test_the_baselines_are_beside_every_table() -> None:

@@ -13,7 +13,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.simulation import loop, replay
-from facts_damping.studies.architectures import controllers
+from tests.two_devices import centralised, decentralised
 
 if TYPE_CHECKING:
     from facts_damping.signals import Record
@@ -24,9 +24,9 @@ RUNS: dict[str, tuple[str | None, list[str]]] = {
     "LLC": (None, []),
     "LLC-tuned": (None, ["controllers.0.name=LLC-tuned"]),
     **{f"{n}-{s}": (None, [f"controllers.0.name={n}", f"controllers.0.scheme={s}"]) for n, s in NETWORKS},
-    "centralised": (None, [*controllers("centralised", "ANFTSC", "indirect")]),
+    "centralised": (None, [*centralised("ANFTSC", "indirect")]),
     "own links": ("two_area_decentralised", OWN_LINKS),
-    "two networks": (None, [*controllers("decentralised", "HBsWC", "indirect")]),
+    "two networks": (None, [*decentralised("HBsWC", "indirect")]),
     "compensation": (None, ["controllers.0.compensation=phasor"]),
     "prediction": (None, ["controllers.0.name=ANFTSC", "controllers.0.compensation=prediction", "link=delay_100ms"]),
     "satellite": (None, ["link=satellite", "controllers.0.name=ANFTSC"]),
@@ -153,7 +153,7 @@ def test_a_gap_ends_the_replay_and_is_said() -> None:
 
 
 def test_devices_in_another_order_are_told_by_name() -> None:
-    record = recorded(None, [*controllers("centralised", "LLC", None), "duration=2"])
+    record = recorded(None, [*centralised("LLC", None), "duration=2"])
     turned = json.dumps(record.configuration["controllers"][0] | {"weights": None})
     part, issued, _ = played(record, "devices=[statcom, sssc]", f"controllers=[{turned}]")
     for name in ("sssc", "statcom"):

@@ -1,133 +1,132 @@
-"""Architectures, interaction of devices, identified Jacobians: the pages are what the commands give, and must hold."""
+"""The study of architectures: what it runs, what docs/mimo.md says of it, and its page of tables."""
 
 from __future__ import annotations
 
-import json
+import re
 from pathlib import Path
+from statistics import median
 from typing import Any
 
-import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_plant
-from facts_damping.small_signal.residues import residues
-from facts_damping.studies import architectures, interaction, jacobians
-from facts_damping.studies.true_jacobian import Respondent, figures, follow
-from tests.studies.pages import assert_same_lines
+from facts_damping.studies import sweep
+from facts_damping.terminal import Progress
 
-DOCS = Path(__file__).parents[2] / "docs"
-BOTH = "devices=[sssc, statcom]"
+PAGE = Path(__file__).parents[2] / "docs" / "mimo.md"
+ARCHITECTURES = ("centralised", "decentralised", "single SSSC", "single STATCOM")
+SCENARIOS = ("small", "large", "multiple")
 
-
-def quiet(_done: int, _of: int) -> None:
-    """No progress."""
+Rows = list[dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
-def rows() -> list[dict[str, Any]]:
-    return architectures.study([], [], 2, quiet)
+def rows(tmp_path_factory: pytest.TempPathFactory) -> Rows:
+    plan = sweep.plan("architectures", [])
+    return sweep.rows(sweep.run(plan, tmp_path_factory.mktemp("rows"), 2, None, Progress("architectures")))
 
 
-def test_every_controller_runs_in_every_architecture_on_every_scenario(rows: list[dict[str, Any]]) -> None:
-    assert len(rows) == 3 * 4 * (2 + 2 * 11)
-    assert len({(r["scenario"], r["architecture"], r["name"], r["scheme"]) for r in rows}) == len(rows)
+def of(rows: Rows, architecture: str, scenario: str) -> Rows:
+    return [row for row in rows if (row["architecture"], row["scenario"]) == (architecture, scenario)]
 
 
-def test_the_page_of_architectures_is_what_the_command_gives(rows: list[dict[str, Any]]) -> None:
-    made = [
-        *architectures.head("architectures.png"),
-        *architectures.architecture_tables(rows),
-        "### Relative gains",
-        "",
-    ]
-    made += interaction.relative_gain_table(interaction.interactions())
-    written = (DOCS / "architectures.md").read_text(encoding="utf-8").splitlines()
-    assert_same_lines(written, made[:-1])  # the last line is empty
-    assert (DOCS / "architectures.png").is_file()
+def test_every_controller_runs_in_every_architecture_on_every_scenario(rows: Rows) -> None:
+    assert len(rows) == 3 * 4 * (1 + 2 * 11)
+    assert len({(row["scenario"], row["architecture"], row["kind"]) for row in rows}) == len(rows)
+    assert not [row["error"] for row in rows if row["error"]]
 
 
-def test_lead_lags_side_by_side_are_the_centralised_one(rows: list[dict[str, Any]]) -> None:
+def test_the_page_has_the_medians_and_counts_of_the_networks(rows: Rows) -> None:
+    """The table of docs/mimo.md, to the digits that it has."""
+    lines = [line.split("|")[1:-1] for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
+    written = {cells[0].strip(): [cell.strip() for cell in cells[1:]] for cells in lines}
+    for a, architecture in enumerate(ARCHITECTURES):
+        lead_lag = []
+        for scenario in SCENARIOS:
+            own = of(rows, architecture, scenario)
+            networks = [row["ITAE"] for row in own if row["kind"] != "LLC-tuned" and row["stable"]]
+            told = written[f"`{scenario}`, median"][a]
+            assert median(networks) == pytest.approx(float(told), rel=0.03)
+            lead_lag += [row["ITAE"] for row in own if row["kind"] == "LLC-tuned"]
+        told = written["`LLC-tuned` in `small`, `large`, `multiple`"][a]
+        assert lead_lag == pytest.approx([float(value) for value in told.split(",")], rel=0.03)
+
+
+def test_networks_that_are_not_damped_are_as_many_as_the_page_says(rows: Rows) -> None:
+    (line,) = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| not damped in")]
+    for cell, architecture in zip(line.split("|")[2:-1], ARCHITECTURES, strict=True):
+        counts = [
+            sum(not row["damped"] for row in of(rows, architecture, scenario) if row["kind"] != "LLC-tuned")
+            for scenario in SCENARIOS
+        ]
+        assert [int(number) for number in re.findall(r"\d+", cell.split(";")[0])] == counts
+
+
+def test_lead_lags_side_by_side_are_the_centralised_one() -> None:
     """Appendix B's two lead-lags take one signal: centralised or not, they are the same."""
-    for scenario in ("small", "large", "multiple"):
-        own = {r["architecture"]: r for r in rows if (r["name"], r["scenario"]) == ("LLC", scenario)}
-        assert own["centralised"]["indices"] == own["decentralised"]["indices"]
-        assert own["centralised"]["indices"] != own["single SSSC"]["indices"]
+    one = "controllers=[{name: LLC, signals: [speed], devices: [sssc, statcom]}]"
+    each = (
+        "controllers=[{name: LLC, signals: [speed], devices: [sssc]}, "
+        "{name: LLC, signals: [speed], devices: [statcom], parameters: {gain: 5}}]"
+    )
+    both = [loop.run(load_case(None, ["devices=[sssc, statcom]", own, "duration=5"])) for own in (one, each)]
+    assert both[0].frames.tobytes() == both[1].frames.tobytes()
 
 
-def test_relative_gains_do_not_depend_on_units_and_add_up_to_one() -> None:
-    for one in interaction.interactions():
-        np.testing.assert_allclose(one.relative.sum(axis=0), 1, rtol=1e-9)
-        np.testing.assert_allclose(one.relative.sum(axis=1), 1, rtol=1e-9)
-        g = one.gain
-        expected = 1 / (1 - g[0, 1] * g[1, 0] / (g[0, 0] * g[1, 1]))  # Bristol's, of two by two
-        assert one.relative[0, 0] == pytest.approx(expected, rel=1e-9)
-
-
-# Jacobians
-
-
-@pytest.mark.parametrize("frames", [1, 10])
-def test_the_true_jacobian_at_the_start_is_the_linear_plants(frames: int) -> None:
-    """The nonlinear plant, moved and followed, against the matrix exponential; behind washouts."""
-    names, devices = ["speed", "power", "voltage", "angle"], ["sssc", "statcom"]
-    own = [BOTH, f"controllers.0.devices={devices}", f"controllers.0.signals={names}", "duration=1"]
-    case = load_case(None, [*own, "controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "scenario=[]"])
-    plant = residues(build_plant(case), case.system, devices, 60)
-    assert plant is not None
-    found, expected = Respondent(case, loop.run(case)).jacobian(3, frames), plant.response(names, devices, frames)
-    np.testing.assert_allclose(found, expected, rtol=0.02, atol=0.002 * np.abs(expected).max(axis=1).min())
-
-
-def test_figures_of_an_identifier_that_knows_are_those_of_one_that_knows() -> None:
-    case = jacobians.scene("small", "ANFTSC", ["controllers.0.parameters.identifier_eta=0", "duration=2"])
-    found = follow(case, loop.run(case), 10)
-    known = figures(found._replace(estimate=found.true))
-    assert np.all(known["error"] == 0)
-    assert np.all(known["right_sign"] == 1)
-    wrong = figures(found._replace(estimate=-found.true))
-    assert np.all(wrong["right_sign"] == 0)
-    assert np.all(wrong["error"] > 1.5)
-
-
-def test_the_table_of_jacobians_is_what_the_command_gives() -> None:
-    """The thesis's three; all others with `facts-damping jacobian`."""
-    asked = ["ANFTSC", "ANFLeWC", "HBsWC"]
-    made = jacobians.jacobian_tables(jacobians.study(asked, 10, [], 2, quiet))
-    page = (DOCS / "jacobians" / "jacobians.md").read_text(encoding="utf-8").splitlines()
-    written = [line for line in page if not line.startswith("| ANF") or line.split("|")[1].strip() in asked]
-    at = written.index(made[0])
-    assert_same_lines(written[at:], made[:-1], rel=0.1)
-    assert len(list((DOCS / "jacobians").glob("*.png"))) >= 3
-
-
-def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "page.md"
-    short = ["--set", "duration=3", "--jobs", "1"]
-    assert main(["architectures", "LLC", *short, "--out", str(out), "--json", str(tmp_path / "a.json")]) == 0
-    assert out.read_text().startswith("# Architectures")
-    assert out.with_suffix(".png").is_file()
-    assert len(json.loads((tmp_path / "a.json").read_text())) == 12
-    assert main(["jacobian", "ANFTSC", *short, "--horizon", "4", "--out", str(tmp_path / "j")]) == 0
-    assert sorted(path.name for path in (tmp_path / "j").iterdir()) == ["ANFTSC.png", "jacobians.md"]
-    assert "sign at 4, %" in capsys.readouterr().out
+def test_a_study_that_asks_for_tables_leaves_a_page_and_a_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = tmp_path / "own.yaml"
+    study.write_text(
+        "description: two of them\n"
+        "sweep:\n"
+        "  - {field: scenario, values: [small, large]}\n"
+        "  - name: kind\n"
+        "    rows: [{controllers.*.name: LLC}, {controllers.*.name: ANFTSC, controllers.*.scheme: direct}]\n"
+        "  - {field: frame_rate, values: [30, 60]}\n"
+        "set: {duration: 1, controllers: [{name: LLC}]}\n"
+        "tables: {rows: [kind], across: frame_rate, figures: [ITAE, ISE]}\n"
+    )
+    out = tmp_path / "out"
+    assert main(["sweep", str(study), "--out", str(out), "--jobs", "1"]) == 0
+    page = (out / "tables.md").read_text(encoding="utf-8")
+    assert page.startswith("# own\n\ntwo of them\n\n### two_area, small\n\nITAE:\n\n| kind | 30 | 60 |\n")
+    assert page.count("| ANFTSC direct |") == 4
+    assert (out / "figures.png").is_file()
+    assert page.partition("###")[2].splitlines()[2] in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("tables", "said"),
     [
-        (["architectures", "PID"], "'PID' given; allowed: LLC"),
-        (["jacobian", "LLC"], "'LLC' given, which has no identifier; allowed: ANFTSC"),
-        (["jacobian", "--horizon", "0"], "0 given; allowed: 1 to 60"),
-        (["tune", "two_area", "--devices", "svc"], "'svc' given; allowed: sssc, statcom"),
-        (["tune", "two_area", "--signals", "power"], "none fits; the residue from sssc to power"),
-        (["tune", "two_area", "--signals", "speed,speed"], "'speed' given twice"),
+        ("{figures: [ITEA]}", "tables.figures: 'ITEA' given; allowed: "),
+        ("{rows: [who], figures: [ITAE]}", "tables: 'who' given; allowed: system, scenario"),
+        ("{figures: []}", "tables.figures: [] given"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(arguments) == 2
-    errors = capsys.readouterr().err
-    assert said in errors
-    assert errors.count("\n") == 1
+def test_tables_of_columns_that_are_not_there_are_refused_before_any_run(
+    tmp_path: Path, tables: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = tmp_path / "own.yaml"
+    study.write_text(f"sweep: [{{field: seed, values: [1]}}]\ntables: {tables}\n")
+    assert main(["sweep", str(study), "--out", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("text", ["controllers.*.name=HBsWC", "controllers.*.parameters.gain=12"])
+def test_a_star_is_every_entry_of_a_list(text: str) -> None:
+    given = "controllers=[{name: LLC, devices: [sssc]}, {name: LLC, devices: [statcom]}]"
+    case = load_case(None, ["devices=[sssc, statcom]", given, text, "scenario=[]"])
+    field, value = text.split(".", 2)[2].split("=")
+    for row in case.run.controllers:
+        assert (row.name if field == "name" else f"{row.parameters['gain']:g}") == value
+
+
+def test_a_star_where_nothing_is_a_list_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "--set", "controllers=[]", "--set", "controllers.*.name=LLC"]) == 2
+    assert "controllers.*.name: '*' given; allowed: where controllers is a list" in capsys.readouterr().err

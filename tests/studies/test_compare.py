@@ -1,17 +1,20 @@
-"""The comparison of the controllers: the page in the docs is what the command gives, and what it must show."""
+"""The comparison of the controllers: what it runs, and what it must show."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from facts_damping.analysis.indices import INDICES
+from facts_damping.cli.main import main
 from facts_damping.control.table import CONTROLLERS
-from facts_damping.studies.compare import SYSTEMS, compare, page
-from tests.studies.pages import assert_same_lines
+from facts_damping.studies import compare, sweep
+from facts_damping.terminal import Progress
 
-PAGE = Path(__file__).parents[2] / "docs" / "comparison.md"
+if TYPE_CHECKING:
+    from pathlib import Path
+
 # Scenarios that stay in synchronism without control.
 CALM = [("two_area", "small"), ("smib", "nominal"), ("smib", "light")]
 # Rows that are not damped, or do not beat no control, after the search: findings (docs/controllers.md).
@@ -19,16 +22,24 @@ NOT_DAMPED: set[tuple[str, str, str, str]] = set()
 NOT_BETTER: set[tuple[str, str, str, str]] = set()
 
 
+Rows = list[dict[str, Any]]
+
+
+def compared(folder: Path, systems: list[str], names: list[str], sets: list[str]) -> Rows:
+    plan = compare.plan(systems, names, sets)
+    return sweep.rows(sweep.run(plan, folder, 2, None, Progress("compare")))
+
+
 @pytest.fixture(scope="module")
-def rows() -> list[dict[str, Any]]:
-    return [row for system in SYSTEMS for row in compare(system, [], [], 2, lambda _done, _of: None)]
+def rows(tmp_path_factory: pytest.TempPathFactory) -> Rows:
+    return compared(tmp_path_factory.mktemp("rows"), [], [], [])
 
 
 def place(row: dict[str, Any]) -> tuple[str, str, str, str]:
     return row["system"], row["scenario"], row["controller"], row["scheme"]
 
 
-def test_all_controllers_are_there_in_both_schemes_on_all_scenarios(rows: list[dict[str, Any]]) -> None:
+def test_all_controllers_are_there_in_both_schemes_on_all_scenarios(rows: Rows) -> None:
     networks = [name for name, row in CONTROLLERS.items() if row.network is not None]
     assert len(networks) == 11
     scenarios = {(row["system"], row["scenario"]) for row in rows}
@@ -39,23 +50,23 @@ def test_all_controllers_are_there_in_both_schemes_on_all_scenarios(rows: list[d
         assert {(r["controller"], r["scheme"]) for r in rows if (r["system"], r["scenario"]) == one} == wanted
 
 
-def test_none_leaves_its_limits(rows: list[dict[str, Any]]) -> None:
+def test_none_leaves_its_limits(rows: Rows) -> None:
     for row in rows:
         assert row["max_injected_voltage_pu"] <= 0.1 * (1 + 1e-9), place(row)
 
 
-def test_every_adaptive_controller_damps_every_scenario_but_the_findings(rows: list[dict[str, Any]]) -> None:
+def test_every_adaptive_controller_damps_every_scenario_but_the_findings(rows: Rows) -> None:
     assert {place(row) for row in rows if row["scheme"] and not row["damped"]} == NOT_DAMPED
 
 
-def test_the_lqg_damps_every_scenario_and_has_less_of_the_squares_than_lead_lags(rows: list[dict[str, Any]]) -> None:
+def test_the_lqg_damps_every_scenario_and_has_less_of_the_squares_than_lead_lags(rows: Rows) -> None:
     for system, scenario in {(row["system"], row["scenario"]) for row in rows}:
         own = {r["controller"]: r for r in rows if (r["system"], r["scenario"]) == (system, scenario)}
         assert own["LQG"]["damped"]
-        assert own["LQG"]["indices"]["ISE"] < own["LLC"]["indices"]["ISE"]
+        assert own["LQG"]["ISE"] < own["LLC"]["ISE"]
 
 
-def test_every_adaptive_controller_beats_no_control_but_the_findings(rows: list[dict[str, Any]]) -> None:
+def test_every_adaptive_controller_beats_no_control_but_the_findings(rows: Rows) -> None:
     worse = set()
     for system, scenario in CALM:
         own = [row for row in rows if (row["system"], row["scenario"]) == (system, scenario)]
@@ -64,20 +75,27 @@ def test_every_adaptive_controller_beats_no_control_but_the_findings(rows: list[
         worse |= {
             place(row)
             for row in own
-            if row["scheme"]
-            and not (row["stable"] and all(row["indices"][k] < none["indices"][k] for k in none["indices"]))
+            if row["scheme"] and not (row["stable"] and all(row[k] < none[k] for k in INDICES))
         }
     assert worse == NOT_BETTER
 
 
-def test_the_page_in_the_docs_is_what_the_command_gives(rows: list[dict[str, Any]]) -> None:
-    written = PAGE.read_text(encoding="utf-8").splitlines()
-    assert_same_lines(written, page(rows)[:-1])  # the last line is empty
-
-
-def test_changes_of_controllers_are_for_networks_only() -> None:
-    changed = compare("smib", ["ANFTSC"], ["controllers.0.parameters.eta=0.0", "duration=3"], 1, lambda _a, _b: None)
-    plain = compare("smib", ["ANFTSC"], ["duration=3"], 1, lambda _a, _b: None)
+def test_changes_of_controllers_are_for_networks_only(tmp_path: Path) -> None:
+    changed = compared(tmp_path / "a", ["smib"], ["ANFTSC"], ["controllers.0.parameters.eta=0.0", "duration=3"])
+    plain = compared(tmp_path / "b", ["smib"], ["ANFTSC"], ["duration=3"])
     assert len(changed) == len(plain) == 4 * 4
     same = {(one["controller"], one["scheme"]) for one, other in zip(changed, plain, strict=True) if one == other}
     assert same == {("none", None), ("LLC", None)}
+
+
+def test_the_command_leaves_a_study_that_can_be_swept_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its rows are those of `sweep` on the file that it leaves."""
+    asked = ["compare", "smib", "--controllers", "LLC-tuned", "--set", "duration=1", "--jobs", "1"]
+    assert main([*asked, "--out", str(tmp_path / "a"), "--json", str(tmp_path / "a.json")]) == 0
+    assert "### smib, heavy" in capsys.readouterr().out
+    assert (tmp_path / "a" / "tables.md").read_text(encoding="utf-8").count("| LLC-tuned |") == 4
+    again = ["sweep", str(tmp_path / "a" / "study.yaml"), "--set", "duration=1", "--out", str(tmp_path / "b")]
+    assert main([*again, "--json", str(tmp_path / "b.json")]) == 0
+    assert (tmp_path / "a.json").read_text() == (tmp_path / "b.json").read_text()
+    assert main(asked) == 0
+    assert not (tmp_path / "results").exists()

@@ -1,0 +1,50 @@
+"""Relative gains of two devices: Bristol's formula, sums, and what docs/mimo.md says of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from facts_damping.case.loading import load_system
+from facts_damping.plant.build import build
+from facts_damping.small_signal.relative_gains import FREQUENCIES_HZ, Interaction, interactions
+
+BOTH = ["sssc", "statcom"]
+PAGE = Path(__file__).parents[2] / "docs" / "mimo.md"
+
+
+@pytest.fixture(scope="module")
+def found() -> list[Interaction]:
+    system = load_system("two_area")
+    return interactions(build(system, BOTH, []), system, BOTH)
+
+
+def test_relative_gains_do_not_depend_on_units_and_add_up_to_one(found: list[Interaction]) -> None:
+    assert len(found) == (1 + len(FREQUENCIES_HZ)) * 9 * 8 // 2
+    for one in found:
+        if one.condition > 1e6:  # two signals that say the same have no array
+            continue
+        np.testing.assert_allclose(one.relative.sum(axis=0), 1, rtol=1e-6)
+        np.testing.assert_allclose(one.relative.sum(axis=1), 1, rtol=1e-6)
+        g = one.gain
+        expected = 1 / (1 - g[0, 1] * g[1, 0] / (g[0, 0] * g[1, 1]))  # Bristol's, of two by two
+        assert one.relative[0, 0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_page_quotes_them(found: list[Interaction]) -> None:
+    rows = [line.split("|")[1:-1] for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
+    for a, b in (("speed", "power"), ("power_rate", "voltage")):
+        (row,) = [cells[1:] for cells in rows if cells[0].strip() == f"`{a}`, `{b}`"]
+        own = sorted((one for one in found if one.signals == (a, b)), key=lambda one: one.frequency_hz)
+        for cell, one in zip(row, own, strict=True):
+            written = complex(cell.replace(" ", ""))
+            assert one.relative[0, 0].real == pytest.approx(written.real, abs=0.051)
+            assert written.imag == 0 or one.relative[0, 0].imag == pytest.approx(written.imag, abs=0.051)
+
+
+@pytest.mark.parametrize("devices", [[], ["sssc"]])
+def test_one_device_has_nothing_to_interact_with(devices: list[str]) -> None:
+    system = load_system("two_area")
+    assert interactions(build(system, devices, []), system, devices) == []

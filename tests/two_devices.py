@@ -1,0 +1,26 @@
+"""What tests of both devices of two_area share: one controller for both, or one for each."""
+
+from __future__ import annotations
+
+import json
+
+from facts_damping.control.table import kind
+
+BOTH = ["sssc", "statcom"]
+
+
+def centralised(name: str, scheme: str | None) -> list[str]:
+    """The changes to a run that make it one with a single controller."""
+    own = {"name": name, "devices": BOTH, "signals": ["speed", "power"][: kind(name).signals], "scheme": scheme}
+    return _sets([own])
+
+
+def decentralised(name: str, scheme: str | None) -> list[str]:
+    """And with one beside each device."""
+    given = {"sssc": ["speed"], "statcom": ["speed", "power"]}
+    return _sets([{"name": name, "devices": [one], "signals": given[one], "scheme": scheme} for one in BOTH])
+
+
+def _sets(controllers: list[dict[str, object]]) -> list[str]:
+    kept = [{key: value for key, value in one.items() if value is not None} for one in controllers]
+    return [f"devices={json.dumps(BOTH)}", f"controllers={json.dumps(kept)}"]
