@@ -55,8 +55,8 @@ def search(arguments: argparse.Namespace) -> None:
     finally:
         progress.close()
     command = task.command(arguments.controllers)
-    opponent = next(entry for entry in found if entry.structure.is_lead_lag)
-    best = next((entry for entry in found if not entry.structure.is_lead_lag), opponent)
+    opponent = next(entry for entry in found if entry.structure.is_reference)
+    best = next((entry for entry in found if not entry.structure.is_reference), opponent)
     run = pages.run_file(task, command, best)
     if arguments.out is not None:
         files.write_whole(Path(arguments.out), run)

@@ -250,9 +250,6 @@ NEURO_FUZZY_PARAMETERS = {
     **COMPENSATION_PARAMETERS,
 }
 
-# What the compiled steps read: a record with a field for each parameter of any kind.
-SETTINGS = np.dtype([(name, "f8") for name in {**LEAD_LAG_PARAMETERS, **NEURO_FUZZY_PARAMETERS, **LQG_PARAMETERS}])
-
 # Parameters that had another name: the old one is refused with the new one.
 RENAMED = {"lag": "loop_delay", "effort": "control_weight", "noise": "measurement_noise"}
 
@@ -292,6 +289,10 @@ def _neuro_fuzzy(network: Variant) -> ControllerKind:
 
 
 CONTROLLERS |= {name: _neuro_fuzzy(variant) for name, variant in VARIANTS.items()}
+# What the compiled steps read: a record with a field for each parameter of any kind; and the laws that they call.
+SETTINGS = np.dtype(
+    [(name, "f8") for name in dict.fromkeys(name for row in CONTROLLERS.values() for name in row.parameters)]
+)
 LAWS = list(dict.fromkeys(row.law for row in CONTROLLERS.values() if row.law is not None))
 
 

@@ -136,4 +136,8 @@ class Svc(Parallel):
 
 
 # What a device of a system may be.
-DEVICES: list[type[DeviceModel]] = [Sssc, Statcom, Svc]
+DEVICES: list[type[DeviceModel]] = [
+    Sssc,
+    Statcom,
+    Svc,
+]

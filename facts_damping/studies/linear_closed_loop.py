@@ -23,7 +23,7 @@ from facts_damping.case.names import controller_names
 from facts_damping.control.bank import act
 from facts_damping.control.table import CONTROLLERS, STATE_SPACE
 from facts_damping.errors import InputError
-from facts_damping.link.stages import mean_delay
+from facts_damping.link.stages import CONSTANT, MODELS, mean_delay
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.stages import Constant
 from facts_damping.plant.build import build
@@ -119,7 +119,7 @@ def link_delays(case: Case) -> list[float]:
     """Delay of each of a run's links, both ways, s. Raises `InputError` where it is not constant."""
     stages = [[*link.up, *link.down] for link in case.links]
     for stage in (stage for link in stages for stage in link):
-        if not isinstance(stage, Constant):
+        if MODELS[stage.model].code != CONSTANT:
             raise InputError(f"link: a stage of model '{stage.model}' given; allowed: constant delays")
         if (stage.channels, stage.start, stage.duration) != (None, 0.0, None):
             raise InputError(
@@ -159,6 +159,12 @@ def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
 
     n = int(sizes[-1])
     whole = np.array([*(follow(unit, 0.0) for unit in np.eye(n)), follow(np.zeros(n), 1.0)]).T
+    together = follow(np.full(n, 0.5), 0.5)
+    if not np.allclose(together, whole.sum(axis=1) / 2.0, rtol=1e-9, atol=1e-12 * np.abs(whole).max()):
+        raise InputError(
+            f"controllers.{c}.name: a controller whose law is not linear given; "
+            "allowed: a linear one (of others a sweep of runs gives the margin)"
+        )
     return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
 
 

@@ -149,7 +149,7 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
         loops = task.budget / (most * len(left) * len(own))
         rung = Rung(number, own, max(1, round(loops / POPULATION)))
         left = run_all(partial(climb, task, rung), left, jobs, _part(progress, counts, number))
-        ranked = sorted(left, key=lambda entry: (not entry.structure.is_lead_lag, *entry.rank))
+        ranked = sorted(left, key=lambda entry: (not entry.structure.is_reference, *entry.rank))
         left, out = ranked[: counts[number + 1]], [*out, *ranked[counts[number + 1] :]]
     left = run_all(partial(judge, task, known[last:]), left, jobs, _part(progress, counts, most))
     return sorted([*left, *out], key=lambda entry: entry.rank)
@@ -175,5 +175,5 @@ def _part(progress: Callable[[int, int], None], counts: Sequence[int], number: i
 
 def _going_on(count: int, entries: Sequence[Entry]) -> int:
     """How many of so many structures go on: a quarter of the networks, and LLC-tuned."""
-    opponents = sum(entry.structure.is_lead_lag for entry in entries)
+    opponents = sum(entry.structure.is_reference for entry in entries)
     return math.ceil((count - opponents) / KEPT) + opponents

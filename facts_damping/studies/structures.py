@@ -36,7 +36,7 @@ PORTS: dict[tuple[str, ...], list[str]] = {("sssc",): ["speed"], ("sssc", "statc
 class Structure(NamedTuple):
     """What a controller is, before its parameters."""
 
-    name: str  # LLC-tuned, or antecedent+consequent
+    name: str  # a row of the table of controllers, or antecedent+consequent
     scheme: Scheme
     devices: tuple[str, ...]
 
@@ -46,9 +46,9 @@ class Structure(NamedTuple):
         return PORTS[self.devices][: kind(self.name).signals]
 
     @property
-    def is_lead_lag(self) -> bool:
-        """Whether it is the opponent."""
-        return self.scheme is None
+    def is_reference(self) -> bool:
+        """Whether it is the one that all are measured by."""
+        return self.name == REFERENCE
 
 
 def structures(system: System, names: Sequence[str], devices: Sequence[str], scheme: Scheme = None) -> list[Structure]:
@@ -64,10 +64,11 @@ def structures(system: System, names: Sequence[str], devices: Sequence[str], sch
         raise InputError(f"--devices: '{','.join(devices)}' given; allowed: what {system.name} has, {', '.join(have)}")
     pairs = list(names) or [f"{first}+{second}" for first, second in product(ANTECEDENTS, CONSEQUENTS)]
     others = [name for name in pairs if name != REFERENCE]
-    if any(kind(name, "CONTROLLER").network is None for name in others):
-        raise InputError("CONTROLLER: 'LLC' given; allowed: a neuro-fuzzy controller (LLC-tuned is always there)")
+    for name in others:
+        if not kind(name, "CONTROLLER").tuned:
+            raise InputError(f"CONTROLLER: '{name}' given; allowed: one with parameters to choose (LLC-tuned is there)")
     found = [Structure(name, one, row) for row in rows for name, one in every_scheme([REFERENCE, *others])]
-    return [one for one in found if one.is_lead_lag or scheme in (None, one.scheme)]
+    return [one for one in found if one.scheme is None or scheme in (None, one.scheme)]
 
 
 def started(start: str, system: str, structure: Structure) -> list[dict[str, Value]]:
@@ -118,7 +119,8 @@ class Choice:
         self.guards = {} if row.network is None else GUARDS
         self.words: dict[str, tuple[str, ...]] = {} if row.network is None else {"anti_windup": OFF_ON}
         of_identifier = tuple(OF_IDENTIFIERS) if structure.scheme == "indirect" else ()
-        self.words |= {"compensation": (*COMPENSATIONS, *of_identifier)} if delayed else {}
+        compensated = delayed and not row.design
+        self.words |= {"compensation": (*COMPENSATIONS, *of_identifier)} if compensated else {}
 
     @property
     def size(self) -> int:

@@ -263,14 +263,14 @@ def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.M
     most = rungs(len(every))
     found = search(SearchTask("smib", None, (), 9600, 1), [], 1, quiet)
     assert {entry.structure for entry in found} == set(every)
-    left = [one for one in every if not one.is_lead_lag]
+    left = [one for one in every if not one.is_reference]
     assert [len(left) // KEPT**number for number in range(most)] == [64, 16, 4]
     for number in range(most):
-        there = {entry.structure for entry in found if len(entry.scores) > number and not entry.structure.is_lead_lag}
+        there = {entry.structure for entry in found if len(entry.scores) > number and not entry.structure.is_reference}
         assert there == set(left)
         left = sorted(left, key=lambda one: value(one, number))[: len(left) // KEPT]
     assert found[0].scores[-1].value == min(e.scores[-1].value for e in found if len(e.scores) == most + 1)
-    (opponent,) = [entry for entry in found if entry.structure.is_lead_lag]
+    (opponent,) = [entry for entry in found if entry.structure.is_reference]
     assert len(opponent.scores) == most + 1
     # An equal share of the budget a rung: 3200 runs of 65, 17 and 5 structures on 1, 2 and 4 draws, 16 a generation.
     assert sorted(set(asked)) == [(0, 1, 3), (1, 2, 6), (2, 4, 10)]
@@ -360,7 +360,7 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
     [
         (["kundur_12_6"], "SYSTEM: 'kundur_12_6' given; allowed: smib, two_area"),
         (["smib", "PID"], "'PID' given; allowed: LLC"),
-        (["smib", "LLC"], "'LLC' given; allowed: a neuro-fuzzy controller"),
+        (["smib", "LLC"], "'LLC' given; allowed: one with parameters to choose"),
         (["smib", "--devices", "svc"], "--devices: 'svc' given; allowed: sssc, sssc,statcom"),
         (["smib", "--devices", "sssc,statcom"], "--devices: 'sssc,statcom' given; allowed: what smib has, sssc"),
         (["smib", "--link", "telegraph"], "'telegraph' given; allowed:"),

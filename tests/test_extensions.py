@@ -1,0 +1,204 @@
+"""The extensions of CONTRIBUTING, carried out as written, and sent through every command that meets them.
+
+The package is copied, each block goes where its first line says, and one process gives the commands after each other.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```python\n# ([\w/.]+)(?:: (import|above|in)(?: (\w+))?)?\n(.*?)```", PAGE, re.DOTALL)
+NEW = {"proportional", "sech", "ANFShMoC", "exponential", "current_source", "IT2AE"}
+
+LINK = "{up: [{model: exponential, delay: 0.02, mean: 0.03}], down: [{delay: 0.05}]}"
+EVENT = "{time: 0.1, kind: load_step, load: load_2, change: -0.1}"
+RUN = f"""
+system: my_grid
+scenario: step
+devices: [sssc, source]
+controllers:
+  - {{name: proportional, devices: [source], signals: [speed], parameters: {{K: 3}}}}
+  - {{name: ANFShMoC, scheme: direct, devices: [sssc], signals: [speed]}}
+link: {LINK}
+duration: 1
+"""
+LINEAR = "{name: proportional, devices: [sssc], signals: [speed], parameters: {K: 5}}"
+STUDY = f"""
+run: own.yaml
+sweep:
+  - rows: [{{controllers.0.name: proportional}}, {{controllers.0.name: LLC}}]
+  - {{name: mean_s, field: link.up.0.mean, values: [0, 0.1]}}
+set: {{controllers: [{LINEAR}]}}
+tables: {{figures: [ITAE, IT2AE]}}
+"""
+GIVEN = f"""
+list controllers: list controllers
+list scenarios: list scenarios
+simulate: simulate own.yaml --out simulated --json simulate.json
+run: run own.yaml --out ran --json run.json
+analyze: analyze ran/recording --report report.html --json analyze.json
+replay: replay ran/recording --json replay.json
+modes: modes my_grid --devices sssc,source --json modes.json
+margin: margin own.yaml --set "controllers=[{LINEAR}]" --set link=delay_100ms --max-delay 0.2 --json margin.json
+tune: tune my_grid proportional --devices source --budget 24 --jobs 1 --out tuned.yaml --json tune.json
+search: search two_area proportional sech+singleton --devices sssc --link own_link.yaml --budget 10 --json search.json
+sweep: sweep own_study.yaml --out swept --jobs 1 --json sweep.json
+compare: compare my_grid --controllers proportional ANFShMoC --set link=own_link.yaml --jobs 1 --json compare.json
+LQG: simulate own.yaml --set "controllers=[{{name: LQG}}]" --out optimal
+"""
+COMMANDS = {name: shlex.split(text) for name, text in (line.split(": ", 1) for line in GIVEN.strip().splitlines())}
+SCRIPT = """
+import contextlib, io, json, sys
+from facts_damping.cli.main import main
+told = {}
+for name, command in json.load(open("commands.json")).items():
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = main(command)
+    told[name] = [status, out.getvalue(), err.getvalue()]
+    json.dump(told, open("told.json", "w"))
+"""
+
+
+class Told(NamedTuple):
+    """What a command said."""
+
+    status: int
+    out: str
+    errors: str
+
+
+class Carried(NamedTuple):
+    """The folder in which the commands were given, and what each said."""
+
+    folder: Path
+    told: dict[str, Told]
+
+    def json(self, name: str) -> Any:
+        """What a command wrote."""
+        return json.loads((self.folder / name).read_text(encoding="utf-8"))
+
+
+def put(root: Path, file: str, where: str, name: str, text: str) -> None:
+    """Carry out a block: a new file, lines among the imports, above a definition, or at the end of a table."""
+    path = root / file
+    if not where:
+        assert not path.exists()
+        path.write_text(text, encoding="utf-8")
+        return
+    lines = path.read_text(encoding="utf-8").splitlines()
+    if where == "import":
+        at = next(i for i, line in enumerate(lines) if line.startswith("from facts_damping"))
+    else:
+        at = next(i for i, line in enumerate(lines) if re.match(rf"((def|class) )?{name}\b", line))
+        if where == "in":
+            at = next(i for i in range(at, len(lines)) if lines[i] in ("}", "]"))
+        while where == "above" and lines[at - 1].startswith(("#", "@")):
+            at -= 1
+    lines[at:at] = [*text.rstrip().splitlines(), *(["", ""] if where == "above" else [])]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def carried(tmp_path_factory: pytest.TempPathFactory, module_domain: int) -> Carried:
+    root, folder = tmp_path_factory.mktemp("extended"), tmp_path_factory.mktemp("commands")
+    for name in ("facts_damping", "config"):
+        shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "package.xml", root)
+    for block in BLOCKS:
+        put(root, *block)
+    grid = (ROOT / "config" / "systems" / "two_area.yaml").read_text(encoding="utf-8")
+    device = "  - {name: source, kind: current_source, bus: B8W, v_max: 0.5, rate_max: 5}\n"
+    own = grid.replace("name: two_area", "name: my_grid", 1).replace("\ndevices:\n", f"\ndevices:\n{device}", 1)
+    assert own.count("my_grid") == own.count("current_source") == 1
+    (root / "config" / "systems" / "my_grid.yaml").write_text(own, encoding="utf-8")
+    (root / "config" / "scenarios" / "my_grid").mkdir()
+    for name in ("step", "training"):
+        text = f"name: {name}\nduration: 1\nevents: [{EVENT}]\n"
+        (root / "config" / "scenarios" / "my_grid" / f"{name}.yaml").write_text(text, encoding="utf-8")
+    for name, text in {"own.yaml": RUN, "own_study.yaml": STUDY, "own_link.yaml": LINK}.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    (folder / "commands.json").write_text(json.dumps(COMMANDS), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(root), "ROS_DOMAIN_ID": str(module_domain)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=1000,
+    )
+    assert done.returncode == 0, done.stderr
+    return Carried(folder, {name: Told(*said) for name, said in json.loads((folder / "told.json").read_text()).items()})
+
+
+def test_the_blocks_are_all_that_is_new() -> None:
+    """What the page adds is what is looked for below."""
+    text = "".join(text for *_, text in BLOCKS)
+    assert all(name in text for name in NEW)
+    assert len(BLOCKS) == PAGE.count("```python\n")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_takes_them(carried: Carried, name: str) -> None:
+    told = carried.told[name]
+    assert (told.status, told.errors) == (0, "")
+
+
+def test_they_are_listed(carried: Carried) -> None:
+    assert {"proportional", "ANFShMoC"} <= {
+        line.split()[0] for line in carried.told["list controllers"].out.splitlines()
+    }
+    assert "my_grid/step" in carried.told["list scenarios"].out
+
+
+def test_a_graph_of_nodes_gives_the_figures_of_the_run_in_process(carried: Carried) -> None:
+    """And its recording those of the graph."""
+    computed, ran, (analysed,) = carried.json("simulate.json"), carried.json("run.json"), carried.json("analyze.json")
+    assert computed["indices"] == ran["indices"] == analysed["indices"]
+    assert computed["indices"]["IT2AE"] > 0.0
+    assert "IT2AE" in carried.told["simulate"].out
+    assert "IT2AE" in (carried.folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_device_moves_and_has_a_state(carried: Carried) -> None:
+    found = carried.json("modes.json")
+    assert any("source.iq" in mode["participation"] for mode in found["modes"])
+    assert carried.json("simulate.json")["max_injected_voltage_pu"] > 0.0
+
+
+def test_a_linear_law_has_a_margin(carried: Carried) -> None:
+    assert carried.json("margin.json")["margin_s"] is None or carried.json("margin.json")["margin_s"] >= 0.0
+
+
+def test_tuning_and_search_choose_its_gain_within_its_range(carried: Carried) -> None:
+    (tuned,) = carried.json("tune.json")["controllers"]
+    assert 1.0 <= tuned["parameters"]["K"] <= 200.0
+    names = {row["controller"] for row in carried.json("search.json")["ranking"]}
+    assert names == {"LLC-tuned", "proportional", "sech+singleton"}
+
+
+def test_studies_have_the_index_and_the_controllers(carried: Carried) -> None:
+    rows = carried.json("sweep.json")["rows"]
+    assert [row["controller"] for row in rows] == ["proportional", "proportional", "LLC", "LLC"]
+    assert all(row["IT2AE"] > 0.0 and row["error"] is None for row in rows)
+    compared = {row["controller"] for row in carried.json("compare.json")["rows"]}
+    assert compared == {"none", "LLC", "proportional", "ANFShMoC"}
+    assert "| controller | scheme | ITAE | IT2AE |" in carried.told["sweep"].out
+
+
+def test_an_lqg_is_designed_for_the_mean_of_its_links_delay(carried: Carried) -> None:
+    text = (carried.folder / "optimal" / "run.yaml").read_text(encoding="utf-8")
+    assert re.search(r"loop_delay: 0\.1\d*\n", text)
