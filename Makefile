@@ -1,6 +1,7 @@
 # make demo    set everything up in .venv, then run the closed loop as a ROS 2 graph
 # make test    the same set-up, then all checks and tests
 # make explore tests with random examples for MINUTES=10
+# make pages   all tables and pictures that are made, into results/pages, and those that docs quote (hours)
 # make clean   remove .venv and what builds and tools have left; recordings stay
 # PYTHON=python3.12 make demo   chooses the interpreter (3.10 to 3.13) for a new .venv
 
@@ -27,7 +28,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHE
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: demo test explore setup test-setup prerequisites clean
+.PHONY: demo test explore pages setup test-setup prerequisites clean
 
 demo: setup
 	@$(BIN)/python -m facts_damping.cli.demo
@@ -49,6 +50,24 @@ explore: test-setup
 	    $(BIN)/python -m pytest -q -x -n logical -m hypothesis --hypothesis-profile explore --hypothesis-seed $$seed || exit 1; \
 	    seed=$$((seed + 1)); \
 	done
+
+# What docs/images has is from the folder of the same name; each command goes on where it was interrupted.
+PAGES := results/pages
+QUOTED := architectures delay_margin preset_margin jitter loss bursts asymmetric_signals asymmetric_devices monte_carlo \
+    compensation prediction
+pages: demo
+	mkdir -p $(PAGES)/demo && cp results/demo/tie_power.png $(PAGES)/demo
+	$(BIN)/facts-damping validate --out docs/validation.md
+	$(BIN)/facts-damping compare --out $(PAGES)/comparison
+	$(BIN)/facts-damping jacobian --out $(PAGES)/jacobians
+	$(BIN)/facts-damping portray two_area large --out $(PAGES)/controllers
+	$(BIN)/facts-damping margin two_area_small --pade 6 --time-domain --max-delay 0.42 --out $(PAGES)/margin
+	$(BIN)/facts-damping simulate two_area_large --out $(PAGES)/large
+	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --out $(PAGES)/large
+	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --windows inf,0 --out $(PAGES)/wvd
+	for study in $(QUOTED); do $(BIN)/facts-damping sweep $$study --out $(PAGES)/$$study || exit 1; done
+	$(BIN)/facts-damping reproduce --out $(PAGES)/reproduction
+	cd docs/images && for picture in */*; do cp ../../$(PAGES)/$$picture $$picture || exit 1; done
 
 # Kernels and messages are compiled side by side.
 setup: prerequisites
