@@ -15,9 +15,9 @@ NODES = ("plant_sim", "wan_link", "controller", "identifier", "recorder", "live_
 
 def version() -> str:
     """Return `__version__` of the package, without importing it."""
-    match = re.search(r'^__version__ = "(.+)"$', (ROOT / NAME / "__init__.py").read_text(), re.MULTILINE)
+    match = re.search(r'^__version__ = "(.+)"$', (ROOT / NAME / "version.py").read_text(), re.MULTILINE)
     if match is None:
-        raise ValueError(f"{NAME}/__init__.py: no line __version__ = ...")
+        raise ValueError(f"{NAME}/version.py: no line __version__ = ...")
     return match[1]
 
 

@@ -10,8 +10,8 @@ import signal
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-from facts_damping import __version__
 from facts_damping.errors import FactsDampingError, InputError, RecordingError
+from facts_damping.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable

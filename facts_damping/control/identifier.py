@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import Signal
+    from facts_damping.parameters.stations import Signal
 
 SPARE = 4  # frames, beyond the loop's delay, for which setpoints are kept
 

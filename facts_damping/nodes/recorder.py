@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import facts_damping_msgs.msg as messages
 from diagnostic_msgs.msg import DiagnosticArray
 
-from facts_damping import __version__
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.nodes.node import HEARD_S, RELIABLE, refuse_others, run_node, shared_topic
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner, told_to_stop
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.writer import RecordingWriter
+from facts_damping.version import __version__
 
 if TYPE_CHECKING:
     from rclpy.node import Node

@@ -1,4 +1,4 @@
-"""A power system as data: the tables of a file under `config/systems`."""
+"""A power system as data: the tables of a file under `config/systems`, and what their rows say of each other."""
 
 from __future__ import annotations
 
@@ -10,53 +10,14 @@ from facts_damping.parameters.base import Name, ParameterModel, quantity
 from facts_damping.parameters.devices import DEVICES, Parallel, Series
 from facts_damping.parameters.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
 from facts_damping.parameters.machines import Exciter, Governor, Machine, Stabiliser
-from facts_damping.parameters.references import check_references
+from facts_damping.parameters.stations import Measures, Signal, Station
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     Device = Series | Parallel
 else:
     Device = Annotated[Union[tuple(DEVICES)], Field(discriminator="kind")]  # noqa: UP007 (made from the list)
-
-
-class Station(ParameterModel):
-    """A PMU: at a machine's terminals, or at a bus with the branches whose flow out of the bus it measures."""
-
-    name: Name
-    machine: Name | None = None
-    bus: Name | None = None
-    branches: list[Name] = []
-
-    @model_validator(mode="after")
-    def _one_place(self) -> Station:
-        if (self.machine is None) == (self.bus is None) or (self.machine is not None and self.branches):
-            raise ValueError("a station needs either `machine`, or `bus` and `branches`")
-        return self
-
-
-class Signal(ParameterModel):
-    """A measured signal: a weighted sum of one channel over stations, or its deviation from the start.
-
-    A washout s T / (1 + s T) takes away what stays; with T far below the period of a swing it is its rate of change.
-    """
-
-    channel: Literal["voltage_magnitude", "voltage_angle", "speed_deviation", "active_power", "reactive_power"]
-    weights: dict[Name, float] = Field(..., min_length=1, description="station: weight")
-    deviation: bool = Field(False, description="true: minus the first value that is received")
-    washout: float = quantity(0.0, "s", "time constant of the washout; 0: none", ge=0, le=1e3)
-
-    @model_validator(mode="after")
-    def _angles_differ(self) -> Signal:
-        whole = all(weight == round(weight) for weight in self.weights.values())
-        if self.channel == "voltage_angle" and not (whole and sum(self.weights.values()) == 0.0):
-            raise ValueError("angles count against each other, by whole turns: weights must be whole and sum to zero")
-        return self
-
-
-class Measures(ParameterModel):
-    """The speed differences that the performance indices (4.108) sum up: names of signals."""
-
-    local: list[Name] = []
-    interarea: list[Name] = []
 
 
 class System(ParameterModel):
@@ -91,3 +52,114 @@ class System(ParameterModel):
     def device(self, name: str) -> Device:
         """The device of a name."""
         return next(device for device in self.devices if device.name == name)
+
+
+def unique(field: str, names: Sequence[str]) -> set[str]:
+    """The names as a set; a name that stands twice is an error."""
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise ValueError(f"{field}: '{name}' stands twice; allowed: each name once")
+    return set(names)
+
+
+def known(field: str, name: str, allowed: Iterable[str]) -> None:
+    """Raise `ValueError` where a name is not among those that are there."""
+    if name not in allowed:
+        raise ValueError(f"{field}: '{name}' given; allowed: {', '.join(sorted(allowed)) or 'none'}")
+
+
+def check_references(system: System) -> None:
+    """Raise `ValueError` where a row names a bus, machine, branch, station or signal that is not there."""
+    buses = unique("buses", [b.name for b in system.buses])
+    for field in ("loads", "shunts", "infinite_buses", "machines"):
+        unique(field, [row.name for row in getattr(system, field)])
+        for row in getattr(system, field):
+            known(f"{field}: {row.name}.bus", row.bus, buses)
+    unique("machines, infinite_buses", [m.bus for m in system.machines] + [i.bus for i in system.infinite_buses])
+    _check_branches(system, buses)
+    _check_devices(system, buses)
+    _check_machines(system)
+    _check_measurements(system, buses)
+
+
+def _check_branches(system: System, buses: set[str]) -> None:
+    """Lines and transformers join two buses that are there."""
+    joined: list[Line | Transformer] = [*system.lines, *system.transformers]
+    unique("lines, transformers, devices", [row.name for row in (*joined, *system.devices)])
+    for row in joined:
+        _check_ends(f"lines, transformers: {row.name}", row.from_bus, row.to_bus, buses)
+
+
+def _check_ends(field: str, from_bus: str, to_bus: str, buses: set[str]) -> None:
+    known(f"{field}.from", from_bus, buses)
+    known(f"{field}.to", to_bus, buses)
+    if from_bus == to_bus:
+        raise ValueError(f"{field}.to: '{to_bus}' given twice; allowed: two different buses")
+
+
+def _check_devices(system: System, buses: set[str]) -> None:
+    """Devices stand at buses or in lines that are there, in series one a place."""
+    lines = {line.name for line in system.lines}
+    taken: dict[tuple[str, ...], str] = {}
+    for device in system.devices:
+        if not isinstance(device, Series):
+            known(f"devices: {device.name}.bus", device.bus, buses)
+            continue
+        if device.line is not None:
+            known(f"devices: {device.name}.line", device.line, lines)
+            place: tuple[str, ...] = (device.line,)
+        else:
+            _check_ends(f"devices: {device.name}", *device.ends, buses)
+            place = tuple(sorted(device.ends))
+        if place in taken:
+            raise ValueError(
+                f"devices: {device.name}: '{' to '.join(place)}' given, where {taken[place]} stands already; "
+                "allowed: one device in a line, or between two buses"
+            )
+        taken[place] = device.name
+
+
+def _check_machines(system: System) -> None:
+    """Controls belong to machines that are there; one machine balances the power flow, or infinite buses do."""
+    machines = {m.name for m in system.machines}
+    for field in ("exciters", "stabilisers", "governors"):
+        unique(field, [row.machine for row in getattr(system, field)])
+        for i, row in enumerate(getattr(system, field)):
+            known(f"{field}.{i}.machine", row.machine, machines)
+    excited = {e.machine for e in system.exciters}
+    for i, stabiliser in enumerate(system.stabilisers):
+        if stabiliser.enabled and stabiliser.machine not in excited:
+            raise ValueError(
+                f"stabilisers.{i}.machine: '{stabiliser.machine}' given, which has no exciter; "
+                f"allowed: {', '.join(sorted(excited)) or 'none'}"
+            )
+    models = {m.name: m.model for m in system.machines}
+    for i, exciter in enumerate(system.exciters):
+        known(f"exciters.{i}.machine", exciter.machine, {name for name in machines if models[name] != "classical"})
+    if len({m.area is None for m in system.machines}) > 1:
+        raise ValueError("machines.*.area: given for some machines; allowed: for all, or for none")
+    slack = [m.name for m in system.machines if m.slack]
+    if len(slack) != (0 if system.infinite_buses else 1):
+        raise ValueError(
+            f"machines.*.slack: {len(slack)} slack machines given ({', '.join(slack)}); "
+            "allowed: exactly one, or none beside an infinite bus"
+        )
+
+
+def _check_measurements(system: System, buses: set[str]) -> None:
+    """Stations, signals and measures name what is there."""
+    machines = {m.name for m in system.machines}
+    stations = unique("stations", [s.name for s in system.stations])
+    joined: list[Line | Transformer] = [*system.lines, *system.transformers]
+    branches = {row.name: {row.from_bus, row.to_bus} for row in joined}
+    branches |= {d.name: set(d.ends) for d in system.devices if isinstance(d, Series)}
+    for station in system.stations:
+        known(f"stations: {station.name}", station.machine or station.bus or "", machines | buses)
+        for branch in station.branches:
+            allowed = {name for name, ends in branches.items() if station.bus in ends}
+            known(f"stations: {station.name}.branches", branch, allowed)
+    for name, signal in system.signals.items():
+        for station_name in signal.weights:
+            known(f"signals: {name}.weights", station_name, stations)
+    for name in (*system.measures.local, *system.measures.interarea):
+        known("measures", name, {n for n, s in system.signals.items() if s.channel == "speed_deviation"})

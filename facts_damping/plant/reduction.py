@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.devices import Series
-    from facts_damping.parameters.system import Station, System
+    from facts_damping.parameters.stations import Station
+    from facts_damping.parameters.system import System
 
 
 STRAY = 1e-9j  # p.u., stray susceptance of buses that hang on nothing with a path to ground

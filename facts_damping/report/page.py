@@ -11,13 +11,13 @@ from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from facts_damping import __version__
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.errors import InputError
 from facts_damping.parameters import files
 from facts_damping.report.build import MOST_EVENTS, build
 from facts_damping.report.contents import ReportedRun, ReportTable
 from facts_damping.report.drawing import draw
+from facts_damping.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -11,7 +11,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 from pyarrow import csv
 
-from facts_damping import __version__
 from facts_damping.parameters import files
 from facts_damping.reproduction import charts, extracts, side_by_side
 from facts_damping.reproduction.agreement import flat, markdown, name
@@ -20,6 +19,7 @@ from facts_damping.reproduction.printed import LLC
 from facts_damping.reproduction.results import LINK, TITLES
 from facts_damping.studies.pages import save
 from facts_damping.studies.results import table
+from facts_damping.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 from pyarrow import csv, parquet
 
-from facts_damping import __version__, terminal
+from facts_damping import terminal
 from facts_damping.parameters.files import share_folder, write_whole
 from facts_damping.studies.margins import share
+from facts_damping.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,7 +7,6 @@ import json
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping import __version__
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.files import find, parse_set, read_table, read_value
@@ -17,6 +16,7 @@ from facts_damping.studies import axes, margins
 from facts_damping.studies.batch import IDENTITY, Base, Batch, figure_names, make, one_run
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.pool import workers
+from facts_damping.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
