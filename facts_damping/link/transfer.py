@@ -124,7 +124,7 @@ def _roomier(own: Direction, capacity: int) -> Direction:
 
 
 @inlined
-def one(several: Direction, link: int) -> Direction:
+def view(several: Direction, link: int) -> Direction:
     """A direction of one of several links, as views; for compiled callers alone, who keep the arrays.
 
     Written into its callers, as they are into the loop: called, with all these arrays to hand over, they take half as
@@ -216,7 +216,7 @@ def uplink(made: Links, link: int, tick: int, start_ns: int, end_ns: int, frame:
 
     The delivered entries stand in `made.up.out[link]`, in order of arrival; returns their number.
     """
-    way = one(made.up, link)
+    way = view(made.up, link)
     p = way.packets
     for station in range(frame.shape[0]):
         _put_in(p, station, start_ns, start_ns)
@@ -257,7 +257,7 @@ def downlink(made: Links, link: int, tick: int, end_ns: int, setpoints: NDArray[
 
     Deliver what arrives before `end_ns` into `made.down.out[link]`, as `uplink` does.
     """
-    way = one(made.down, link)
+    way = view(made.down, link)
     p = way.packets
     for i in range(given):
         if made.used[setpoints[i].controller] != link:

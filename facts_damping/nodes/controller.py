@@ -58,7 +58,7 @@ class ControllerNode:
             node.create_subscription(
                 JacobianEstimate,
                 f"{graph}{identifier}/estimate",
-                lambda data: self.ticks.tell(*estimates.read(data)),
+                lambda data: self.ticks.receive(*estimates.read(data)),
                 RELIABLE,
                 raw=True,
             )
@@ -73,7 +73,7 @@ class ControllerNode:
     def run(self) -> None:
         """Serve until stopped, then save what was learnt."""
         try:
-            self.ticks.serve(self.spinner)
+            self.ticks.spin(self.spinner)
         finally:
             save(self.save, adapted(self.controller, self.index, self.state, None))
 

@@ -68,12 +68,12 @@ class IdentifierNode:
     def on_setpoints(self, data: bytes) -> None:
         """The controller's setpoints of a tick."""
         tick, _, rows = self.setpoints.read(data)
-        self.ticks.tell(tick, rows)
+        self.ticks.receive(tick, rows)
 
     def run(self) -> None:
         """Serve until stopped, then save what was learnt."""
         try:
-            self.ticks.serve(self.spinner)
+            self.ticks.spin(self.spinner)
         finally:
             save(self.save, adapted(self.controller, self.index, None, (self.own, self.state)))
 

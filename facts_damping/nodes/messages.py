@@ -125,7 +125,7 @@ class ControllerStateMessage:
 
 
 class Estimate(NamedTuple):
-    """What a controller is told by its identifier, as `bank.serve` takes it."""
+    """What a controller is told by its identifier, as `bank.set_estimate` takes it."""
 
     jacobian: NDArray[np.float64]  # (signals, devices), p.u./p.u.
     change: NDArray[np.float64]  # (signals,), p.u.

@@ -27,8 +27,8 @@ class UnitDelay:
         self._frames: list[tuple[int, Any]] = []
         self._newest, self._heard = -1, time.monotonic()
 
-    def tell(self, tick: int, content: Any) -> None:
-        """A message of the sender."""
+    def receive(self, tick: int, content: Any) -> None:
+        """Take a message of the sender."""
         self._told.append((tick, content))
         self._newest, self._heard = max(self._newest, tick), time.monotonic()
         self._proceed()
@@ -46,8 +46,8 @@ class UnitDelay:
             self._told = [(at, message) for at, message in self._told if at >= tick]
             self._step(tick, content, told)
 
-    def serve(self, spinner: Spinner) -> None:
-        """Serve until stopped. Raises `RunError` naming the sender when it is silent while frames wait."""
+    def spin(self, spinner: Spinner) -> None:
+        """Spin until stopped. Raises `RunError` naming the sender when it is silent while frames wait."""
         while True:
             spinner.spin_once(0.1)
             if not self._frames:

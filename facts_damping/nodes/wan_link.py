@@ -113,10 +113,10 @@ class WanLink:
         if refused:
             raise RunError(f"{refused} entries found no room under way; its delays are not what was allowed for")
         if (self.tick + 1) % self.case.run.frame_rate == 0:
-            self.tell()
+            self.publish_statistics()
 
-    def tell(self) -> None:
-        """Publish the statistics."""
+    def publish_statistics(self) -> None:
+        """Delays and losses of all channels so far."""
         up_rows, down_rows = (way.statistics[self.index] for way in (self.links.up, self.links.down))
         up = dict(zip([s.name for s in self.case.system.stations], up_rows, strict=True))
         down = dict(zip(self.case.run.devices, down_rows, strict=False))

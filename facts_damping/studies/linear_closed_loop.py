@@ -53,7 +53,7 @@ class Discrete(NamedTuple):
     D: NDArray[np.float64]  # (devices, signals)
     signals: list[int]  # indices among the plant's
     devices: list[int]  # indices among the plant's
-    lag: float = 0.0  # s, by which its delay is longer than the shortest one
+    extra_delay: float = 0.0  # s, by which its delay is longer than the shortest one
 
 
 class DelayedLoop(NamedTuple):
@@ -188,7 +188,7 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
     Of each controller these are u(k-1) to u(k-n-1); delays are taken to the nanosecond.
     """
     model, period = loop.model, 1.0 / loop.frame_rate
-    ways = [divmod(to_ns(delay + c.lag) * loop.frame_rate, NANOSECONDS) for c in loop.controllers]
+    ways = [divmod(to_ns(delay + c.extra_delay) * loop.frame_rate, NANOSECONDS) for c in loop.controllers]
     sizes = [len(model.A), *(len(c.A) for c in loop.controllers)]
     sizes += [(frames + 1) * len(c.devices) for c, (frames, _) in zip(loop.controllers, ways, strict=True)]
     plant, *others = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])  # rows that pick each part
@@ -220,7 +220,7 @@ def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDA
     model, ways = loop.model, []
     for c in loop.controllers:
         many = np.eye(len(c.devices))
-        A, B, C, D = (np.kron(many, part) for part in pade(delay + c.lag + hold, order))
+        A, B, C, D = (np.kron(many, part) for part in pade(delay + c.extra_delay + hold, order))
         ways.append(_series(_continuous(c, 1.0 / loop.frame_rate), (A, B, C, D)))
     A, B, C, D = (block_diag(*parts) for parts in zip(*ways, strict=True))
     given = [signal for c in loop.controllers for signal in c.signals]
