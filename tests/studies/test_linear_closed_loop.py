@@ -136,7 +136,7 @@ def followed(
     if first:
         state[: len(x)] = sampled(linear._replace(controllers=[]), 0.0) @ x
     memories = np.cumsum([len(x), *(len(c.A) for c in linear.controllers)])
-    waiting = [to_ns(delay + c.lag) * linear.frame_rate // NANOSECONDS + 1 for c in linear.controllers]
+    waiting = [to_ns(delay + c.extra_delay) * linear.frame_rate // NANOSECONDS + 1 for c in linear.controllers]
     oldest = memories[-1] + np.cumsum(waiting) - 1  # places of the setpoints in force
     for c, at in zip(linear.controllers, memories, strict=False):
         if first or linear.model.washout[c.signals[0]] > 0.0:
@@ -322,10 +322,10 @@ def test_events_of_the_scenario_do_not_count() -> None:
 
 def test_links_keep_how_much_longer_they_are() -> None:
     case = case_of("two, each over its own link")
-    assert [c.lag for c in delayed_loop(case).controllers] == [0.0, pytest.approx(0.0213)]
+    assert [c.extra_delay for c in delayed_loop(case).controllers] == [0.0, pytest.approx(0.0213)]
     late = with_delay(case, 0.05)
     assert [mean_delay([*x.up, *x.down]) for x in late.links] == pytest.approx([0.05, 0.0713])
-    assert [c.lag for c in delayed_loop(late).controllers] == [0.0, pytest.approx(0.0213)]
+    assert [c.extra_delay for c in delayed_loop(late).controllers] == [0.0, pytest.approx(0.0213)]
 
 
 @pytest.mark.parametrize(
