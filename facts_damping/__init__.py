@@ -1,4 +1,7 @@
-"""Wide-area damping of power systems with FACTS devices, as a ROS 2 node graph."""
+"""Wide-area damping of power systems with FACTS devices, as a ROS 2 node graph.
+
+For scripts and notebooks: `import facts_damping as fd`; what there is, is in `api.py`.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,11 @@ from typing import Any
 
 from facts_damping.version import __version__ as __version__
 
+PUBLIC = ("FactsDampingError", "InputError", "load_recording", "modes", "simulate", "summarise")  # of api.py
+
 
 def __getattr__(name: str) -> Any:
-    """What `api` has: loaded when it is asked for, so that a command loads what it needs alone."""
-    api = importlib.import_module("facts_damping.api")
-    if name in api.__all__:
-        return getattr(api, name)
-    raise AttributeError(f"module 'facts_damping' has no attribute '{name}'; it has {', '.join(api.__all__)}")
+    """What is public is loaded when it is asked for, so that a command loads what it needs alone."""
+    if name in PUBLIC:
+        return getattr(importlib.import_module("facts_damping.api"), name)
+    raise AttributeError(f"module 'facts_damping' has no attribute '{name}'; it has {', '.join(PUBLIC)}")

@@ -172,7 +172,7 @@ def branching(functions: Sequence[Callable[..., Any]]) -> Any:
     first, *others = functions
     if not others:
 
-        def call(_code: int, *arguments: Any) -> Any:
+        def call(code: int, *arguments: Any) -> Any:  # noqa: ARG001 (it is called as the others are)
             return first(*arguments)
 
     else:

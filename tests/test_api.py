@@ -8,6 +8,7 @@ import sys
 import pytest
 
 import facts_damping as fd
+from facts_damping import api
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
 
@@ -29,6 +30,11 @@ def test_modes_of_a_system() -> None:
     found = fd.modes("two_area", ["sssc"])
     assert f"{found.swings[0].frequency_hz:.4f}" == "0.6297"
     assert fd.modes("two_area", []).devices == []
+
+
+def test_all_that_is_public_is_there() -> None:
+    assert list(fd.PUBLIC) == api.__all__
+    assert all(callable(getattr(fd, name)) for name in fd.PUBLIC)
 
 
 def test_nothing_is_loaded_before_it_is_asked_for() -> None:

@@ -11,7 +11,12 @@ BOTH = ["sssc", "statcom"]
 
 def centralised(name: str, scheme: str | None) -> list[str]:
     """The changes to a run that make it one with a single controller."""
-    own = {"name": name, "devices": BOTH, "signals": ["speed", "power"][: kind(name).signals], "scheme": scheme}
+    own: dict[str, object] = {
+        "name": name,
+        "devices": BOTH,
+        "signals": ["speed", "power"][: kind(name).signals],
+        "scheme": scheme,
+    }
     return _sets([own])
 
 

@@ -12,6 +12,11 @@ from facts_damping.neurofuzzy.consequent import DEGREES, HARMONICS, WAVELETS
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Numbers = Sequence[float] | NDArray[np.float64]
+
 
 class Slot(NamedTuple):
     """A parameter's place: the group that it belongs to, and the bounds that projection keeps it in."""
@@ -52,7 +57,7 @@ class Consequent(NamedTuple):
 
     function: Callable[..., Any]  # consequent.py
     slots: Callable[[int], list[Slot]]
-    start: Callable[[float, float, Sequence[float], Sequence[float]], Sequence[float]]
+    start: Callable[[float, float, Numbers, Numbers], Sequence[float]]
     description: str
     bounded: bool = False
 
@@ -67,7 +72,7 @@ def _weight(w: float, *_: Any) -> list[float]:
     return [w]
 
 
-def _wavelets(w: float, side: float, tau: Sequence[float], nu: Sequence[float]) -> list[float]:
+def _wavelets(w: float, side: float, tau: Numbers, nu: Numbers) -> list[float]:
     return [w, *(value for t, n in zip(tau, nu, strict=True) for value in (side * t, n))]
 
 

@@ -104,7 +104,7 @@ def characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tup
 
     In series a voltage drop, in parallel a current into the network.
     """
-    return _characteristic(d.kind, d, x, u, size)
+    return _characteristic(d.kind, d, x, u, size)  # type: ignore[no-any-return]
 
 
 @compiled

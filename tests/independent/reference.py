@@ -108,6 +108,7 @@ class Model:
             if isinstance(p, Sssc):
                 block = Series(p, abs(self.flow.I[p.name]))
             else:
+                assert isinstance(p, Statcom | Svc)
                 V = abs(self.flow.V[p.bus])
                 block = Shunt(p, V, self.omega_0) if isinstance(p, Statcom) else Susceptance(p, V)
                 self.parallel[p.name] = block
