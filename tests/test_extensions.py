@@ -20,7 +20,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```python\n# ([\w/.]+)(?:: (import|above|in)(?: (\w+))?)?\n(.*?)```", PAGE, re.DOTALL)
-NEW = {"proportional", "sech", "ANFShMoC", "exponential", "current_source", "IT2AE"}
+NEW = {"proportional", "sech", "ANFShMoC", "parabolic", "exponential", "current_source", "IT2AE"}
 
 LINK = "{up: [{model: exponential, delay: 0.02, mean: 0.03}], down: [{delay: 0.05}]}"
 EVENT = "{time: 0.1, kind: load_step, load: load_2, change: -0.1}"
@@ -30,7 +30,7 @@ scenario: step
 devices: [sssc, source]
 controllers:
   - {{name: proportional, devices: [source], signals: [speed], parameters: {{K: 3}}}}
-  - {{name: ANFShMoC, scheme: direct, devices: [sssc], signals: [speed]}}
+  - {{name: sech+parabolic, scheme: indirect, devices: [sssc], signals: [speed]}}
 link: {LINK}
 duration: 1
 """
@@ -53,7 +53,7 @@ replay: replay ran/recording --json replay.json
 modes: modes my_grid --devices sssc,source --json modes.json
 margin: margin own.yaml --set "controllers=[{LINEAR}]" --set link=delay_100ms --max-delay 0.2 --json margin.json
 tune: tune my_grid proportional --devices source --budget 24 --jobs 1 --out tuned.yaml --json tune.json
-search: search two_area proportional sech+singleton --devices sssc --link own_link.yaml --budget 10 --json search.json
+search: search two_area proportional sech+parabolic --devices sssc --link own_link.yaml --budget 10 --json search.json
 sweep: sweep own_study.yaml --out swept --jobs 1 --json sweep.json
 compare: compare my_grid --controllers proportional ANFShMoC --set link=own_link.yaml --jobs 1 --json compare.json
 LQG: simulate own.yaml --set "controllers=[{{name: LQG}}]" --out optimal
@@ -187,7 +187,7 @@ def test_tuning_and_search_choose_its_gain_within_its_range(carried: Carried) ->
     (tuned,) = carried.json("tune.json")["controllers"]
     assert 1.0 <= tuned["parameters"]["K"] <= 200.0
     names = {row["controller"] for row in carried.json("search.json")["ranking"]}
-    assert names == {"LLC-tuned", "proportional", "sech+singleton"}
+    assert names == {"LLC-tuned", "proportional", "sech+parabolic"}
 
 
 def test_studies_have_the_index_and_the_controllers(carried: Carried) -> None:
