@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.analysis.indices import INDICES
@@ -33,20 +34,16 @@ def plan(systems: Sequence[str], names: Sequence[str], sets: Sequence[str]) -> s
     What it says below `controllers` is for networks alone, but for signals and devices: of them each controller takes
     as many as it can.
     """
-    rows = [
-        {"system": system, "scenario": scenario, **row}
-        for system in systems or SYSTEMS
-        for scenario in scenarios(system)
-        for row in contenders(system, names, sets)
-    ]
-    study = Study(
-        description="every scenario with every controller",
-        sweep=[Axis(name="run", labels=list(range(len(rows))), rows=rows)],
-        tables=TABLES,
-    )
-    text = dump(study.model_dump(exclude_defaults=True))
+    rows: list[dict[str, Any]] = []
+    labels: list[str | int | float] = []
+    for system in systems or SYSTEMS:
+        for scenario, (label, row) in product(scenarios(system), contenders(system, names, sets).items()):
+            rows.append({"system": system, "scenario": scenario, **row})
+            labels.append(f"{system} {scenario} {label}")
+    axis = Axis(name="run", labels=labels, rows=rows)
+    study = Study(description="every scenario with every controller", sweep=[axis], tables=TABLES)
     common = [text for text in sets if not text.startswith("controllers.")]
-    return sweep.planned(study, "comparison", "compare", text, common)
+    return sweep.planned(study, "comparison", "compare", dump(study.model_dump(exclude_defaults=True)), common)
 
 
 def scenarios(system: str) -> list[str]:
@@ -56,21 +53,22 @@ def scenarios(system: str) -> list[str]:
     return [name for name in found if name != SCENARIO]
 
 
-def contenders(system: str, names: Sequence[str], sets: Sequence[str]) -> list[dict[str, Any]]:
-    """What makes a run one of no control, of LLC, and of each controller and scheme asked for: fields of the run.
+def contenders(system: str, names: Sequence[str], sets: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """What makes a run one of no control, of LLC, of each controller and scheme asked for: fields of the run, by name.
 
     LLC-tuned is left out where it is not tuned for the signals and devices that all are given.
     """
     given = [text for text in sets if text.startswith(OF_ALL)]
     own = load_case(None, [f"system={system}", *BARE, *given]).run.controllers[0]
     known = ("LLC-tuned", None) in tuned(system, own.signals[:1], own.devices)
-    asked = every_scheme([name for name in names if name != NONE] or list(CONTROLLERS))
+    asked = every_scheme([name for name in names or CONTROLLERS if name != NONE])
     kept = [one for one in asked if one[0] != "LLC" and (one[0] != "LLC-tuned" or known)]
     pairs = [parse_set(text) for text in sets if text.startswith("controllers.") and not text.startswith(OF_ALL)]
     changes = {key: read_value(value, f"--set {key}={value}") for key, value in pairs}
-    rows: list[dict[str, Any]] = [{"controllers": []}]
+    rows: dict[str, dict[str, Any]] = {NONE: {"controllers": []}}
     for name, scheme in [("LLC", None), *kept]:
-        rows.append({"controllers": [_controller(name, scheme, own)], **(changes if scheme else {})})
+        label = f"{name} {scheme}" if scheme else name
+        rows[label] = {"controllers": [_controller(name, scheme, own)], **(changes if scheme else {})}
     return rows
 
 
