@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from facts_damping.plant.build import Built, build
 from facts_damping.small_signal import linearisation
-from facts_damping.small_signal.relative_gains import Interaction, interactions
+from facts_damping.small_signal.relative_gains import FREQUENCIES_HZ, Interaction, interactions
 from facts_damping.terminal import table
 
 if TYPE_CHECKING:
@@ -126,20 +126,19 @@ def modes_text(modal: Modal) -> Iterator[str]:
 
 
 def _interactions_text(modal: Modal) -> Iterator[str]:
-    """Relative gains at the mode, of each two signals."""
+    """Relative gains of each two signals, and how near their gains are to one motion at the mode."""
     if not modal.interactions:
         return
     at = modal.interactions[0].frequency_hz
-    yield f"\n{at:.4f} Hz: relative gain from {modal.devices[0]} to the first of two signals, 1: no interaction"
-    rows = []
+    yield f"\nrelative gain from {modal.devices[0]} to the first of two signals; at {at:.4f} Hz largest gain / smallest"
+    rows: dict[tuple[str, str], list[str]] = {}
     for one in modal.interactions:
-        if one.frequency_hz == at:
-            value = one.relative[0, 0]
-            shown = f"{value.real:.2f} {'+' if value.imag >= 0 else '-'} {abs(value.imag):.2f}j"
-            rows.append([", ".join(one.signals), shown, f"{one.condition:.3g}"])
-    yield from (
-        "  " + line for line in table(["signals", "relative gain", "largest gain / smallest"], rows, rule=False)
-    )
+        value = one.relative[0, 0]
+        shown = f"{one.condition:.3g}" if one.frequency_hz == at else f"{value.real:.2f}{value.imag:+.2f}j"
+        rows.setdefault(one.signals, [", ".join(one.signals)]).append(shown)
+    titles = ["signals", f"{at:.4f} Hz", *(f"{hertz:g} Hz" for hertz in FREQUENCIES_HZ)]
+    whole = [row for row in rows.values() if len(row) == len(titles)]
+    yield from ("  " + line for line in table(titles, whole, rule=False))
 
 
 def _groups(mode: linearisation.Eigenmode) -> list[list[tuple[str, complex]]]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.system import System
     from facts_damping.plant.build import Built
 
+ALIKE = 1e9  # largest over smallest gain of signals that say the same: they have no array
 FREQUENCIES_HZ = (0.1, 0.3, 1.0, 1.5, 3.0)  # and that of the mode
 
 
@@ -45,6 +46,7 @@ def interactions(built: Built, system: System, devices: Sequence[str]) -> list[I
         gain = plant.model.response(2j * np.pi * hertz) * limits / np.abs(plant.mode_shape)[:, None]
         for a, b in combinations(range(len(plant.signals)), 2):
             own = gain[[a, b]]
-            pair = (plant.signals[a], plant.signals[b])
-            found.append(Interaction(hertz, pair, own, own * np.linalg.inv(own).T))
+            if np.linalg.cond(own) < ALIKE:
+                pair = (plant.signals[a], plant.signals[b])
+                found.append(Interaction(hertz, pair, own, own * np.linalg.inv(own).T))
     return found

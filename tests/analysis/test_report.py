@@ -195,7 +195,7 @@ def test_an_unstable_run_is_worst_and_has_no_curve_of_indices(swing_record: Call
     assert found.remarks == ["lost is not stable: loss of synchronism at 9.98 s. It has no indices."]
     rows = {row[0].text: row[1:] for row in items(found)["summary"].rows}
     assert rows["ITAE"][1] == ("-", "worst")
-    assert rows["stable"][1] == ("no", "worst")
+    assert rows["in synchronism"][1] == ("no", "worst")
     assert {curve.run for panel in items(found)["indices"].panels for curve in panel.curves} == {0}
     assert "improvement" not in items(found)
     assert "lost" in items(found)["mode_table"].sentence
