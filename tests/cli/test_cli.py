@@ -157,7 +157,7 @@ def test_modes_with_both_devices_gives_the_promised_fields_and_pictures(tmp_path
     out, path = tmp_path / "modes", tmp_path / "modes.json"
     text = inside("modes", "two_area", "--devices", "sssc,statcom", "--out", str(out), "--json", str(path))
     result = json.loads(path.read_text())
-    assert set(result) == {"power_flow", "devices", "modes", "transfer_functions"}
+    assert set(result) == {"power_flow", "devices", "modes", "transfer_functions", "relative_gains"}
     assert result["devices"] == ["sssc", "statcom"]
     assert all(set(mode) == MODE for mode in result["modes"])
     swings = [mode for mode in result["modes"] if mode["residues"]]
