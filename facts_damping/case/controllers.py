@@ -36,10 +36,11 @@ def filled(
     if row.network is None and controller.scheme is not None:
         raise InputError(f"{where('scheme')}: '{controller.scheme}' given; allowed: none for {controller.name}")
     scheme = None if row.network is None else controller.scheme or "indirect"
-    if row.design and controller.compensation != "none":
+    if not row.compensates and controller.compensation != "none":
+        reason = "reckons with its delay by itself" if row.design else "has no parameters of one"
         raise InputError(
             f"{where('compensation')}: '{controller.compensation}' given; allowed: none for {controller.name}, which "
-            "reckons with its delay by itself"
+            + reason
         )
     if controller.compensation in OF_IDENTIFIERS and scheme != "indirect":
         raise InputError(

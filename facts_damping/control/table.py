@@ -100,6 +100,11 @@ class ControllerKind(NamedTuple):
     tuned: bool = True  # `tune` may choose its parameters
     named: bool = True  # one of the thesis's, not a pair of rows
 
+    @property
+    def compensates(self) -> bool:
+        """Whether it may have a `compensation`."""
+        return COMPENSATION_PARAMETERS.keys() <= self.parameters.keys()
+
     def code(self, scheme: str | None) -> int:
         """How it acts: a network by its scheme."""
         if self.network is not None:

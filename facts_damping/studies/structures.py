@@ -119,8 +119,8 @@ class Choice:
         self.guards = {} if row.network is None else GUARDS
         self.words: dict[str, tuple[str, ...]] = {} if row.network is None else {"anti_windup": OFF_ON}
         of_identifier = tuple(OF_IDENTIFIERS) if structure.scheme == "indirect" else ()
-        compensated = delayed and not row.design
-        self.words |= {"compensation": (*COMPENSATIONS, *of_identifier)} if compensated else {}
+        chosen = delayed and row.compensates
+        self.words |= {"compensation": (*COMPENSATIONS, *of_identifier)} if chosen else {}
 
     @property
     def size(self) -> int:

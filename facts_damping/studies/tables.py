@@ -50,7 +50,7 @@ def draw(rows: Sequence[dict[str, Any]], asked: Tables, path: Path) -> None:
     places = list(dict.fromkeys((row["system"], row["scenario"]) for row in rows))
     whos = list(dict.fromkeys(_who(row, asked) for row in rows))
     columns = list(dict.fromkeys(_column(row, asked) for row in rows))
-    picture = Figure(figsize=(1.0 + 4.0 * len(places), 1.5 + 0.24 * len(whos)), layout="constrained")
+    picture = Figure(figsize=(2.0 + 4.0 * len(places), 2.5 + 0.24 * len(whos)), layout="constrained")
     axes: Any = picture.subplots(1, len(places), sharey=True, squeeze=False)
     for axis, place in zip(axes[0], places, strict=True):
         for i, column in enumerate(columns):
