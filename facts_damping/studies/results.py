@@ -92,12 +92,20 @@ def sweep_tables(rows: Rows, margins: Rows, shares: Rows, across: str = "scenari
 
 
 def varying(rows: Rows, without: Sequence[str]) -> list[str]:
-    """Columns in which rows differ, and not as an earlier one does."""
+    """Columns in which rows differ, and not as an earlier one does; a column of lists, not in the same rows as one."""
     found: dict[str, str] = {}
+    apart: set[tuple[int, ...]] = set()
     for name in dict.fromkeys(name for row in rows for name in row if name not in without):
         values = [row.get(name) for row in rows]
-        if any(value != values[0] for value in values):
-            found.setdefault(json.dumps(values), name)
+        if all(value == values[0] for value in values):
+            continue
+        texts = list(map(json.dumps, values))
+        kinds = {text: i for i, text in enumerate(dict.fromkeys(texts))}
+        groups = tuple(kinds[text] for text in texts)
+        if groups in apart and any(isinstance(value, list | dict) for value in values):
+            continue
+        apart.add(groups)
+        found.setdefault(json.dumps(values), name)
     return list(found.values())
 
 
