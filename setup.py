@@ -82,7 +82,16 @@ setup(
             "ros-kilted-rmw-fastrtps-cpp==9.3.3",
             "ros-kilted-std-msgs==5.5.1",
         ],
-        "bench": ["andes>=1.9,<3"],
+        "bench": [  # other programs, for `facts-damping bench`; exact, as their figures are
+            'andes==2.0.0; python_version >= "3.11"',
+            'andes>=1.9,<2; python_version < "3.11"',
+            "dpsim==1.4.0",
+            "helics==3.6.1",
+            "pydae==1.8.0",
+            "pydae-bps==1.11.0",
+            "stepss==3.83",
+            "tops==0.3.0",
+        ],
         "foxglove": ["foxglove-sdk>=0.30,<1"],  # for the node live_view
         "dask": ["distributed>=2024.1"],  # for `facts-damping sweep --scheduler`; versions are dates
         "matpower": ["matpowercaseframes==2.1.1", "pandas<4"],  # for `facts-damping import`

@@ -200,6 +200,11 @@ def _studies(add: Add) -> None:
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: the eleven")
     command.add_argument("--out", metavar="DIR", help="folder for the pictures")
     _common(command, sets=False, out=False, json=False)
+    text = "Time and error of a run, a sweep and lockstep beside other programs, those that are installed, in one run."
+    command = add("bench", "studies.bench", text)
+    text = "andes, dpsim, stepss, pydae, tops, helics; none: all"
+    command.add_argument("programs", nargs="*", metavar="PROGRAM", help=text)
+    _common(command, sets=False)
     text = "The thesis's tables, ours beside them: agreement, ensembles, explanations, pictures."
     command = add("reproduce", "studies.reproduce", text)
     command.add_argument("tables", nargs="*", metavar="TABLE", help="3.1, 4.1 ... 6.2; none: all")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from facts_damping.case import loading
 from facts_damping.cli.runs import out_folder, say
+from facts_damping.errors import check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.terminal import Progress, write_json
@@ -181,6 +182,34 @@ def margin(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, pages.document(found, runs))
     for line in (*pages.margin_text(found, runs), *(f"plot: {path}" for path in pictures)):
         say(arguments, line)
+
+
+def bench(arguments: argparse.Namespace) -> None:
+    """Time and error of a run, a sweep and lockstep beside other programs, those that are installed, in one run."""
+    from facts_damping.bench import pages, study, ticks
+    from facts_damping.bench.programs import EXCHANGE, OURS, PROGRAMS
+
+    allowed = [name for name in (*PROGRAMS, EXCHANGE) if name != OURS]
+    for name in arguments.programs:
+        check_known("PROGRAM", name, allowed)
+    asked = arguments.programs or allowed
+    folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
+    others, results, rates = [name for name in asked if name != EXCHANGE], [], []
+    progress = Progress("bench", "runs")
+    try:
+        if others:
+            results = study.measure(others, progress)
+        if EXCHANGE in asked:
+            rates = ticks.measure(progress)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("nothing was written") from None
+    finally:
+        progress.close()
+    write_json(arguments.json, pages.document(results, rates))
+    for line in pages.text(results, rates):
+        say(arguments, line)
+    if folder is not None and results:
+        say(arguments, f"picture: {pages.draw(results, folder / 'bench.png')}")
 
 
 def reproduce(arguments: argparse.Namespace) -> None:

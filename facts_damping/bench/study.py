@@ -1,0 +1,132 @@
+"""All programs side by side in one run: they take turns, so that what slows the machine hits all alike."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from importlib.metadata import version
+from statistics import median
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from facts_damping import __version__
+from facts_damping.bench.figures import Result, Sweep, difference, rung, sweep_step
+from facts_damping.bench.programs import OURS, PROGRAMS, Program, missing
+from facts_damping.bench.session import Session, session
+from facts_damping.errors import RunError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+T = TypeVar("T")
+FINER = 8  # times finer than the finest step is a program's own reference
+REPEATS = 5
+VARIED = {OURS: 100}  # runs of a sweep
+OTHERS = 5
+SPREAD = 0.1  # of the load in a sweep, about 1
+
+
+class Field(NamedTuple):
+    """The programs that still run, each in its process, and what was found of each; `step` tells of progress."""
+
+    table: Mapping[str, Program]
+    sessions: dict[str, Session]
+    results: dict[str, Result]
+    step: Callable[[], None]
+
+
+def each(field: Field, act: Callable[[str, Session, Program], T]) -> dict[str, T]:
+    """Do something with every program that still runs; one that fails is left out from then on, but not ours."""
+    found = {}
+    for name, one in list(field.sessions.items()):
+        try:
+            found[name] = act(name, one, field.table[name])
+        except RunError as error:
+            if name == OURS:
+                raise
+            note(field, name, failed=str(error))
+            del field.sessions[name]
+        field.step()
+    return found
+
+
+def note(field: Field, name: str, **found: Any) -> None:
+    """Enter what was found of a program."""
+    field.results[name] = field.results[name]._replace(**found)
+
+
+def measure(
+    names: Sequence[str],
+    progress: Callable[[int, int], None],
+    repeats: int = REPEATS,
+    table: Mapping[str, Program] = PROGRAMS,
+) -> list[Result]:
+    """Ladders of steps, sweeps, and the difference from ours, of these programs; ours is always there, and first."""
+    wanted = list(dict.fromkeys([OURS, *names]))
+    there = [name for name in wanted if not missing(table[name].distributions)]
+    rungs = max(len(table[name].steps) for name in there)
+    done, of = 0, len(there) * (3 + rungs * repeats + OTHERS)
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        progress(min(done, of), of)
+
+    field = Field(table, {}, {}, step)
+    for name in wanted:
+        row = table[name]
+        lacking = missing(row.distributions)
+        known = "" if lacking else version(row.distributions[0]) if row.distributions else __version__
+        field.results[name] = Result(name, row.title, known, row.note, lacking)
+    progress(0, of)
+    with ExitStack() as stack:
+        for name in there:
+            field.sessions[name] = stack.enter_context(session(table[name].module))
+        _measure(field, repeats)
+    return [field.results[name] for name in wanted]
+
+
+def _measure(field: Field, repeats: int) -> None:
+    """Everything, from programs that are starting to their figures."""
+    each(field, lambda _name, one, _row: one.read())
+    each(field, lambda _name, one, row: one.ask(row.steps[0]))  # warm: not counted
+    fine = each(field, lambda _name, one, row: one.ask(row.steps[-1] / FINER)["swings"])
+    _compare(field, fine)
+    runs: dict[tuple[str, float], list[dict[str, Any]]] = {}
+    for _ in range(repeats):
+        for i in range(max(len(row.steps) for row in field.table.values())):
+            made = each(field, lambda _name, one, row, i=i: one.ask(row.steps[i]) if i < len(row.steps) else None)  # type: ignore[misc]
+            for name, run in made.items():
+                if run is not None:
+                    runs.setdefault((name, field.table[name].steps[i]), []).append(run)
+    for name in list(field.sessions):
+        steps = field.table[name].steps
+        found = tuple(rung(step, fine[name], runs[name, step]) for step in steps)
+        note(field, name, rungs=found, reference_step_s=steps[-1] / FINER)
+    _sweep(field)
+
+
+def _compare(field: Field, fine: Mapping[str, Any]) -> None:
+    """The fine run of each beside ours with the machine's equations that it has."""
+    step = field.table[OURS].steps[-1] / FINER
+    for name, swings in fine.items():
+        row = field.table[name]
+        if name != OURS:
+            twin = field.sessions[OURS].ask(step, model=row.model, more=row.more)["swings"]
+            note(field, name, from_ours=difference(swings, twin))
+
+
+def _sweep(field: Field) -> None:
+    """Runs of varied load, in as many turns for each; of ours several a turn."""
+    took: dict[str, list[float]] = {}
+
+    def some(name: str, one: Session, _row: Program, turn: int) -> None:
+        many = VARIED.get(name, OTHERS) // OTHERS
+        step = sweep_step(field.results[name].rungs)
+        for i in range(many):
+            share = (turn * many + i + 0.5) / (many * OTHERS)
+            took.setdefault(name, []).append(one.ask(step, 1.0 + SPREAD * (share - 0.5))["total_s"])
+
+    for turn in range(OTHERS):
+        each(field, lambda name, one, row, turn=turn: some(name, one, row, turn))  # type: ignore[misc]
+    for name in field.sessions:
+        found = Sweep(sweep_step(field.results[name].rungs), len(took[name]), median(took[name]))
+        note(field, name, sweep=found)
