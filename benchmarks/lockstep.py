@@ -5,22 +5,17 @@ from __future__ import annotations
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
-from pathlib import Path
 
 import rclpy
 from facts_damping_msgs.msg import PmuDataFrame, PmuFrame
-from mcap.reader import make_reader
 
-from facts_damping.case.loading import load_case
-from facts_damping.nodes import graph
+from facts_damping.bench.ticks import ours
 from facts_damping.nodes.node import RELIABLE
 from facts_damping.nodes.spinning import Spinner
 
 ROUND_TRIPS = 3000
 HOPS = 4  # plant -> link -> controller -> link -> plant
-SECONDS = 60.0  # simulated
 QUIET_S = 10.0  # after which the echo ends
 
 
@@ -65,23 +60,12 @@ def one_way_latency_s() -> float:
     return statistics.median(trips) / 2
 
 
-def ticks_per_second() -> tuple[float, int]:
-    """Ticks per second of the graph between its first and its last frame, and messages lost."""
-    with tempfile.TemporaryDirectory() as folder:
-        case = load_case(None, [f"duration={SECONDS}"])
-        outcome = graph.run(case, "lockstep", Path(folder), lambda *_: None)
-        with next(outcome.recording.glob("*.mcap")).open("rb") as stream:
-            times = [m.publish_time for _, _, m in make_reader(stream).iter_messages(topics=["/pmu/frames"])]
-    return (len(times) - 1) / (max(times) - min(times)) * 1e9, outcome.messages_lost
-
-
 def main() -> None:
     """Print ticks/s, times real time, and the share of the limit."""
-    rate, lost = ticks_per_second()
+    rate = ours()
     latency = one_way_latency_s()
     limit = 1.0 / (HOPS * latency)
     print(f"lockstep, two_area, all nodes and recorder: {rate:.0f} ticks/s, {rate / 60:.1f} times real time")
-    print(f"messages lost: {lost}")
     print(f"DDS one-way latency {latency * 1e6:.0f} us, {HOPS} hops: limit {limit:.0f} ticks/s")
     print(f"share of the limit: {rate / limit:.0%}")
 

@@ -1,9 +1,7 @@
-"""Compute time of 20 s of closed loop in process, beside ANDES on Kundur's two-area system in the same run."""
+"""Compute time of 20 s of closed loop in process; beside other programs: `facts-damping bench`."""
 
 from __future__ import annotations
 
-import contextlib
-import io
 import statistics
 import time
 from typing import TYPE_CHECKING
@@ -55,43 +53,12 @@ def compiled_s(sets: list[str]) -> float:
     return statistics.median(times[1:])
 
 
-def andes_s(step: float) -> float | None:
-    """Time of ANDES for 20 s of its own two-area case with a bus fault, s; None where it is not installed."""
-    try:
-        import andes  # noqa: PLC0415 (an optional extra)
-    except ImportError:
-        return None
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        andes.config_logger(stream_level=50)
-        times = []
-        for _ in range(3):
-            system = andes.load(andes.get_case("kundur/kundur_full.xlsx"), no_output=True, default_config=True)
-            system.PFlow.run()
-            system.TDS.config.tf = 20.0
-            system.TDS.config.tstep = step
-            system.TDS.config.fixt = 1
-            system.TDS.config.no_tqdm = 1
-            began = time.perf_counter()
-            system.TDS.run()
-            times.append(time.perf_counter() - began)
-    return min(times)
-
-
 def main() -> None:
-    """Print all times and ratios."""
+    """Print all times."""
     print(f"{'20 s of':<38} {'loop s':>8} {'run() s':>8}   (median of {RUNS})")
-    ours = {}
     for name, sets in OURS.items():
-        ours[name] = compiled_s(sets)
         case = load_case(None, sets)
-        print(f"{name:<38} {ours[name]:8.4f} {median_s(lambda case=case: loop.run(case)):8.4f}")  # type: ignore[misc]
-    reference = ours["kundur_12_6 bus8_fault, no device"]
-    for step in (1 / 30, 0.01):
-        took = andes_s(step)
-        if took is None:
-            print("ANDES: not installed (pip install -e '.[bench]')")
-            return
-        print(f"ANDES, kundur_full, step {step:.4f} s  {took:8.4f}   {took / reference:.0f} times ours")
+        print(f"{name:<38} {compiled_s(sets):8.4f} {median_s(lambda case=case: loop.run(case)):8.4f}")  # type: ignore[misc]
 
 
 if __name__ == "__main__":
