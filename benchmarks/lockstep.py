@@ -49,7 +49,7 @@ def one_way_latency_s() -> float:
         count, began = len(got), time.perf_counter()
         there.publish(message)
         while len(got) == count:
-            spinner.turn(1.0)
+            spinner.spin_once(1.0)
         trips.append(got[-1] - began)
     spinner.close()
     node.destroy_node()
