@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.neurofuzzy.learning import REGULAR
-from facts_damping.neurofuzzy.network import FLOOR
+from facts_damping.neurofuzzy.network import FLOOR, Network
 from facts_damping.neurofuzzy.table import VARIANTS
 from tests.control.bench import CHANGE_SCALE, LIMITS, SCALE, SIGN, STATIONS, Bench, Entry, controller, llc, raw, wide
 
@@ -141,7 +141,7 @@ def test_without_a_jacobian_nothing_is_learnt(name: str, profile: str) -> None:
 def test_an_output_that_is_not_finite_is_a_setpoint_of_zero(name: str, value: float) -> None:
     """A consequent is lost; whatever is learnt from it later brings no wrong setpoint."""
     bench = wide(name, "direct")
-    bench.state.learner.theta[0, -bench.bank.shape[0, -1]] = value
+    bench.state.learner.theta[0, -Network(*bench.bank.shape[0]).width] = value
     for k in range(5):
         setpoint, wished_for = bench.frame(k, 0.003), float(bench.state.unlimited[0, 0])
         assert setpoint == (np.clip(wished_for, -LIMIT, LIMIT) if np.isfinite(wished_for) else 0)

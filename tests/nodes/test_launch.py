@@ -131,7 +131,7 @@ def test_what_is_launched_below_a_namespace_is_the_in_process_run(
     """As `launch` would start it in a group with a namespace pushed."""
     run = f"two_area_{name}"
     running = {}
-    for node in nodes(launched(f"{name}.launch.py", output=str(tmp_path / "bag"))):
+    for node in nodes(launched("run.launch.py", run=run, output=str(tmp_path / "bag"))):
         place = "/".join(part for part in ("", "grid", node.namespace) if part is not None)
         given = {
             key: str(value).lower() if isinstance(value, bool) else value for key, value in node.parameters.items()

@@ -296,7 +296,7 @@ def append_and_wait(journal, key, row):
         time.sleep(0.01)
 
 Journal.append = append_and_wait
-sys.exit(cli.main(sys.argv[2:]))
+sys.exit(main(sys.argv[2:]))
 """
 
 
