@@ -110,10 +110,11 @@ def _carry_out(plan: Plan, folder: Path | None, arguments: argparse.Namespace, s
         return
     if asked:
         files.write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
-        tables.draw(rows, asked, folder / "figures.png")
+        say(arguments, f"tables: {folder / 'tables.md'}")
     for path in results.write(folder, rows, margins, shares):
         say(arguments, f"table: {path}")
-    for path in sweep_plots.draw(rows, study.swept(plan), margins, across, folder):
+    pictures = sweep_plots.draw(rows, study.swept(plan), margins, across, folder)
+    for path in (*(tables.draw(rows, asked, folder) if asked else []), *pictures):
         say(arguments, f"picture: {path}")
 
 

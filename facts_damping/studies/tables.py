@@ -40,13 +40,13 @@ def figure_tables(rows: Sequence[dict[str, Any]], asked: Tables) -> list[str]:
     return lines
 
 
-def draw(rows: Sequence[dict[str, Any]], asked: Tables, path: Path) -> None:
-    """A PNG: the first figure that is a number, a panel for each place, a mark for each value of `across`."""
+def draw(rows: Sequence[dict[str, Any]], asked: Tables, folder: Path) -> list[Path]:
+    """figures.png: the first figure that is a number, a panel for each place, a mark for each value of `across`."""
     sound = [row for row in rows if row.get("stable")]
     numbers = (name for name in asked.figures if any(type(row[name]) is float for row in sound))
     figure = next(numbers, None)
     if figure is None:
-        return
+        return []
     places = list(dict.fromkeys((row["system"], row["scenario"]) for row in rows))
     whos = list(dict.fromkeys(_who(row, asked) for row in rows))
     columns = list(dict.fromkeys(_column(row, asked) for row in rows))
@@ -64,7 +64,8 @@ def draw(rows: Sequence[dict[str, Any]], asked: Tables, path: Path) -> None:
     axes[0, 0].invert_yaxis()
     if asked.across is not None:
         picture.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(columns))
-    save(picture, path)
+    save(picture, folder / "figures.png")
+    return [folder / "figures.png"]
 
 
 def _column(row: dict[str, Any], asked: Tables) -> str:
