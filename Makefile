@@ -62,7 +62,7 @@ pages: demo
 	$(BIN)/facts-damping jacobian --out $(PAGES)/jacobians
 	$(BIN)/facts-damping portray two_area large --out $(PAGES)/controllers
 	$(BIN)/facts-damping margin two_area_small --pade 6 --time-domain --max-delay 0.42 --out $(PAGES)/margin
-	$(BIN)/facts-damping simulate two_area_large --out $(PAGES)/large
+	$(BIN)/facts-damping run two_area_large --out $(PAGES)/large
 	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --out $(PAGES)/large
 	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --windows inf,0 --out $(PAGES)/wvd
 	for study in $(QUOTED); do $(BIN)/facts-damping sweep $$study --out $(PAGES)/$$study || exit 1; done
