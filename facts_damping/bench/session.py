@@ -24,9 +24,11 @@ PR_SET_PDEATHSIG = 1
 WORKER = "facts_damping.bench.worker"
 
 
-def end_with_parent() -> None:
+def end_with_parent(parent: int) -> None:
     """Make this process end when the one that started it does, and leave an interrupt to that one."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        sys.exit()  # it had ended before
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -65,7 +67,7 @@ def session(module: str) -> Iterator[Session]:
     """A program that gets ready: its first answer says when it is. It is ended with the block."""
     with TemporaryDirectory(prefix="bench-") as folder:
         log = Path(folder) / "log"
-        told = [sys.executable, "-m", WORKER, module, folder]
+        told = [sys.executable, "-m", WORKER, module, folder, str(os.getpid())]
         with log.open("w") as stream:
             process = subprocess.Popen(
                 told,

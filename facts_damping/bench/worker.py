@@ -1,4 +1,4 @@
-"""One program in a process of its own: `python -m facts_damping.bench.worker MODULE FOLDER`.
+"""One program in a process of its own: `python -m facts_damping.bench.worker MODULE FOLDER PARENT`.
 
 It takes a line of JSON a request on standard input, and answers each with a line on the standard output that it was
 started with. What the program prints goes to standard error. It ends with its parent.
@@ -31,7 +31,7 @@ def answer(program: Any, made: Any, request: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Answer until nothing more is asked."""
-    end_with_parent()
+    end_with_parent(int(sys.argv[3]))
     out = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
     try:
