@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -58,7 +59,7 @@ def theirs() -> float:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    told = [sys.executable, "-m", "facts_damping.bench.with_helics", "plant", str(port), str(STEPS)]
+    told = [sys.executable, "-m", "facts_damping.bench.with_helics", "plant", str(port), str(STEPS), str(os.getpid())]
     try:
         done = subprocess.run(told, capture_output=True, text=True, check=False, timeout=LONGEST_S)
     except subprocess.TimeoutExpired as error:

@@ -57,7 +57,7 @@ def exchange(role: str, port: int, steps: int) -> float:
 
 def main() -> None:
     """Both, where asked for the plant."""
-    end_with_parent()
+    end_with_parent(int(sys.argv[4]))
     role, port, steps = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     if role == CONTROLLER:
         exchange(role, port, steps)
@@ -65,9 +65,8 @@ def main() -> None:
     out = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
     broker = h.helicsCreateBroker("zmq", "", f"--federates=2 --localport={port}")
-    other = subprocess.Popen(
-        [sys.executable, "-m", "facts_damping.bench.with_helics", CONTROLLER, str(port), str(steps)]
-    )
+    told = [sys.executable, "-m", "facts_damping.bench.with_helics", CONTROLLER, str(port), str(steps)]
+    other = subprocess.Popen([*told, str(os.getpid())])
     try:
         rate = exchange(role, port, steps)
         other.wait(timeout=30)
