@@ -89,6 +89,7 @@ setup(
             "helics==3.6.1",
             "pydae==1.8.0",
             "pydae-bps==1.11.0",
+            "setuptools>=69,<80",  # pydae asks for one, colcon for an older one than the newest
             "stepss==3.83",
             "tops==0.3.0",
         ],
