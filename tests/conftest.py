@@ -27,10 +27,14 @@ _PROCESS, _PROCESSES = (
 _DOMAINS = itertools.cycle(range(1 + int(_PROCESS), 102, int(_PROCESSES)))
 
 
+# A minute and more each: of those begun last, one would be waited for alone.
+_LONG = ("test_packaging.py", "test_command.py", "test_search.py", "test_sweep.py", "test_reference.py")
+
+
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Groups for `pytest -n`: files run side by side, those with graphs first."""
-    items.sort(key=lambda item: not _has_graph(item))
+    """Groups for `pytest -n`: files run side by side, long ones and those with graphs first."""
+    items.sort(key=lambda item: (item.path.name not in _LONG, not _has_graph(item)))
     for item in items:
         item.add_marker(pytest.mark.xdist_group(item.path.name))
 
