@@ -1,7 +1,7 @@
 # make demo    set everything up in .venv, then run the closed loop as a ROS 2 graph
 # make test    the same set-up, then all checks and tests
 # make explore tests with random examples for MINUTES=10
-# make pages   all tables and pictures that are made, into results/pages, and those that docs quote (hours)
+# make pages   all tables and pictures that follow from runs, into results/pages, and those that docs quote (an hour)
 # make clean   remove .venv and what builds and tools have left; recordings stay
 # PYTHON=python3.12 make demo   chooses the interpreter (3.10 to 3.13) for a new .venv
 
@@ -51,7 +51,7 @@ explore: test-setup
 	    seed=$$((seed + 1)); \
 	done
 
-# What docs/images has is from the folder of the same name; each command goes on where it was interrupted.
+# What docs/images has is from the folder of the same name; what takes long goes on where it was interrupted.
 PAGES := results/pages
 QUOTED := architectures delay_margin preset_margin jitter loss bursts asymmetric_signals asymmetric_devices monte_carlo \
     compensation prediction
@@ -62,6 +62,7 @@ pages: demo
 	$(BIN)/facts-damping jacobian --out $(PAGES)/jacobians
 	$(BIN)/facts-damping portray two_area large --out $(PAGES)/controllers
 	$(BIN)/facts-damping margin two_area_small --pade 6 --time-domain --max-delay 0.42 --out $(PAGES)/margin
+	rm -rf $(PAGES)/large
 	$(BIN)/facts-damping run two_area_large --out $(PAGES)/large
 	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --out $(PAGES)/large
 	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --windows inf,0 --out $(PAGES)/wvd
