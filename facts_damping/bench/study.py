@@ -25,12 +25,13 @@ SPREAD = 0.1  # of the load in a sweep, about 1
 
 
 class Field(NamedTuple):
-    """The programs that still run, each in its process, and what was found of each; `step` tells of progress."""
+    """The programs that still run, each in its process, what was found of each, and the turns each has left."""
 
     table: Mapping[str, Program]
     sessions: dict[str, Session]
     results: dict[str, Result]
-    step: Callable[[], None]
+    left: dict[str, int]
+    tell: Callable[[], None]
 
 
 def each(field: Field, act: Callable[[str, Session, Program], T]) -> dict[str, T]:
@@ -39,12 +40,14 @@ def each(field: Field, act: Callable[[str, Session, Program], T]) -> dict[str, T
     for name, one in list(field.sessions.items()):
         try:
             found[name] = act(name, one, field.table[name])
+            field.left[name] -= 1
         except RunError as error:
             if name == OURS:
                 raise
             note(field, name, failed=str(error))
             del field.sessions[name]
-        field.step()
+            field.left[name] = 0
+        field.tell()
     return found
 
 
@@ -63,28 +66,24 @@ def measure(
     wanted = list(dict.fromkeys([OURS, *names]))
     there = [name for name in wanted if not missing(table[name].distributions)]
     rungs = max(len(table[name].steps) for name in there)
-    done, of = 0, len(there) * (3 + rungs * repeats + OTHERS)
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        progress(min(done, of), of)
-
-    field = Field(table, {}, {}, step)
+    turns = 3 + rungs * repeats + OTHERS
+    left = dict.fromkeys(there, turns)
+    of = len(there) * turns
+    field = Field(table, {}, {}, left, lambda: progress(of - sum(left.values()), of))
     for name in wanted:
         row = table[name]
         lacking = missing(row.distributions)
         known = "" if lacking else version(row.distributions[0]) if row.distributions else __version__
         field.results[name] = Result(name, row.title, known, row.note, lacking)
-    progress(0, of)
+    field.tell()
     with ExitStack() as stack:
         for name in there:
             field.sessions[name] = stack.enter_context(session(table[name].module))
-        _measure(field, repeats)
+        _measure(field, repeats, rungs)
     return [field.results[name] for name in wanted]
 
 
-def _measure(field: Field, repeats: int) -> None:
+def _measure(field: Field, repeats: int, rungs: int) -> None:
     """Everything, from programs that are starting to their figures."""
     each(field, lambda _name, one, _row: one.read())
     each(field, lambda _name, one, row: one.ask(row.steps[0]))  # warm: not counted
@@ -92,7 +91,7 @@ def _measure(field: Field, repeats: int) -> None:
     _compare(field, fine)
     runs: dict[tuple[str, float], list[dict[str, Any]]] = {}
     for _ in range(repeats):
-        for i in range(max(len(row.steps) for row in field.table.values())):
+        for i in range(rungs):
             made = each(field, lambda _name, one, row, i=i: one.ask(row.steps[i]) if i < len(row.steps) else None)  # type: ignore[misc]
             for name, run in made.items():
                 if run is not None:

@@ -18,7 +18,7 @@ import pytest
 
 from facts_damping.bench import ours, pages, study, ticks
 from facts_damping.bench.figures import Result, Rung, Sweep, at_equal_error, difference, ratio, sweep_step
-from facts_damping.bench.grid import FAULT_END, FAULT_START, LOAD, RATE, SYSTEM, Run, grid, swings
+from facts_damping.bench.grid import FAULT_END, FAULT_START, LOAD, RATE, SYSTEM, TimedRun, grid, swings
 from facts_damping.bench.programs import HELICS, OURS, PROGRAMS, Program, missing
 from facts_damping.bench.session import session
 from facts_damping.case.loading import load_system
@@ -32,7 +32,7 @@ FAKE = '''
 import os
 import re
 import numpy as np
-from facts_damping.bench.grid import Run
+from facts_damping.bench.grid import TimedRun
 
 def prepare(grid, folder):
     """What is made once."""
@@ -46,7 +46,7 @@ def run(made, grid, step, model="", more=()):
     t = np.arange(0.0, 20.0 + 1e-9, 0.01)
     swing = 1e-3 * np.exp(-0.1 * t) * np.sin((4.0 + 5.0 * step**order) * t)
     speeds = np.array([swing, -swing, 0 * t, 0 * t]).T + 0.01
-    return Run(0.01, 1e-4 * COST / step, t, speeds)
+    return TimedRun(0.01, 1e-4 * COST / step, t, speeds)
 '''
 
 
@@ -94,7 +94,7 @@ def test_a_common_drift_hides_nothing() -> None:
     t = np.arange(0.0, 20.001, 0.01)
     speeds = np.outer(np.sin(4 * t), [1e-3, -1e-3, 0.0, 0.0])
     drift = speeds + 0.01 * t[:, None]
-    one, other = swings(Run(0.0, 0.0, t, speeds)), swings(Run(0.0, 0.0, t, drift))
+    one, other = swings(TimedRun(0.0, 0.0, t, speeds)), swings(TimedRun(0.0, 0.0, t, drift))
     assert one.shape == (4, round((20.0 - FAULT_END) * RATE))
     assert difference(one, other) < 1e-9
     assert difference(2 * one, one) == pytest.approx(1.0)
@@ -150,7 +150,8 @@ def test_programs_side_by_side(table: dict[str, Program], monkeypatch: pytest.Mo
     assert first.sweep is not None
     assert second.sweep is not None
     assert (first.sweep.runs, second.sweep.runs) == (10, study.OTHERS)
-    assert all(0 <= done <= of for done, of in shown)
+    assert [done for done, _ in shown] == sorted(done for done, _ in shown)
+    assert shown[-1][0] == shown[-1][1]
     text = "\n".join(pages.text(results, []))
     assert "Absent: not installed (pip install no-such-distribution)" in text
     assert "Second: note of second" in text
