@@ -84,7 +84,7 @@ IMPLICIT = {  # diagonally implicit: lower triangle with diagonal, weights
 }
 
 
-@njit(error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(error_model="numpy")
 def explicit(
     plant: Any, state: Any, stage: int, h: float, steps: int, work: Any, A: Any, b: Any, k: Any, trial: Any
 ) -> int:
@@ -99,10 +99,10 @@ def explicit(
             derivatives(plant, trial, state.reference, state.source, stage, k[i], work)
         for i in range(b.size):
             x += h * b[i] * k[i]
-    return steps * b.size  # type: ignore[no-any-return]
+    return int(steps * b.size)
 
 
-@njit(error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(error_model="numpy")
 def jacobian(plant: Any, state: Any, stage: int, work: Any, f0: Any, f1: Any, out: Any) -> int:
     """Jacobian of the derivatives by forward differences; the number of evaluations."""
     derivatives(plant, state.x, state.reference, state.source, stage, f0, work)
@@ -112,10 +112,10 @@ def jacobian(plant: Any, state: Any, stage: int, work: Any, f0: Any, f1: Any, ou
         derivatives(plant, state.x, state.reference, state.source, stage, f1, work)
         state.x[i] = kept
         out[:, i] = (f1 - f0) / step
-    return state.x.size + 1  # type: ignore[no-any-return]
+    return int(state.x.size + 1)
 
 
-@njit(error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(error_model="numpy")
 def implicit(
     plant: Any,
     state: Any,
@@ -151,13 +151,13 @@ def implicit(
                     solved = True
                     break
             if not (solved or last):
-                return -done - 1  # type: ignore[no-any-return]
+                return -done - 1
         derivatives(plant, trial, state.reference, state.source, stage, k[i], work)
         done += 1
     x = state.x
     for i in range(b.size):
         x += h * b[i] * k[i]
-    return done  # type: ignore[no-any-return]
+    return done
 
 
 def follow(case: Any, method: str, rate: int, end: float) -> tuple[NDArray[np.float64], int, float]:

@@ -60,7 +60,7 @@ def parts_of_a_run(plan: sweep.Plan) -> None:
         "  case": lambda: batch.make(plan.base, task.changes),
         "  closed loop, plant shared": lambda: batch.closed_loop(case),
         "    closed loop by itself, for comparison": lambda: loop.run(case),
-        "  figures": lambda: batch.figures(case, record, modes=True),
+        "  figures": lambda: batch.figures(record, modes=True),
         "    modes": lambda: ringdown_modes(t, signals, 1.0),
         "    damped": lambda: is_damped(t, signals, 1.0),
         "    settling time": lambda: settling_time(t, signals, 1.0),
@@ -77,9 +77,9 @@ def many(plan: sweep.Plan) -> None:
     function = partial(batch.one_run, plan.base)
 
     def threads(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterable[Any]:
-        return Parallel(n_jobs=JOBS, backend="threading", return_as="generator_unordered")(
-            delayed(function)(task) for task in tasks
-        )
+        parallel = Parallel(n_jobs=JOBS, backend="threading", return_as="generator_unordered")
+        made: Iterable[Any] = parallel(delayed(function)(task) for task in tasks)
+        return made
 
     print(f"\n{str(MANY) + ' runs':<45} {'s':>8} {'ratio':>7} {'10,000 runs, min':>17}")
     first = 0.0

@@ -18,3 +18,8 @@ def __getattr__(name: str) -> Any:
     if name in PUBLIC:
         return getattr(importlib.import_module("facts_damping.api"), name)
     raise AttributeError(f"module 'facts_damping' has no attribute '{name}'; it has {', '.join(PUBLIC)}")
+
+
+def __dir__() -> list[str]:
+    """For completion, also what has not been loaded yet."""
+    return sorted([*globals(), *PUBLIC])

@@ -28,7 +28,7 @@ LOAD = 967.0  # MW at B7, as in the file
 RATE = 50  # 1/s, instants at which speeds are compared; every step is a part of 20 ms
 
 
-class Run(NamedTuple):
+class TimedRun(NamedTuple):
     """What a program made of the case: s of set-up, s of the run in time alone, speeds less 1 (p.u.) at times (s)."""
 
     setup_s: float
@@ -124,7 +124,7 @@ def instants(end: float = DURATION) -> NDArray[np.float64]:
     return np.arange(round(FAULT_END * RATE) + 1, round(end * RATE) + 1) / RATE
 
 
-def swings(made: Run, end: float = DURATION) -> NDArray[np.float64]:
+def swings(made: TimedRun, end: float = DURATION) -> NDArray[np.float64]:
     """Speeds less their mean at the instants, p.u. (machines, instants); between a program's own by a spline."""
     free = made.time_s > FAULT_END + 1e-4
     free &= np.diff(made.time_s, prepend=-1.0) > 1e-9  # some programs say an instant twice

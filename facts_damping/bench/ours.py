@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.bench.grid import DURATION, Grid, Run, case
+from facts_damping.bench.grid import DURATION, Grid, TimedRun, case
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def run(
     model: str = "genrou",
     more: tuple[str, ...] = (),
     end: float = DURATION,
-) -> Run:
+) -> TimedRun:
     """One run; its set-up reads the file, solves the power flow, starts the machines and reduces the network.
 
     With another machine model, and more fields of the machines as of `--set`, it is the twin of another program.
@@ -37,4 +37,4 @@ def run(
     ended = time.perf_counter()
     ticks, kept = int(parts.signals.used[0]), parts.signals
     time_s = np.asarray(kept.time_ns[:ticks] * 1e-9, np.float64)
-    return Run(ready - began, ended - ready, time_s, kept.machines["speed_deviation"][:ticks])
+    return TimedRun(ready - began, ended - ready, time_s, kept.machines["speed_deviation"][:ticks])

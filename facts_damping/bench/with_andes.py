@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import andes
 import numpy as np
 
-from facts_damping.bench.grid import DURATION, FAULT_BUS, FAULT_END, FAULT_START, FAULT_X, Grid, Run
+from facts_damping.bench.grid import DURATION, FAULT_BUS, FAULT_END, FAULT_START, FAULT_X, Grid, TimedRun
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,7 +57,7 @@ def build(grid: Grid) -> Any:
     return ss
 
 
-def run(made: None, grid: Grid, step: float) -> Run:  # noqa: ARG001
+def run(made: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001
     """One run."""
     began = time.perf_counter()
     ss = build(grid)
@@ -71,4 +71,4 @@ def run(made: None, grid: Grid, step: float) -> Run:  # noqa: ARG001
     ended = time.perf_counter()
     ss.dae.ts.unpack()
     speeds = np.array(ss.dae.ts.x)[:, np.array(ss.GENROU.omega.a)] - 1.0
-    return Run(ready - began, ended - ready, np.array(ss.dae.ts.t), speeds)
+    return TimedRun(ready - began, ended - ready, np.array(ss.dae.ts.t), speeds)

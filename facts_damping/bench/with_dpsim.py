@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import dpsimpy
 import numpy as np
 
-from facts_damping.bench.grid import DURATION, FAULT_BUS, FAULT_END, FAULT_START, FAULT_X, RATE, Grid, Run
+from facts_damping.bench.grid import DURATION, FAULT_BUS, FAULT_END, FAULT_START, FAULT_X, RATE, Grid, TimedRun
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -65,7 +65,7 @@ def _machine(grid: Grid, m: Any, nodes: dict[str, Any]) -> Any:
     return made
 
 
-def run(made: None, grid: Grid, step: float) -> Run:  # noqa: ARG001
+def run(made: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001
     """One run, from the power flow given to it; called a step at a time, which spares its log files."""
     began = time.perf_counter()
     nodes = {}
@@ -99,4 +99,4 @@ def run(made: None, grid: Grid, step: float) -> Run:  # noqa: ARG001
             sim.next()
         kept.append([speed.get() - 1.0 for speed in speeds])
     ended = time.perf_counter()
-    return Run(ready - began, ended - ready, np.arange(len(kept)) / RATE, np.array(kept))
+    return TimedRun(ready - began, ended - ready, np.arange(len(kept)) / RATE, np.array(kept))

@@ -9,7 +9,7 @@ import numpy as np
 from pydae.bps import BpsBuilder
 from pydae.core import Builder, Model
 
-from facts_damping.bench.grid import DURATION, FAULT_BUS, FAULT_END, FAULT_START, FAULT_X, RATE, Grid, Run
+from facts_damping.bench.grid import DURATION, FAULT_BUS, FAULT_END, FAULT_START, FAULT_X, RATE, Grid, TimedRun
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -100,7 +100,7 @@ def _guess(grid: Grid) -> dict[str, float]:
     return {name: x - slack if name.startswith(("delta", "theta")) else x for name, x in found.items()}
 
 
-def run(made: Any, grid: Grid, step: float) -> Run:
+def run(made: Any, grid: Grid, step: float) -> TimedRun:
     """One run."""
     began = time.perf_counter()
     shunts = {f"g_shunt_{bus}": y.real for bus, y in grid.admittance.items()}
@@ -119,4 +119,4 @@ def run(made: Any, grid: Grid, step: float) -> Run:
     ended = time.perf_counter()
     made.post()
     speeds = np.array([made.get_values(f"omega_{m.name}") for m in grid.machines]).T - 1.0
-    return Run(ready - began, ended - ready, np.array(made.Time), speeds)
+    return TimedRun(ready - began, ended - ready, np.array(made.Time), speeds)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import stepss
 
-from facts_damping.bench.grid import DURATION, FAULT_BUS, FAULT_END, FAULT_START, FAULT_X, RATE, Grid, Run
+from facts_damping.bench.grid import DURATION, FAULT_BUS, FAULT_END, FAULT_START, FAULT_X, RATE, Grid, TimedRun
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -78,7 +78,7 @@ def _records(grid: Grid) -> list[str]:
     return lines
 
 
-def run(made: Path, grid: Grid, step: float) -> Run:
+def run(made: Path, grid: Grid, step: float) -> TimedRun:
     """One run, from the power flow given to it."""
     began = time.perf_counter()
     z = FAULT_X * grid.impedance(FAULT_BUS)
@@ -108,4 +108,4 @@ def run(made: Path, grid: Grid, step: float) -> Run:
     ended = time.perf_counter()
     found = stepss.extractor("speeds.trj")
     curves = [found.getSync(m.name).S for m in grid.machines]
-    return Run(ready - began, ended - ready, np.array(curves[0].time), np.array([c.value for c in curves]).T - 1.0)
+    return TimedRun(ready - began, ended - ready, np.array(curves[0].time), np.array([c.value for c in curves]).T - 1.0)

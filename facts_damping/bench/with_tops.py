@@ -9,7 +9,7 @@ import numpy as np
 import tops.dynamic as tops
 from tops import solvers
 
-from facts_damping.bench.grid import DURATION, FAULT_BUS, FAULT_END, FAULT_START, FAULT_X, RATE, Grid, Run
+from facts_damping.bench.grid import DURATION, FAULT_BUS, FAULT_END, FAULT_START, FAULT_X, RATE, Grid, TimedRun
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,7 +55,7 @@ def _tables(grid: Grid) -> dict[str, Any]:
     }
 
 
-def run(made: None, grid: Grid, step: float) -> Run:  # noqa: ARG001 (what every program's module takes)
+def run(made: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001 (what every program's module takes)
     """One run; after an event voltages are solved anew, which its solver leaves to who calls it."""
     began = time.perf_counter()
     ps = tops.PowerSystemModel(model=_tables(grid))
@@ -73,4 +73,4 @@ def run(made: None, grid: Grid, step: float) -> Run:  # noqa: ARG001 (what every
             kept.append(machines.speed(solver.x, solver.v).copy())
         solver.step()
     ended = time.perf_counter()
-    return Run(ready - began, ended - ready, np.arange(len(kept)) / RATE, np.array(kept))
+    return TimedRun(ready - began, ended - ready, np.arange(len(kept)) / RATE, np.array(kept))

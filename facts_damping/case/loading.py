@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.checks import check_case, check_events
@@ -61,8 +62,7 @@ def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str
     if values:
         content.pop("asked", None)  # no longer what was asked for
     for given in sorted(values, key=lambda key: key.count(".")):  # names before what lies below them
-        for key in each_path(content, given):
-            _open_name(content, key)
+        for key in each_path(content, given, partial(_open_name, content)):
             set_field(content, key, deepcopy(values[given]), f"--set {given}={sets[given]}")
 
 

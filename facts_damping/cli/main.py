@@ -202,7 +202,7 @@ def _studies(add: Add) -> None:
     _common(command, sets=False, out=False, json=False)
     text = "Time and error of a run, a sweep and lockstep beside other programs, those that are installed, in one run."
     command = add("bench", "studies.bench", text)
-    text = "andes, dpsim, stepss, pydae, tops, helics; none: all"
+    text = "which of those in docs/programs.md; none: all"
     command.add_argument("programs", nargs="*", metavar="PROGRAM", help=text)
     _common(command, sets=False)
     text = "The thesis's tables, ours beside them: agreement, ensembles, explanations, pictures."

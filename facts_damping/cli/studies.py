@@ -96,7 +96,8 @@ def _carry_out(plan: Plan, folder: Path | None, arguments: argparse.Namespace, s
         try:
             found = study.run(plan, folder or Path(passing), arguments.jobs, scheduler, progress)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}" if folder else "") from None
+            left = f"the same command goes on where it stopped: {folder}" if folder else "nothing was written"
+            raise KeyboardInterrupt(left) from None
         finally:
             progress.close()
     rows, margins = study.rows(found), study.found_margins(plan, found)

@@ -7,11 +7,14 @@ import pickle
 import re
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError
 from facts_damping.parameters.validation import short
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 KINDS = ("systems", "scenarios", "controllers", "links", "runs", "studies")
 MAX_FILE_BYTES = 10_000_000
@@ -121,17 +124,24 @@ def write_whole(path: Path, text: str) -> None:
 FIELD_PATH = r"[A-Za-z_0-9]+(\.([A-Za-z_0-9+-]+|\*))*"
 
 
-def each_path(content: Any, key: str) -> list[str]:
-    """A path with `*` in it as the paths of every entry that a list has there; another one as it is."""
+def each_path(content: Any, key: str, opening: Callable[[str], None] = lambda _: None) -> list[str]:
+    """A path with `*` in it as the paths of every entry that a list has there; another one as it is.
+
+    `opening` is told each path before it is followed, up to and with its `*`: names on it may stand for content.
+    """
     before, star, after = key.partition(".*")
+    opening(before + star)
     if not star:
         return [key]
     here = content
     for part in before.split("."):
-        here = here.get(part) if isinstance(here, dict) else None
+        if isinstance(here, list):
+            here = here[int(part)] if part.isdigit() and int(part) < len(here) else None
+        else:
+            here = here.get(part) if isinstance(here, dict) else None
     if not isinstance(here, list) or not here:
         raise InputError(f"{key}: '*' given; allowed: where {before} is a list with entries")
-    return [path for i in range(len(here)) for path in each_path(content, f"{before}.{i}{after}")]
+    return [path for i in range(len(here)) for path in each_path(content, f"{before}.{i}{after}", opening)]
 
 
 def parse_set(text: str) -> tuple[str, str]:

@@ -138,7 +138,7 @@ class Controller(ParameterModel):
     @field_validator("namespace")
     @classmethod
     def _no_node(cls, namespace: str | None) -> str | None:
-        if re.search(r"(^|/)controller_\d", namespace or ""):  # the namespaces of own links (`parts.link_addresses`)
+        if re.search(r"(^|/)controller_\d", namespace or ""):  # those of own links (`case.names`)
             raise ValueError(f"'{namespace}' given; allowed: one that is not named as a controller, such as area_1")
         return namespace
 

@@ -52,9 +52,7 @@ KINDS = {
     ),
     "svc": DeviceKind(svc.SVC, svc.STATE_NAMES, svc.start, svc.characteristic, svc.derivatives),
 }
-# Kinds by their functions: the code is the place, the table has the name of the first that has them.
-LAWS = {kind.characteristic: name for name, kind in reversed(KINDS.items())}
-FIELDS = [name for name in KINDS if name in LAWS.values()]
+CODES = {name: code for code, name in enumerate(KINDS)}  # in compiled code
 
 FOREVER = 1 << 62  # ns
 
@@ -65,7 +63,7 @@ DEVICE = np.dtype(
         *((name, "i8") for name in ("port", "kind", "offset", "states")),
         *((name, "f8") for name in ("v_max", "rate_max")),
         ("hold_ns", "i8"),
-        *((name, KINDS[name].table) for name in FIELDS),
+        *((name, kind.table) for name, kind in KINDS.items()),
     ]
 )
 
@@ -73,11 +71,11 @@ DEVICE = np.dtype(
 def install(row: Any, device: Device, site: Site) -> Start:
     """Fill a row of DEVICE, but for its port, with a device at rest."""
     kind = KINDS[device.kind]
-    start, field = kind.start(device, site), LAWS[kind.characteristic]
-    row["kind"], row["offset"], row["states"] = FIELDS.index(field), site.offset, len(kind.states)
+    start = kind.start(device, site)
+    row["kind"], row["offset"], row["states"] = CODES[device.kind], site.offset, len(kind.states)
     row["v_max"], row["rate_max"] = device.v_max, device.rate_max
     row["hold_ns"] = FOREVER if device.hold is None else to_ns(device.hold)
-    row[field] = start.row
+    row[device.kind] = start.row
     return start
 
 
@@ -93,9 +91,9 @@ def _unknown(_d: Any, _x: NDArray[np.float64], _u: float, _size: float) -> tuple
     return complex(math.nan, math.nan), 0j
 
 
-_characteristic = branching([*(KINDS[name].characteristic for name in FIELDS), _unknown])
-_derivatives = branching([KINDS[name].derivatives for name in FIELDS])
-_truth = branching([KINDS[name].truth for name in FIELDS])
+_characteristic = branching([*(kind.characteristic for kind in KINDS.values()), _unknown])
+_derivatives = branching([kind.derivatives for kind in KINDS.values()])
+_truth = branching([kind.truth for kind in KINDS.values()])
 
 
 @compiled

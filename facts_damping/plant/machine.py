@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.machines import Machine
 
-MOST_CIRCUITS = 4
 SWING = ["delta", "omega"]
 
 MACHINE = np.dtype(

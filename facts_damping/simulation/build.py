@@ -83,7 +83,7 @@ def ways(case: Case) -> dict[str, DirectionSpec]:
     }
 
 
-def asks_sensitivity(case: Case) -> bool:
+def needs_residues(case: Case) -> bool:
     """Whether a controller of a case starts from the linearised plant."""
     return any(c.scheme or c.compensation != "none" or _optimal(c) for c in case.controllers)
 
@@ -100,14 +100,14 @@ def _optimal(controller: Controller) -> bool:
     return bool(kind(controller.name).design)
 
 
-def build_sensitivity(case: Case) -> Residues | None:
-    """The sensitivity of a case's plant, without events; none without a swing mode."""
+def plant_residues(case: Case) -> Residues | None:
+    """The residues of a case's plant, without events; none without a swing mode."""
     start = build(case.system, case.run.devices, [])
     return residues(start, case.system, case.run.devices, case.run.frame_rate)
 
 
 def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:
-    """Controllers and identifiers of a case; `plant`: its sensitivity, where it is at hand.
+    """Controllers and identifiers of a case; `plant`: its residues, where they are at hand.
 
     Raises `InputError` where the sign of a neuro-fuzzy controller's sensitivity is not the plant's, and where an LQG
     cannot be designed for it.
@@ -115,8 +115,8 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
     devices = [case.system.device(name) for name in case.run.devices]
     limits = {d.name: (d.v_max, d.rate_max) for d in devices}
     stations = [station.name for station in case.system.stations]
-    if plant is None and asks_sensitivity(case):
-        plant = build_sensitivity(case)
+    if plant is None and needs_residues(case):
+        plant = plant_residues(case)
     known = [_known(case, i, plant) for i in range(len(case.controllers))]
     omega = [_compensated(case, i, plant) for i in range(len(case.controllers))]
     designs = [
@@ -157,15 +157,15 @@ def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:
             if given and sign[s, d] and given != sign[s, d]:
                 raise InputError(f"{here}: {given:g} given; allowed: {sign[s, d]:g} (or 0, to take it): {why}")
     jacobian = plant.jacobian(c.signals, c.devices, int(c.number("identifier_horizon")))
-    swing = np.array([plant.ratio(signal, c.signals[0]) for signal in c.signals])
-    for signal, ratio in zip(c.signals, np.abs(swing), strict=True):
+    mode_shape = np.array([plant.ratio(signal, c.signals[0]) for signal in c.signals])
+    for signal, ratio in zip(c.signals, np.abs(mode_shape), strict=True):
         if not ratio > STILL:
             raise InputError(
                 f"controllers.{i}.signals: '{signal}' given, which does not swing at the least damped mode "
                 f"({plant.frequency_hz:.2f} Hz); allowed: signals that do"
             )
-    turn = cmath.exp(plant.eigenvalue / case.run.frame_rate)
-    return PlantPrior(np.sign(jacobian) if c.scheme == "indirect" else sign, jacobian, swing, turn)
+    z_pole = cmath.exp(plant.eigenvalue / case.run.frame_rate)
+    return PlantPrior(np.sign(jacobian) if c.scheme == "indirect" else sign, jacobian, mode_shape, z_pole)
 
 
 def _compensated(case: Case, i: int, plant: Residues | None) -> float:

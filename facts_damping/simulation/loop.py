@@ -97,14 +97,14 @@ def setpoint_buffer(commands: int, entries: int) -> NDArray[Any]:
     return np.zeros(commands * entries, SETPOINT)
 
 
-def build_loop(case: Case, sensitivity: Residues | None = None, built: Built | None = None) -> Loop:
-    """All parts of a case, at the start; `sensitivity`: the plant's, as for `build_control`.
+def build_loop(case: Case, residues: Residues | None = None, built: Built | None = None) -> Loop:
+    """All parts of a case, at the start; `residues`: its plant's, as for `build_control`.
 
     `built`: its plant, where it is at hand; the loop takes its state over.
     """
     built = build_plant(case) if built is None else built
     links = build_links(case)
-    control = build_control(case, sensitivity)
+    control = build_control(case, residues)
     work = workspace(built.plant, built.state)
     issued = setpoint_buffer(commands(case), links.up.out.shape[1])
     applied = np.zeros(links.down.out.size, SETPOINT)

@@ -17,7 +17,7 @@ from facts_damping.case.loading import change, load_case, make_case
 from facts_damping.case.names import controller_names
 from facts_damping.compiling import specialised
 from facts_damping.errors import InputError
-from facts_damping.parameters.files import parse_set, read_value
+from facts_damping.parameters.files import each_path, parse_set, read_value
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_control, commands
 from facts_damping.simulation.loop import allocate_signals, control_step, setpoint_buffer
@@ -78,8 +78,9 @@ def _noted(record: Record) -> str:
 def _forget(content: dict[str, Any], pairs: dict[str, str]) -> None:
     """Drop parameters, scheme and weights of controllers that `--set` makes others."""
     asked = (content.get("asked") or {}).get("controllers") or []
+    changes = {path for key in pairs for path in each_path(content, key)}
     for i, row in enumerate(content.get("controllers") or []):
-        changed = {name for name in SHAPES if f"controllers.{i}.{name}" in pairs}
+        changed = {name for name in SHAPES if f"controllers.{i}.{name}" in changes}
         if changed:
             own = asked[i] if i < len(asked) and "name" not in changed else {}
             row["parameters"] = dict(own.get("parameters") or {})

@@ -77,7 +77,7 @@ class Residues(NamedTuple):
 
 
 def residues(built: Built, system: System, devices: Sequence[str], frame_rate: int) -> Residues | None:
-    """The sensitivities of a system's signals to the installed devices; none without a swing mode.
+    """The residues from the installed devices to a system's signals; none without a swing mode.
 
     Residues are F (C v)(w B), the swing F (C v), F the washouts (Kundur 1994, 12.3.4).
     """

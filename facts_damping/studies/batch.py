@@ -1,6 +1,6 @@
 """One run of a sweep: from the fields that it sets to a flat row of figures.
 
-Runs that share system, scenario and devices share the built plant and its sensitivity; the figures are those of
+Runs that share system, scenario and devices share the built plant and its residues; the figures are those of
 `facts-damping simulate` to the last bit.
 """
 
@@ -21,7 +21,7 @@ from facts_damping.errors import FactsDampingError
 from facts_damping.parameters.run import Run
 from facts_damping.plant.model import copy
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import asks_sensitivity, build_plant, build_sensitivity
+from facts_damping.simulation.build import build_plant, needs_residues, plant_residues
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -44,7 +44,7 @@ NAMED = ("system", "scenario", "link")
 IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
 
 _plants: dict[str, Built] = {}
-_sensitivities: dict[str, Residues | None] = {}
+_residues: dict[str, Residues | None] = {}
 
 
 class Base(NamedTuple):
@@ -56,7 +56,7 @@ class Base(NamedTuple):
     modes: bool
 
 
-class Batch(NamedTuple):
+class RunRequest(NamedTuple):
     """A run: its key in the journal, the fields that it sets, and its columns of the table."""
 
     key: str
@@ -72,7 +72,7 @@ def make(base: Base, changes: Mapping[str, Any]) -> Case:
     return loading.make_case(content, base.source, sets)
 
 
-def one_run(base: Base, task: Batch) -> tuple[str, dict[str, Any]]:
+def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
     """Key and row of a run; one that fails is a row too, with the reason in `error`."""
     row: dict[str, Any] = {**dict.fromkeys(IDENTITY), **names(base, task.changes), **task.columns}
     try:
@@ -108,14 +108,14 @@ def identity(case: Case) -> dict[str, Any]:
 
 
 def closed_loop(case: Case) -> Record:
-    """`loop.run(case)`, with plant and sensitivity shared between runs."""
+    """`loop.run(case)`, with plant and residues shared between runs."""
     # By content, not by name: a worker of a cluster may outlive a file.
     system = f"{case.run.devices} {case.system.model_dump_json()}"
     events = [event.model_dump_json() for event in case.scenario.events]
     built = shared(_plants, f"{events} {system}", lambda: build_plant(case))
     plant = None
-    if asks_sensitivity(case):
-        plant = shared(_sensitivities, f"{case.run.frame_rate} {system}", lambda: build_sensitivity(case))
+    if needs_residues(case):
+        plant = shared(_residues, f"{case.run.frame_rate} {system}", lambda: plant_residues(case))
     own = built._replace(state=copy(built.state))
     return loop.finish(case, loop.build_loop(case, plant, own))
 

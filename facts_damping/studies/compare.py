@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ from facts_damping.analysis.indices import INDICES
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import load_case
 from facts_damping.control.table import CONTROLLERS, kind
+from facts_damping.errors import InputError
 from facts_damping.parameters import files
 from facts_damping.parameters.files import parse_set, read_value
 from facts_damping.parameters.study import Axis, Study, Tables
@@ -25,7 +27,7 @@ SYSTEMS = ("two_area", "smib")
 NONE = "none"
 TABLES = Tables(figures=["damped", *INDICES, "smoothness", "settling_time_s", "max_injected_voltage_pu"])
 BARE = ("scenario=[]", "controllers.0.name=ANFTSC")  # a run whose signals and devices may be asked for
-OF_ALL = ("devices=", "controllers.0.signals=", "controllers.0.devices=")  # not of networks alone
+OF_ALL = re.compile(r"devices=|controllers\.(0|\*)\.(signals|devices)=")  # not of networks alone
 
 
 def plan(systems: Sequence[str], names: Sequence[str], sets: Sequence[str]) -> sweep.Plan:
@@ -34,6 +36,9 @@ def plan(systems: Sequence[str], names: Sequence[str], sets: Sequence[str]) -> s
     What it says below `controllers` is for networks alone, but for signals and devices: of them each controller takes
     as many as it can.
     """
+    for text in sets:
+        if text.startswith("controllers="):
+            raise InputError(f"--set {text}: given; allowed: fields below controllers.0, for every controller compared")
     rows: list[dict[str, Any]] = []
     labels: list[str | int | float] = []
     for system in systems or SYSTEMS:
@@ -58,12 +63,12 @@ def contenders(system: str, names: Sequence[str], sets: Sequence[str]) -> dict[s
 
     LLC-tuned is left out where it is not tuned for the signals and devices that all are given.
     """
-    given = [text for text in sets if text.startswith(OF_ALL)]
+    given = [text for text in sets if OF_ALL.match(text)]
     own = load_case(None, [f"system={system}", *BARE, *given]).run.controllers[0]
     known = ("LLC-tuned", None) in tuned(system, own.signals[:1], own.devices)
     asked = every_scheme([name for name in names or CONTROLLERS if name != NONE])
     kept = [one for one in asked if one[0] != "LLC" and (one[0] != "LLC-tuned" or known)]
-    pairs = [parse_set(text) for text in sets if text.startswith("controllers.") and not text.startswith(OF_ALL)]
+    pairs = [parse_set(text) for text in sets if text.startswith("controllers.") and not OF_ALL.match(text)]
     changes = {key: read_value(value, f"--set {key}={value}") for key, value in pairs}
     rows: dict[str, dict[str, Any]] = {NONE: {"controllers": []}}
     for name, scheme in [("LLC", None), *kept]:

@@ -14,7 +14,7 @@ from facts_damping.control.table import OFF_ON, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.parameters.run import Controller
-from facts_damping.simulation.build import build_sensitivity
+from facts_damping.simulation.build import plant_residues
 from facts_damping.studies.scoring import REFERENCE
 from facts_damping.studies.space import GUARDS, Space
 from facts_damping.studies.tune import every_scheme
@@ -110,7 +110,7 @@ class Choice:
         self.structure, self.system = structure, system
         content = {"system": system, "scenario": [], "devices": list(structure.devices), "controllers": []}
         case = make_case(content, "search")
-        plant = build_sensitivity(case)
+        plant = plant_residues(case)
         if plant is None:
             raise InputError(f"SYSTEM: {system} has no swing mode; allowed: a system whose machines swing")
         self.plant, self.limit = plant, case.system.device(structure.devices[0]).v_max

@@ -13,7 +13,7 @@ from facts_damping.parameters.files import find, parse_set, read_table, read_val
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.studies import axes, margins
-from facts_damping.studies.batch import IDENTITY, Base, Batch, figure_names, make, one_run
+from facts_damping.studies.batch import IDENTITY, Base, RunRequest, figure_names, make, one_run
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.pool import workers
 from facts_damping.version import __version__
@@ -126,31 +126,31 @@ def _seen(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[Seen]:
     return found
 
 
-def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[Batch]:
+def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
     """The runs that come next; none: the study is done. Those on the same network follow each other, to share it."""
     found = [
         _task(made, i, value)
         for i, seen in enumerate(_seen(made, rows))
         for value in (_wanted(made.study.margin, seen) if made.study.margin else [None] if not seen else [])
     ]
-    networks: dict[str, list[Batch]] = {}
+    networks: dict[str, list[RunRequest]] = {}
     for task in found:
         networks.setdefault(_network(task), []).append(task)
     return [task for own in networks.values() for task in own]
 
 
-def _network(task: Batch) -> str:
+def _network(task: RunRequest) -> str:
     """What a run sets of the network and its events, as text."""
     own = {path: value for path, value in task.changes.items() if path.partition(".")[0] in NETWORK}
     return json.dumps(own, default=str)
 
 
-def _task(made: Plan, i: int, value: float | None) -> Batch:
+def _task(made: Plan, i: int, value: float | None) -> RunRequest:
     point = made.points[i]
     if made.study.margin is None or value is None:
-        return Batch(str(i), point.changes, point.columns)
+        return RunRequest(str(i), point.changes, point.columns)
     both = axes.joined([point, axes.placed(made.study.margin, value)])
-    return Batch(f"{i} {value!r}", both.changes, both.columns)
+    return RunRequest(f"{i} {value!r}", both.changes, both.columns)
 
 
 def _wanted(margin: Margin, seen: Seen) -> list[float]:

@@ -22,7 +22,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.files import find
 from facts_damping.parameters.run import Controller, Tuned, TunedController
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_control, build_sensitivity
+from facts_damping.simulation.build import build_control, plant_residues
 from facts_damping.studies.optimisers import differential_evolution
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.space import Space
@@ -87,16 +87,16 @@ class Trainer:
         self.signals = task.signals[: self.row.signals]
         content = {"system": task.system, "scenario": SCENARIO, "devices": task.devices, "controllers": []}
         self.case = case = make_case(content, f"tune {task.system}")
-        found = build_sensitivity(case)
+        found = plant_residues(case)
         if found is None:
             raise InputError(f"SYSTEM: {task.system} has no swing mode; allowed: a system whose machines swing")
-        self.sensitivity: Residues = found
+        self.residues: Residues = found
         self.space = Space(self.row, self.scheme, self.signals, task.devices)
 
     def parameters(self, at: NDArray[np.float64]) -> dict[str, Value]:
         """Parameters at a point of the search, each coordinate from 0 to 1."""
         limit = self.case.system.device(self.space.devices[0]).v_max
-        return self.space.parameters(at, self.sensitivity, limit)
+        return self.space.parameters(at, self.residues, limit)
 
     def with_parameters(self, values: dict[str, Value]) -> Case:
         """The training case of the controller with these parameters."""
@@ -112,11 +112,11 @@ class Trainer:
 
     def check(self) -> None:
         """Raise `InputError` where the controller cannot have these signals and devices."""
-        build_control(self.with_parameters(self.parameters(np.full(len(self.space.ranges), 0.5))), self.sensitivity)
+        build_control(self.with_parameters(self.parameters(np.full(len(self.space.ranges), 0.5))), self.residues)
 
     def objective(self, at: NDArray[np.float64]) -> float:
         """The objective at a point of the search."""
-        return objective(self.with_parameters(self.parameters(at)), self.sensitivity)
+        return objective(self.with_parameters(self.parameters(at)), self.residues)
 
 
 def objective(case: Case, plant: Residues) -> float:

@@ -47,11 +47,6 @@ def own(built: Built, name: str) -> list[int]:
     return [i for i, state in enumerate(built.state_names) if state.startswith(f"{name}.")]
 
 
-def test_codes_of_the_kinds_are_different() -> None:
-    assert list(devices.LAWS.values()) == list(reversed(devices.FIELDS))
-    assert devices.FIELDS == KINDS
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     """Its branch in each of the compiled functions is there, and gives numbers."""

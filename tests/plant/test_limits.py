@@ -64,7 +64,7 @@ def at_a_port(made: Any, x: Sequence[float], u: float, voltage: complex, impedan
     empty = plant("smib", installed=["sssc"])
     admittance = 1 / (impedance + complex(made["rs"], made["xs"]))
     rows = np.zeros(1, devices.DEVICE)
-    rows[0]["kind"], rows[0]["states"], rows[0]["sssc"] = devices.FIELDS.index("sssc"), 3, made
+    rows[0]["kind"], rows[0]["states"], rows[0]["sssc"] = devices.CODES["sssc"], 3, made
     model = empty.plant._replace(
         machines=empty.plant.machines[:0],
         devices=rows,

@@ -13,7 +13,7 @@ from scipy.signal import cont2discrete
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_control, build_sensitivity
+from facts_damping.simulation.build import build_control, plant_residues
 from facts_damping.small_signal.lqg import DesignModel, design, model, optimal, reduced, sampled
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def case_of(which: str, quarters: int = 0) -> Case:
 
 
 def plant_of(case: Case) -> Residues:
-    plant = build_sensitivity(case)
+    plant = plant_residues(case)
     assert plant is not None
     return plant
 

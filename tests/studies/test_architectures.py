@@ -131,6 +131,20 @@ def test_a_star_is_every_entry_of_a_list(text: str) -> None:
         assert (row.name if field == "name" else f"{row.parameters['gain']:g}") == value
 
 
+@pytest.mark.parametrize(
+    "sets",
+    [
+        ["link=delay_100ms", "link.up.*.delay=0.07"],
+        ["link=delay_100ms", "controllers.0.link.up.*.delay=0.07"],
+        ["link=delay_100ms", "controllers.*.link.up.*.delay=0.07"],
+        ["link=delay_100ms", "controllers.*.name=HBsWC", "controllers.*.link.up.*.delay=0.07"],
+    ],
+)
+def test_a_star_below_a_name_is_every_entry_of_what_it_names(sets: list[str]) -> None:
+    case = load_case(None, sets)
+    assert [stage.model_dump()["delay"] for stage in case.links[case.used_links[0]].up] == [0.07, 0.07]
+
+
 def test_a_star_where_nothing_is_a_list_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "--set", "controllers=[]", "--set", "controllers.*.name=LLC"]) == 2
     assert "controllers.*.name: '*' given; allowed: where controllers is a list" in capsys.readouterr().err

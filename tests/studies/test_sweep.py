@@ -27,7 +27,7 @@ from facts_damping.parameters.files import shipped
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping.studies import axes, batch, sweep
-from facts_damping.studies.batch import Batch, make, names, one_run
+from facts_damping.studies.batch import RunRequest, make, names, one_run
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.pool import workers
 from facts_damping.studies.results import cell
@@ -605,7 +605,7 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
             **point.columns,
         }
         points[tuple(sorted((one, cell(identity[one])) for one, _ in written[0][1]))] = point
-    tasks: dict[str, Batch] = {}
+    tasks: dict[str, RunRequest] = {}
     expected: list[tuple[str, str, bool]] = []
     for criterion, place, text in written[::every]:
         found = BRACKET.match(text)
@@ -616,7 +616,7 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
                 value = round(round(float(end) / finest) * finest, 9)
                 both = axes.joined([points[place], axes.placed(margin, value)])
                 key = f"{place} {value}"
-                tasks[key] = Batch(key, both.changes, {})
+                tasks[key] = RunRequest(key, both.changes, {})
                 expected.append((key, criterion, fails))
     with workers(2) as each:
         rows = dict(each(partial(one_run, plan.base), list(tasks.values())))

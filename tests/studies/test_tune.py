@@ -66,7 +66,7 @@ def test_what_was_chosen_reaches_in_training_what_its_row_says(system: str, row:
     trainer = Trainer(Job(task(system), row.name, row.scheme))
     low, high = np.inf, 0.0
     for near in neighbours(row):
-        reached = objective(trainer.with_parameters(near), trainer.sensitivity)
+        reached = objective(trainer.with_parameters(near), trainer.residues)
         assert reached < LOST / 2.0
         low, high = min(low, reached), max(high, reached)
         if low * 0.98 <= row.objective <= high * 1.02:
@@ -102,7 +102,7 @@ def test_a_search_is_reproducible_and_no_worse_than_its_first_points() -> None:
 
 def test_a_lost_run_counts_more_than_any_that_stays() -> None:
     trainer = Trainer(Job(task("two_area"), "LLC-tuned", None))
-    lost = objective(trainer.with_parameters({"gain": -50.0}), trainer.sensitivity)
+    lost = objective(trainer.with_parameters({"gain": -50.0}), trainer.residues)
     assert 900.0 < lost < 1000.0
 
 
