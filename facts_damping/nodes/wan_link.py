@@ -111,7 +111,10 @@ class WanLink:
         self.missing = set()
         refused = int(self.links.up.ring[self.index, 3] + self.links.down.ring[self.index, 3])
         if refused:
-            raise RunError(f"{refused} entries found no room under way; its delays are not what was allowed for")
+            raise RunError(
+                f"{refused} entries found no room under way; its delays are not what was allowed for, "
+                "or another graph sends in this ROS_DOMAIN_ID"
+            )
         if (self.tick + 1) % self.case.run.frame_rate == 0:
             self.publish_statistics()
 
