@@ -81,6 +81,7 @@ setup(
             "ros-kilted-rclpy==9.1.2",
             "ros-kilted-rmw-fastrtps-cpp==9.3.3",
             "ros-kilted-std-msgs==5.5.1",
+            "ros-kilted-std-srvs==5.5.1",
         ],
         "bench": [  # other programs, for `facts-damping bench`; exact, as their figures are
             'andes==2.0.0; python_version >= "3.11"',

@@ -114,6 +114,10 @@ DEVICE_TRUTH = np.dtype(
         ("active_power", "f8"),  # p.u. of the system base, given to the network
         ("reactive_power", "f8"),  # p.u. of the system base, given to the network
         ("blocked", "f8"),  # 1 = blocked (too little current or voltage, or no solution)
+        ("released", "f8"),  # 1 = released by its watchdog: it takes no setpoint
+        ("refused_value", "f8"),  # setpoints that its watchdog has refused so far: not finite or beyond the limit,
+        ("refused_stamp", "f8"),  # too old or from the future,
+        ("refused_order", "f8"),  # not newer than one before
     ]
 )
 
@@ -189,7 +193,11 @@ class Record:
         return {name: unit for name, unit, _ in _columns(self)}
 
 
-TRUTH_UNITS = {"rotor_angle": "rad", "blocked": "-"}  # of the truth's fields; all others are p.u.
+# Of the truth's fields; all others are p.u.
+TRUTH_UNITS = {
+    "rotor_angle": "rad",
+    **dict.fromkeys(("blocked", "released", "refused_value", "refused_stamp", "refused_order"), "-"),
+}
 
 
 def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping import terminal
+from facts_damping.analysis import releases
 from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency
@@ -71,12 +72,15 @@ def summarise(
         "saturation_duty": saturation_duty(record),
         "latency_ms": latency(record),
         "frames_lost": frames_lost(record),
+        "releases": releases.releases(record),
+        "refused_setpoints": releases.refused_setpoints(record),
     }
 
 
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
     """Text table for a terminal: a column a run (its name, its summary), a row a figure."""
     rows = [[label, *(value_text(find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
+    rows += [[label, *cells] for label, cells in releases.rows([summary for _, summary in summaries])]
     return "\n".join(terminal.table(["", *(name for name, _ in summaries)], rows))
 
 

@@ -67,13 +67,18 @@ def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str
 
 
 def _open_name(content: dict[str, Any], key: str) -> None:
-    """Where a `--set` goes below a name (system, scenario, link), put the named file's content in its place."""
+    """Where a `--set` goes below a name (system, scenario, link), put the named file's content in its place.
+
+    Below a watchdog that is off it is switched on.
+    """
     top, _, below = key.partition(".")
     if not below:
         return
     if top == "controllers":
         content.setdefault(top, [{}])
         open_own(content, below)
+    if top == "watchdog" and content.get(top) in ("off", False, None):
+        content[top] = {}
     if top not in ("system", "scenario", "link"):
         return
     named = content.get(top, Run.model_fields[top].default)

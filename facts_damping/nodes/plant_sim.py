@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
+from std_srvs.srv import Trigger
 
 from facts_damping.case.names import link_addresses
 from facts_damping.compiling import specialised
@@ -23,6 +24,7 @@ from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import workspace
+from facts_damping.plant.watchdog import NEVER, rearm, release_those
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation.build import build_plant, grid_events
 from facts_damping.simulation.loop import tick_ns
@@ -58,12 +60,16 @@ class PlantSim:
         self.to_events = node.create_publisher(GridEvent, "plant/events", RELIABLE)
         self.to_diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         self.to_recorder = [self.to_all, self.to_events, self.to_diagnostics]
+        node.create_service(Trigger, "~/rearm", self.on_rearm)
         self.links = link_addresses(self.case)
         for i, link in enumerate(self.links):
             topic = link.topic("setpoints/delivered")
             node.create_subscription(VoltageSetpoints, topic, partial(self.on_setpoints, i), RELIABLE, raw=True)
         self.answered = [-1 for _ in self.links]
         self.waiting: list[list[Any]] = [[] for _ in self.links]
+        self.heard_at = np.zeros(len(self.devices))  # wall time, s, at which each device's watchdog last accepted
+        self.accepted_ns = self.state.watch["accepted_ns"].copy()
+        self.now_ns = 0
         self.events = grid_events(self.case)
         self.misses = 0
         table = np.zeros(0, SETPOINT)
@@ -108,6 +114,24 @@ class PlantSim:
             kept.clear()
         self.step(self.plant, self.state, start_ns, end_ns, table, count, self.work)
 
+    def on_rearm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Let every released device take setpoints again."""
+        released = [name for d, name in enumerate(self.case.run.devices) if self.state.watch["released"][d]]
+        rearm(self.state.watch, self.now_ns)
+        response.success = bool(released)
+        response.message = f"re-armed: {', '.join(released)}" if released else "no device is released"
+        return response
+
+    def watch_wall(self) -> None:
+        """Release the devices that have had no setpoint for their time-out by the wall clock, too."""
+        if self.case.run.watchdog is None:
+            return
+        now, accepted = time.monotonic(), self.state.watch["accepted_ns"]
+        self.heard_at[accepted != self.accepted_ns] = now
+        self.accepted_ns[:] = accepted
+        late = (accepted != NEVER) & (now - self.heard_at > self.case.run.watchdog.timeout)
+        release_those(self.state.watch, late)
+
     def wait_lockstep(self, tick: int) -> None:
         """Wait for the setpoints of a tick; a link that stays silent is named."""
         # A link gives up on a silent controller first, and names it: its patience is shorter.
@@ -149,6 +173,9 @@ class PlantSim:
             if not sound:
                 break
             self.advance(start, end)
+            self.now_ns = end
+            if self.options.realtime:
+                self.watch_wall()
         finish([self.to_links, *self.to_recorder], self.options.timeout)
 
 

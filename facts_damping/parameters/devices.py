@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -18,13 +18,13 @@ class DeviceModel(ParameterModel):
 
     name: Name
     kind: str
-    hold: float | None = quantity(
-        None,
-        "s",
-        "longest time that a setpoint is in force without a new one; none: for ever",
-        gt=0,
-        le=1e5,
-    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _former(cls, given: Any) -> Any:
+        if isinstance(given, dict) and "hold" in given:
+            raise ValueError("'hold' given; allowed: 'watchdog.timeout' of the run, as it is called now")
+        return given
 
 
 class Series(DeviceModel):

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.parameters.watchdog import Watchdog
 
 # A ROS namespace below that of the graph: parts of letters, digits and underscores, joined by slashes.
 _PART = "[A-Za-z][A-Za-z0-9_]*"
@@ -176,7 +177,13 @@ class Run(ParameterModel):
     devices: list[Name] = Field(["sssc"], description="devices of the system that are installed")
     controllers: list[Controller] = Field([Controller()], max_length=16)
     link: str | dict[str, Any] = Field("ideal", description="name under config/links, path, or a link inline")
+    watchdog: Watchdog | None = Field(Watchdog(), description="of every device; `off`: none")
     frame_rate: int = quantity(60, "frames/s", "PMU frames per second", ge=1, le=1000)
     duration: float | None = quantity(None, "s", "simulated time; none: the scenario's", gt=0, le=1e5)
     seed: int = quantity(0, "-", "seed of all randomness", ge=0, le=2**31 - 1)
     asked: dict[str, Any] | None = Field(None, description="in stored runs: the run as the user wrote it, by names")
+
+    @field_validator("watchdog", mode="before")
+    @classmethod
+    def _watchdog_off(cls, value: Any) -> Any:
+        return None if value == "off" or value is False else value

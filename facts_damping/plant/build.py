@@ -13,6 +13,7 @@ from facts_damping.plant.events import Stage, stages
 from facts_damping.plant.model import DEVICE, LOAD, PORT, SALIENT, Plant, PlantState, Site
 from facts_damping.plant.power_flow import PowerFlow, solve
 from facts_damping.plant.reduction import Place, reduce_network
+from facts_damping.plant.watchdog import watching
 from facts_damping.signals import to_ns
 
 if TYPE_CHECKING:
@@ -33,9 +34,12 @@ class Built(NamedTuple):
     state_names: list[str]
 
 
-def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> Built:
+def build(
+    system: System, installed: Sequence[str], listed: Sequence[Event], watchdog: NDArray[Any] | None = None
+) -> Built:
     """Power flow, steady state of machines, controls and devices, and the reduced network of every stage.
 
+    `watchdog`: the devices', a row of WATCHDOG; none: off.
     Raises `InputError` for a power flow that does not converge, limits that do not admit the start, or an
     event that cannot happen.
     """
@@ -56,6 +60,8 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
         ports.add(LOAD, i, Place(x.bus))
     load_rows = [load.row(x, system.base_power, 1.0 if x.at == "nominal" else magnitude[x.bus]) for x in loads]
     placed = _devices(system, [system.device(name) for name in installed], flow, magnitude, states, ports)
+    if watchdog is not None:
+        placed["watchdog"] = watchdog
     norton = rotating.rows["admittance"]
     stations = [next((g for g, m in enumerate(system.machines) if m.name == s.machine), -1) for s in system.stations]
     plant = Plant(
@@ -78,7 +84,7 @@ def build(system: System, installed: Sequence[str], listed: Sequence[Event]) -> 
     )
     n = len(installed)
     source = np.zeros(len(ports.rows), np.complex128)
-    state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), np.full(n, devices.FOREVER), source)
+    state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), watching(n), source)
     return Built(plant, state, flow, states.names)
 
 

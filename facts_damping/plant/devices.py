@@ -9,7 +9,7 @@ import numpy as np
 
 from facts_damping.compiling import branching, compiled
 from facts_damping.plant import sssc, statcom, svc
-from facts_damping.signals import to_ns
+from facts_damping.plant.watchdog import WATCHDOG
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,15 +54,13 @@ KINDS = {
 }
 CODES = {name: code for code, name in enumerate(KINDS)}  # in compiled code
 
-FOREVER = 1 << 62  # ns
-
-# An installed device: its port, kind and states, the limits of its setpoint and of the rate of its reference, how long
-# it holds a setpoint, and the row of its kind's table; those of the other kinds are empty.
+# An installed device: its port, kind and states, the limits of its setpoint and of the rate of its reference, its
+# watchdog, and the row of its kind's table; those of the other kinds are empty.
 DEVICE = np.dtype(
     [
         *((name, "i8") for name in ("port", "kind", "offset", "states")),
         *((name, "f8") for name in ("v_max", "rate_max")),
-        ("hold_ns", "i8"),
+        ("watchdog", WATCHDOG),
         *((name, kind.table) for name, kind in KINDS.items()),
     ]
 )
@@ -74,7 +72,6 @@ def install(row: Any, device: Device, site: Site) -> Start:
     start = kind.start(device, site)
     row["kind"], row["offset"], row["states"] = CODES[device.kind], site.offset, len(kind.states)
     row["v_max"], row["rate_max"] = device.v_max, device.rate_max
-    row["hold_ns"] = FOREVER if device.hold is None else to_ns(device.hold)
     row[device.kind] = start.row
     return start
 

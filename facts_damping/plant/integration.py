@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.compiling import compiled, inner
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.model import begin_stage
+from facts_damping.plant.watchdog import NEVER, accepts, due_ns, release
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,32 +49,36 @@ def _runge_kutta(plant: Plant, state: PlantState, ramp: NDArray[np.float64], sta
 def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], first: int, count: int, now: int) -> int:
     """Put the setpoints that are effective by `now` in force, limited; returns the index of the next one."""
     while first < count and setpoints[first].effective_ns <= now:
-        value, device = setpoints[first].value, setpoints[first].device
-        if math.isfinite(value):
-            limit = plant.devices[device].v_max
-            state.target[device] = min(max(value, -limit), limit)
-            state.until_ns[device] = setpoints[first].effective_ns + plant.devices[device].hold_ns
+        d = setpoints[first].device
+        row = plant.devices[d]
+        if accepts(row.watchdog, state.watch[d], setpoints[first], row.v_max, setpoints[first].effective_ns):
+            state.target[d] = min(max(setpoints[first].value, -row.v_max), row.v_max)
         first += 1
     return first
 
 
 @inner
-def _let_go(state: PlantState, end: int, now: int) -> int:
-    """Setpoints that have been in force as long as they may be become zero; where the next one does, or `end`."""
+def _let_go(plant: Plant, state: PlantState, end: int, now: int) -> int:
+    """Release the devices whose time-out is over: to zero with them; where the next one may be, or `end`."""
     for d in range(state.target.size):
-        if state.until_ns[d] <= now:
+        due = due_ns(plant.devices[d].watchdog, state.watch[d])
+        if due > now:
+            end = min(end, due)
+        elif due != NEVER:
+            release(state.watch[d])
+        if state.watch[d].released == 1:
             state.target[d] = 0.0
-        else:
-            end = min(end, state.until_ns[d])
     return end
 
 
 @inner
 def _ramp(plant: Plant, state: PlantState, ramp: NDArray[np.float64], end: int, now: int) -> int:
-    """Slopes (p.u./s) that take the references to their targets at their rate limits; where the first arrives."""
+    """Slopes (p.u./s) that take the references to their targets at their rates; where the first arrives."""
     for d in range(ramp.size):
         gap = state.target[d] - state.reference[d]
         rate = plant.devices[d].rate_max
+        if state.watch[d].released == 1:
+            rate = min(rate, plant.devices[d].watchdog.release_rate)
         ramp[d] = 0.0
         if gap != 0.0:
             ramp[d] = math.copysign(rate, gap)
@@ -106,15 +111,15 @@ def advance(
     """Advance the plant in place from `start_ns` to `end_ns` under `count` setpoints, ordered by time.
 
     Setpoints, events and the ends of reference ramps split the interval exactly; each part is divided
-    into equal steps of at most `plant.step_ns`. A setpoint that is not finite is passed over; one that has been in
-    force for the device's `hold` without a new one is zero from then on.
+    into equal steps of at most `plant.step_ns`. Each device's watchdog decides which setpoints act, and when it is
+    released.
     """
     now, following = start_ns, 0
     ramp = work.slopes[5, : state.reference.size]
     while now < end_ns:
         following = _take_setpoints(plant, state, setpoints, following, count, now)
         stage = begin_stage(plant, state, now)
-        end = _let_go(state, end_ns, now)
+        end = _let_go(plant, state, end_ns, now)
         if following < count:
             end = min(end, setpoints[following].effective_ns)
         if stage + 1 < plant.stage_start_ns.size:

@@ -48,6 +48,13 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
     out.active_power = flow.real
     out.reactive_power = flow.imag
     out.blocked = 1.0 if blocked else 0.0
+    watch = state.watch[d]
+    out.released = watch.released
+    out.refused_value, out.refused_stamp, out.refused_order = (
+        watch.refused_value,
+        watch.refused_stamp,
+        watch.refused_order,
+    )
     facts.truth(row, state.x, state.reference[d], abs(response), blocked, out)
 
 

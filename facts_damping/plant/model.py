@@ -65,14 +65,14 @@ class Plant(NamedTuple):
 class PlantState(NamedTuple):
     """State of a plant: `x` as the kernels lay it out, and of each device the reference and its target, p.u.
 
-    `until_ns`: when the setpoint in force ends if no new one comes. `source` holds what the ports give (p.u.) as last
-    solved: the next solution starts from there.
+    `watch`: what their watchdogs know. `source` holds what the ports give (p.u.) as last solved: the next solution
+    starts from there.
     """
 
     x: NDArray[np.float64]
     reference: NDArray[np.float64]
     target: NDArray[np.float64]
-    until_ns: NDArray[np.int64]
+    watch: NDArray[Any]  # watchdog.WATCH
     source: NDArray[np.complex128]
 
 

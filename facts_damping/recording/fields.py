@@ -44,7 +44,10 @@ FIELDS: dict[str, dict[str, str]] = {
     f"{OURS}PlantState": _HEAD
     | {"in_synchronism": "bool", "machines": f"{OURS}MachineState[]", "devices": f"{OURS}DeviceState[]"},
     f"{OURS}MachineState": {"machine": "string"} | dict.fromkeys(MACHINE_FIELDS, "float64"),
-    f"{OURS}DeviceState": {"device": "string"} | dict.fromkeys(DEVICE_FIELDS, "float64") | {"blocked": "bool"},
+    f"{OURS}DeviceState": {"device": "string"}
+    | dict.fromkeys(DEVICE_FIELDS, "float64")
+    | dict.fromkeys(("blocked", "released"), "bool")
+    | dict.fromkeys(("refused_value", "refused_stamp", "refused_order"), "uint64"),
     f"{OURS}GridEvent": {"header": HEADER, "kind": "string", "element": "string"}
     | dict.fromkeys(("value", "location"), "float64"),
 }

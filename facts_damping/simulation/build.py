@@ -23,6 +23,7 @@ from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
+from facts_damping.plant.watchdog import settings as watchdog_settings
 from facts_damping.signals import CHANNELS
 from facts_damping.small_signal.residues import Residues, residues
 
@@ -64,7 +65,12 @@ def identifier_network(controller: Controller) -> Network:
 
 def build_plant(case: Case) -> Built:
     """The plant of a case, at its equilibrium."""
-    return build(case.system, case.run.devices, case.scenario.events)
+    return build(
+        case.system,
+        case.run.devices,
+        case.scenario.events,
+        watchdog_settings(case.run.watchdog, case.run.frame_rate),
+    )
 
 
 def build_links(case: Case) -> Links:

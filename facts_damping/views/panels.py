@@ -101,6 +101,7 @@ def _devices(case: Case, full: Callable[[str], str]) -> Tab:
             curves = [Curve(state, f"devices[{i}].{field}_pu", field.replace("_", " ")) for field in fields]
             panels.append(Panel(f"{name}: {what}, p.u.", curves))
     panels.append(Panel("blocked", _each(state, "devices[#].blocked", names), STATES))
+    panels.append(Panel("released", _each(state, "devices[#].released", names), STATES))
     return Tab("devices", panels)
 
 

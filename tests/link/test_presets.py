@@ -87,27 +87,6 @@ def test_without_anything_delivered_the_devices_stay_at_rest() -> None:
     np.testing.assert_array_equal(record.frames, without.frames)
 
 
-def test_a_device_lets_go_when_nothing_comes_any_more() -> None:
-    """Total loss from 2.5 s on: the last setpoint for `hold`, to the instant, then zero at the rate limit."""
-    cut = {"up": [{"model": "bernoulli", "loss": 1.0, "start": 2.5}]}
-    more = ("scenario=large", "duration=4", "system.devices.0.rate_max=0.05")
-    held, let_go = run(cut, *more), run(cut, *more, "system.devices.0.hold=0.3104")
-    device = load_case(None, [*more, "system.devices.0.hold=0.3104"]).system.devices[0]
-    assert device.name == held.device_names[0]
-    last = int(held.applied["effective_ns"].max())
-    after = held.time_ns >= last + 310_400_000
-    for name in ("frames", "machines", "devices"):
-        assert getattr(held, name)[~after].tobytes() == getattr(let_go, name)[~after].tobytes()
-    at_end = float(held.devices["setpoint"][-1, 0])
-    assert abs(at_end) > 0.005
-    reference, since = let_go.devices["reference"][after, 0], let_go.time_s[after] - let_go.time_s[after][0]
-    wanted = np.sign(at_end) * np.maximum(abs(reference[0]) - device.rate_max * since, 0.0)
-    assert (wanted != 0.0).sum() > 5
-    np.testing.assert_allclose(reference, wanted, atol=1e-9)
-    assert (let_go.devices["setpoint"][after, 0] == 0.0).all()
-    assert (held.devices["setpoint"][after, 0] == at_end).all()
-
-
 def test_the_seed_of_the_run_is_that_of_its_links() -> None:
     first, same, other = (run("plc", f"seed={seed}", "duration=3") for seed in (1, 1, 2))
     assert first.delivered.tobytes() == same.delivered.tobytes()

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from facts_damping.errors import InputError
 from facts_damping.parameters.devices import Sssc
 from facts_damping.plant import devices, sssc
-from facts_damping.plant.devices import FOREVER
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.model import DEVICE, PORT, PlantState, Site, workspace
 from facts_damping.plant.network import series_devices
+from facts_damping.plant.watchdog import watching
 from tests.independent.dynamics import sssc_voltage
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
@@ -72,7 +72,7 @@ def at_a_port(made: Any, x: Sequence[float], u: float, voltage: complex, impedan
         network=np.array([[[admittance, -admittance]]]),
         ports=np.array([(DEVICE, 0, made["I_min"])], PORT),
     )
-    state = PlantState(np.array(x), np.array([-u]), np.zeros(1), np.full(1, FOREVER), np.zeros(1, complex))
+    state = PlantState(np.array(x), np.array([-u]), np.zeros(1), watching(1), np.zeros(1, complex))
     work = workspace(model, state)
     solve_network(model, state.x, state.reference, state.source, 0, work)
     return Port(complex(work.response[0]), complex(state.source[0]), bool(work.blocked[0]), made, state.x)

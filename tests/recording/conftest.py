@@ -84,7 +84,10 @@ def make_record(seed: int, ticks: int = 30) -> Record:
     machines, devices = (
         floats(ticks, 2, len(layout.names or ())).view(layout)[..., 0] for layout in (MACHINE_TRUTH, DEVICE_TRUTH)
     )
-    devices["blocked"] = random.random((ticks, 2)) < 0.5
+    for name in ("blocked", "released"):
+        devices[name] = random.random((ticks, 2)) < 0.5
+    for name in COUNTS:
+        devices[name] = random.integers(0, 1000, (ticks, 2))
     setpoint = {"tick": ticks, "controller": 2, "device": 2}
     issued = table(SETPOINT, 50, setpoint, "value")
     return Record(
@@ -176,7 +179,7 @@ class Messages:
             for index, name in enumerate(record.machine_names)
         ]
         devices = [
-            self.make("DeviceState", device=name, **_fields(record.devices[tick, index], {"blocked": ""}))
+            self.make("DeviceState", device=name, **_fields(record.devices[tick, index], dict.fromkeys(PLAIN, "")))
             for index, name in enumerate(record.device_names)
         ]
         flag = bool(record.in_synchronism[tick])
@@ -215,11 +218,12 @@ class Messages:
         return bytes(self.store.serialize_cdr(message, message.__msgtype__))
 
 
+COUNTS = ("refused_value", "refused_stamp", "refused_order")
+PLAIN: dict[str, Any] = {"blocked": bool, "released": bool, **dict.fromkeys(COUNTS, int)}  # fields without unit
+
+
 def _fields(row: Any, units: dict[str, str]) -> dict[str, Any]:
-    return {
-        name + units.get(name, "_pu"): bool(row[name]) if name == "blocked" else float(row[name])
-        for name in row.dtype.names
-    }
+    return {name + units.get(name, "_pu"): PLAIN.get(name, float)(row[name]) for name in row.dtype.names}
 
 
 @pytest.fixture(scope="session")

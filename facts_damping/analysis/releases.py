@@ -1,0 +1,80 @@
+"""What the watchdogs of the devices did: releases, re-arming, refused setpoints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.parameters.watchdog import Watchdog
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from facts_damping.signals import Record
+
+CAUSES = {"refused_value": "value", "refused_stamp": "stamp", "refused_order": "order"}
+
+
+def releases(record: Record) -> list[dict[str, Any]]:
+    """Every release by time: device, its begin and, if it was, the re-arming in s, the time-out."""
+    found: list[dict[str, Any]] = []
+    silent = timeout(record)
+    for d, device in enumerate(record.device_names):
+        released = record.devices["released"][:, d] == 1.0
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], released, [False]]).astype(int)))
+        for first, after in zip(edges[::2], edges[1::2], strict=True):
+            again = float(record.time_s[after]) if after < len(released) else None
+            start = float(record.time_s[first])
+            found.append({"device": device, "time_s": start, "rearmed_s": again, "timeout_s": silent})
+    return sorted(found, key=lambda row: row["time_s"])
+
+
+def refused_setpoints(record: Record) -> dict[str, dict[str, int]]:
+    """How many setpoints each device's watchdog refused, by cause; devices that refused none are left out."""
+    found = {}
+    for d, device in enumerate(record.device_names):
+        counts = {cause: _last(record.devices[field][:, d]) for field, cause in CAUSES.items()}
+        if any(counts.values()):
+            found[device] = counts
+    return found
+
+
+def _last(counts: Any) -> int:
+    """The newest count that was recorded."""
+    known = counts[np.isfinite(counts)]
+    return int(known[-1]) if len(known) else 0
+
+
+def timeout(record: Record) -> float:
+    """The time-out of the watchdogs of a run, s."""
+    given = record.configuration.get("watchdog") or {}
+    return float(given.get("timeout", Watchdog().timeout))
+
+
+def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
+    """Rows of a table of runs: a device each that was released or refused setpoints in one of them."""
+    found = []
+    for device in dict.fromkeys(row["device"] for s in summaries for row in s.get("releases") or []):
+        cells = [
+            "; ".join(released_text(row) for row in s.get("releases") or [] if row["device"] == device) or "-"
+            for s in summaries
+        ]
+        found.append((f"{device} released", cells))
+    for device in dict.fromkeys(name for s in summaries for name in s.get("refused_setpoints") or {}):
+        cells = [refused_text((s.get("refused_setpoints") or {}).get(device)) for s in summaries]
+        found.append((f"{device} refused setpoints", cells))
+    return found
+
+
+def released_text(row: dict[str, Any]) -> str:
+    """A release, for people."""
+    ended = "" if row["rearmed_s"] is None else f", re-armed at {row['rearmed_s']:.2f} s"
+    return f"at {row['time_s']:.2f} s: no setpoint for {row['timeout_s']:g} s{ended}"
+
+
+def refused_text(counts: dict[str, int] | None) -> str:
+    """Refused setpoints, for people: how many, and why."""
+    if not counts:
+        return "-"
+    return ", ".join(f"{number} by {cause}" for cause, number in counts.items() if number)

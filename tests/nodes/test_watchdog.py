@@ -1,0 +1,68 @@
+"""The device watchdog in a graph: the same bits as in process, and by the wall clock in real time."""
+
+from __future__ import annotations
+
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from std_srvs.srv import Trigger
+
+from facts_damping.analysis.summary import summarise
+from facts_damping.case.loading import load_case
+from facts_damping.recording.reader import load
+from facts_damping.simulation import loop, replay
+from tests.nodes.graphs import PATIENCE_S, assert_same, run_graph
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+CUT = 'link={"up": [{"model": "bernoulli", "loss": 1.0, "start": 1.0, "duration": 0.5}]}'
+
+
+def test_release_and_return_of_a_graph_are_those_of_the_in_process_run(domain: int, tmp_path: Path) -> None:
+    sets = ["scenario=large", "duration=3", CUT, "watchdog.good=20"]
+    recorded, computed = run_graph(tmp_path, sets), loop.run(load_case(None, sets))
+    assert_same(recorded, computed)
+    case = load_case(None, sets)
+    issued, _ = replay.play(case, replay.fitted(recorded, case))
+    assert replay.first_difference(recorded, issued) is None
+    (row,) = summarise(recorded)["releases"]
+    assert row["rearmed_s"] is not None
+
+
+def ticks(node: Any) -> int:
+    """The newest tick that a plant has told."""
+    lines = [line.split() for line in node.said()[0].splitlines() if line.startswith("tick ")]
+    return int(lines[-1][1]) if lines else 0
+
+
+def test_a_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(
+    start: Any, client: Any, tmp_path: Path
+) -> None:
+    """In real time; the controller holds a setpoint when it is stopped, and goes on before it is asked for."""
+    common = {"scenario": "large", "duration": 12.0, "mode": "realtime", "recorder": "true", "start_timeout": 60.0}
+    recorder = start("recorder", output=tmp_path / "bag", **common)
+    start("wan_link", **common)
+    controller = start("controller", **common)
+    plant = start("plant_sim", **common)
+    plant.wait(lambda: ticks(plant) > 150, PATIENCE_S)
+    controller.send_signal(signal.SIGSTOP)
+    time.sleep(1.0)
+    controller.send_signal(signal.SIGCONT)
+    time.sleep(1.0)
+    rearmed = client(Trigger, "/plant_sim/rearm", Trigger.Request())
+    again = client(Trigger, "/plant_sim/rearm", Trigger.Request())
+    assert (rearmed.success, rearmed.message) == (True, "re-armed: sssc")
+    assert (again.success, again.message) == (False, "no device is released")
+    plant.communicate(timeout=PATIENCE_S)
+    recorder.send_signal(signal.SIGTERM)
+    recorder.communicate(timeout=PATIENCE_S)
+    record = load(tmp_path / "bag")
+    first = summarise(record)["releases"][0]
+    assert first["rearmed_s"] is not None
+    released = record.devices["released"][:, 0] == 1.0
+    at_rest = (record.time_s > first["time_s"] + 0.6) & (record.time_s < first["rearmed_s"])
+    assert released[at_rest].all()
+    assert np.abs(record.devices["reference"][at_rest, 0]).max(initial=0.0) == 0.0
