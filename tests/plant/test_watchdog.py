@@ -148,6 +148,16 @@ def test_a_released_device_is_latched_or_comes_back_after_good_setpoints() -> No
     assert np.abs(again).max() > 0.001
 
 
+def test_only_what_is_released_is_re_armed() -> None:
+    watch = watchdog.watching(3)
+    watch["accepted_ns"] = [watchdog.NEVER, 5, 7]
+    watchdog.release_those(watch, np.array([False, True, False]))
+    assert watch["released"].tolist() == [0, 1, 0]
+    watchdog.rearm(watch, 100)
+    assert watch["released"].tolist() == [0, 0, 0]
+    assert watch["accepted_ns"].tolist() == [watchdog.NEVER, 100, 7]
+
+
 def test_the_table_says_when_a_device_was_released_and_why() -> None:
     text = table([("first", summarise(gap([]))), ("other", summarise(gap(["watchdog=off"])))])
     (line,) = [line for line in text.splitlines() if line.startswith("sssc released")]
