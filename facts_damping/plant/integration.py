@@ -51,7 +51,7 @@ def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], fi
     while first < count and setpoints[first].effective_ns <= now:
         d = setpoints[first].device
         row = plant.devices[d]
-        if accepts(row.watchdog, state.watch[d], setpoints[first], row.v_max, setpoints[first].effective_ns):
+        if accepts(row.watchdog, state.watch[d], setpoints[first], row.v_max, now):
             state.target[d] = min(max(setpoints[first].value, -row.v_max), row.v_max)
         first += 1
     return first

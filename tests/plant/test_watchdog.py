@@ -193,6 +193,15 @@ def test_off_may_be_opened_by_a_field() -> None:
     assert load_case("two_area_small", []).run.watchdog is None
 
 
+def test_the_age_is_by_the_device_s_own_time_not_by_the_setpoint_s() -> None:
+    """One that says it arrived long ago, on data of then, is too old."""
+    built = build_plant(load_case(None, []))
+    old = setpoint(0, value=0.05)
+    advance(built.plant, built.state, 5000 * MS, 5000 * MS + TICK, old, 1, workspace(built.plant, built.state))
+    assert built.state.watch["refused_stamp"].tolist() == [1]
+    assert built.state.target.tolist() == [0.0]
+
+
 @settings(max_examples=30, deadline=None)
 @given(st.data())
 def test_whatever_comes_the_reference_keeps_its_limits_and_is_zero_in_time(data: st.DataObject) -> None:
@@ -209,7 +218,7 @@ def test_whatever_comes_the_reference_keeps_its_limits_and_is_zero_in_time(data:
         come = np.zeros(data.draw(st.integers(0, 3)), SETPOINT)
         for one in come:
             one["measured_ns"], one["issued_ns"] = data.draw(times), data.draw(times)
-            one["value"], one["effective_ns"] = data.draw(numbers), data.draw(st.integers(start, end - 1))
+            one["value"], one["effective_ns"] = data.draw(numbers), data.draw(st.one_of(st.integers(start, end), times))
         come = np.sort(come, order="effective_ns")
         taken += len(come)
         advance(plant, state, start, end, come, len(come), work)
