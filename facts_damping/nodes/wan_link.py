@@ -110,7 +110,7 @@ class WanLink:
         publish(self.to_plant, self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :count], ""))
         self.missing = set()
         refused = int(self.links.up.ring[self.index, 3] + self.links.down.ring[self.index, 3])
-        if refused and not self.options.realtime:  # in real time a controller that has stalled sends much at once
+        if refused:
             raise RunError(
                 f"{refused} entries found no room under way; its delays are not what was allowed for, "
                 "or another graph sends in this ROS_DOMAIN_ID"
