@@ -41,7 +41,7 @@ def ticks(node: Any) -> int:
 def test_a_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(
     start: Any, client: Any, tmp_path: Path
 ) -> None:
-    """In real time: without re-arming anew by setpoints, since none come."""
+    """In real time, by the clock; the operator's word is told which devices it re-armed."""
     common = {"scenario": "large", "duration": 12.0, "mode": "realtime", "recorder": "true", "start_timeout": 60.0}
     recorder = start("recorder", output=tmp_path / "bag", **common)
     start("wan_link", **common)
