@@ -193,11 +193,17 @@ class Record:
         return {name: unit for name, unit, _ in _columns(self)}
 
 
+FLAGS = ("blocked", "released")  # of DEVICE_TRUTH
+REFUSED = ("refused_value", "refused_stamp", "refused_order")  # its counts, by cause
+
 # Of the truth's fields; all others are p.u.
-TRUTH_UNITS = {
-    "rotor_angle": "rad",
-    **dict.fromkeys(("blocked", "released", "refused_value", "refused_stamp", "refused_order"), "-"),
-}
+TRUTH_UNITS = {"rotor_angle": "rad", **dict.fromkeys((*FLAGS, *REFUSED), "-")}
+
+
+def truth_field(name: str) -> str:
+    """One of the truth's fields as messages and columns have it: with its unit, where it has one."""
+    unit = TRUTH_UNITS.get(name, "pu")
+    return name if unit == "-" else f"{name}_{unit}"
 
 
 def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
@@ -226,8 +232,7 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
     ):
         for i, one in enumerate(names):
             for name in table.dtype.names or ():
-                unit = TRUTH_UNITS.get(name, "pu")
-                yield f"{kind}.{one}.{name}" + (f"_{unit}" if unit != "-" else ""), unit, table[name][:, i]
+                yield f"{kind}.{one}.{truth_field(name)}", TRUTH_UNITS.get(name, "pu"), table[name][:, i]
     yield "in_synchronism", "-", record.in_synchronism
     yield from _learnt(record)
 

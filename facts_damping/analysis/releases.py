@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.parameters.watchdog import Watchdog
+from facts_damping.signals import REFUSED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping.signals import Record
-
-CAUSES = {"refused_value": "value", "refused_stamp": "stamp", "refused_order": "order"}
 
 
 def releases(record: Record) -> list[dict[str, Any]]:
@@ -34,7 +33,7 @@ def refused_setpoints(record: Record) -> dict[str, dict[str, int]]:
     """How many setpoints each device's watchdog refused, by cause; devices that refused none are left out."""
     found = {}
     for d, device in enumerate(record.device_names):
-        counts = {cause: _last(record.devices[field][:, d]) for field, cause in CAUSES.items()}
+        counts = {field.removeprefix("refused_"): _last(record.devices[field][:, d]) for field in REFUSED}
         if any(counts.values()):
             found[device] = counts
     return found

@@ -25,7 +25,7 @@ from facts_damping.errors import RunError
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.nodes.cdr import Template
 from facts_damping.nodes.tables import time_ns
-from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, TRUTH_UNITS
+from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, truth_field
 from facts_damping.simulation.build import identifier_network
 
 if TYPE_CHECKING:
@@ -37,12 +37,6 @@ if TYPE_CHECKING:
     from facts_damping.control.identifier_model import IdentifierState
 
 
-def _field(name: str) -> str:
-    """Field of a message for one of the truth's: with its unit, where it has one."""
-    unit = TRUTH_UNITS.get(name, "pu")
-    return name if unit == "-" else f"{name}_{unit}"
-
-
 class PlantStateMessage:
     """The plant's state of a case."""
 
@@ -51,10 +45,10 @@ class PlantStateMessage:
         machines = [MachineState(machine=m.name) for m in case.system.machines]
         devices = [DeviceState(device=name) for name in case.run.devices]
         self._template = t = Template(PlantState(machines=machines, devices=devices))
-        names = [_field(name) for name in MACHINE_TRUTH.names or ()]
+        names = [truth_field(name) for name in MACHINE_TRUTH.names or ()]
         self._machines = t.index(f"machines.{i}.{name}" for i in range(len(machines)) for name in names)
         self._devices = {
-            name: t.index(f"devices.{i}.{_field(name)}" for i in range(len(devices)))
+            name: t.index(f"devices.{i}.{truth_field(name)}" for i in range(len(devices)))
             for name in (DEVICE_TRUTH.names or () if devices else ())
         }
         self._sound = t.index(["in_synchronism"])

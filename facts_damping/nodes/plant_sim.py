@@ -24,7 +24,7 @@ from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import workspace
-from facts_damping.plant.watchdog import NEVER, rearm, release_those
+from facts_damping.plant.watchdog import listening, rearm, release_by_clock
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation.build import build_plant, grid_events
 from facts_damping.simulation.loop import tick_ns
@@ -67,8 +67,7 @@ class PlantSim:
             node.create_subscription(VoltageSetpoints, topic, partial(self.on_setpoints, i), RELIABLE, raw=True)
         self.answered = [-1 for _ in self.links]
         self.waiting: list[list[Any]] = [[] for _ in self.links]
-        self.heard_at = np.zeros(len(self.devices))  # wall time, s, at which each device's watchdog last accepted
-        self.accepted_ns = self.state.watch["accepted_ns"].copy()
+        self.heard = listening(len(self.devices))
         self.now_ns = 0
         self.events = grid_events(self.case)
         self.misses = 0
@@ -122,16 +121,6 @@ class PlantSim:
         response.message = f"re-armed: {', '.join(released)}" if released else "no device is released"
         return response
 
-    def watch_wall(self) -> None:
-        """Release the devices that have had no setpoint for their time-out by the wall clock, too."""
-        if self.case.run.watchdog is None:
-            return
-        now, accepted = time.monotonic(), self.state.watch["accepted_ns"]
-        self.heard_at[accepted != self.accepted_ns] = now
-        self.accepted_ns[:] = accepted
-        late = (accepted != NEVER) & (now - self.heard_at > self.case.run.watchdog.timeout)
-        release_those(self.state.watch, late)
-
     def wait_lockstep(self, tick: int) -> None:
         """Wait for the setpoints of a tick; a link that stays silent is named."""
         # A link gives up on a silent controller first, and names it: its patience is shorter.
@@ -174,8 +163,8 @@ class PlantSim:
                 break
             self.advance(start, end)
             self.now_ns = end
-            if self.options.realtime:
-                self.watch_wall()
+            if self.options.realtime and self.case.run.watchdog is not None:
+                release_by_clock(self.state.watch, self.heard, time.monotonic(), self.case.run.watchdog.timeout)
         finish([self.to_links, *self.to_recorder], self.options.timeout)
 
 

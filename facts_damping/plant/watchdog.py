@@ -48,6 +48,9 @@ WATCH = np.dtype(
     ]
 )
 
+# When a watchdog last accepted a setpoint by the wall clock.
+HEARD = np.dtype([("accepted_ns", "i8"), ("at_s", "f8")])
+
 
 def settings(given: Watchdog | None, frame_rate: int) -> NDArray[Any]:
     """A watchdog's row; none given: off."""
@@ -66,6 +69,13 @@ def watching(devices: int) -> NDArray[Any]:
     watch = np.zeros(devices, WATCH)
     watch["accepted_ns"] = watch["issued_ns"] = watch["measured_ns"] = NEVER
     return watch
+
+
+def listening(devices: int) -> NDArray[Any]:
+    """What `release_by_clock` knows of so many devices at the start."""
+    heard = np.zeros(devices, HEARD)
+    heard["accepted_ns"] = NEVER
+    return heard
 
 
 @compiled
@@ -112,9 +122,15 @@ def release(watch: Any) -> None:
     watch.released, watch.good = 1, 0
 
 
-def release_those(watch: NDArray[Any], which: NDArray[np.bool_]) -> None:
-    """Let those of the devices go, until re-armed."""
-    watch["released"][which], watch["good"][which] = 1, 0
+def release_by_clock(watch: NDArray[Any], heard: NDArray[Any], now_s: float, timeout_s: float) -> None:
+    """Release the devices whose watchdogs have accepted nothing for a time-out by the wall clock, too.
+
+    `heard`: a row of HEARD a device, brought up to date; `now_s`: wall time, s. Called once a tick, in real time.
+    """
+    heard["at_s"][watch["accepted_ns"] != heard["accepted_ns"]] = now_s
+    heard["accepted_ns"] = watch["accepted_ns"]
+    late = (heard["accepted_ns"] != NEVER) & (now_s - heard["at_s"] > timeout_s)
+    watch["released"][late], watch["good"][late] = 1, 0
 
 
 def rearm(watch: NDArray[Any], now: int) -> None:

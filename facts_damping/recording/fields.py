@@ -7,18 +7,16 @@ from typing import TYPE_CHECKING, Any
 from rosbags.interfaces import Nodetype
 
 from facts_damping.errors import RecordingError
-from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, TRUTH_UNITS
+from facts_damping.signals import CHANNELS, DEVICE_TRUTH, FLAGS, MACHINE_TRUTH, REFUSED, truth_field
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-_UNITS = {name: "" if unit == "-" else f"_{unit}" for name, unit in TRUTH_UNITS.items()}
-
 # Fields of PmuFrame, MachineState and DeviceState in the order of the arrays' columns: a field of a
 # message is the column's name and its unit.
 FRAME_FIELDS = [f"{name}_{unit}" for name, unit in CHANNELS.items()]
-MACHINE_FIELDS = [f"{name}{_UNITS.get(name, '_pu')}" for name in MACHINE_TRUTH.names or ()]
-DEVICE_FIELDS = [f"{name}{_UNITS.get(name, '_pu')}" for name in DEVICE_TRUTH.names or ()]
+MACHINE_FIELDS = [truth_field(name) for name in MACHINE_TRUTH.names or ()]
+DEVICE_FIELDS = [truth_field(name) for name in DEVICE_TRUTH.names or ()]
 
 OURS = "facts_damping_msgs/msg/"
 TIME, HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
@@ -46,8 +44,8 @@ FIELDS: dict[str, dict[str, str]] = {
     f"{OURS}MachineState": {"machine": "string"} | dict.fromkeys(MACHINE_FIELDS, "float64"),
     f"{OURS}DeviceState": {"device": "string"}
     | dict.fromkeys(DEVICE_FIELDS, "float64")
-    | dict.fromkeys(("blocked", "released"), "bool")
-    | dict.fromkeys(("refused_value", "refused_stamp", "refused_order"), "uint64"),
+    | dict.fromkeys(FLAGS, "bool")
+    | dict.fromkeys(REFUSED, "uint64"),
     f"{OURS}GridEvent": {"header": HEADER, "kind": "string", "element": "string"}
     | dict.fromkeys(("value", "location"), "float64"),
 }

@@ -148,10 +148,14 @@ def test_a_released_device_is_latched_or_comes_back_after_good_setpoints() -> No
     assert np.abs(again).max() > 0.001
 
 
-def test_only_what_is_released_is_re_armed() -> None:
+def test_the_wall_clock_releases_who_heard_nothing_and_only_they_are_re_armed() -> None:
     watch = watchdog.watching(3)
-    watch["accepted_ns"] = [watchdog.NEVER, 5, 7]
-    watchdog.release_those(watch, np.array([False, True, False]))
+    heard = watchdog.listening(3)
+    watch["accepted_ns"] = [watchdog.NEVER, 5, 6]
+    watchdog.release_by_clock(watch, heard, 10.0, 0.2)
+    assert watch["released"].tolist() == [0, 0, 0]
+    watch["accepted_ns"][2] = 7
+    watchdog.release_by_clock(watch, heard, 10.3, 0.2)  # wall time: the second has heard nothing for 0.3 s
     assert watch["released"].tolist() == [0, 1, 0]
     watchdog.rearm(watch, 100)
     assert watch["released"].tolist() == [0, 0, 0]
