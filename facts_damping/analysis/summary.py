@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,14 +75,31 @@ def summarise(
         "frames_lost": frames_lost(record),
         "releases": releases.releases(record),
         "refused_setpoints": releases.refused_setpoints(record),
+        "refused_messages": record.refused,
     }
 
 
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
     """Text table for a terminal: a column a run (its name, its summary), a row a figure."""
     rows = [[label, *(value_text(find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
-    rows += [[label, *cells] for label, cells in releases.rows([summary for _, summary in summaries])]
+    rows += [[label, *cells] for label, cells in more_rows([summary for _, summary in summaries])]
     return "\n".join(terminal.table(["", *(name for name, _ in summaries)], rows))
+
+
+def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
+    """Rows of a table of runs that are there only where one of them has something to say, as texts."""
+    found = releases.rows(summaries)
+    if any(s.get("refused_messages") for s in summaries):
+        found.append(("refused messages", [_refused_text(s.get("refused_messages")) for s in summaries]))
+    return found
+
+
+def _refused_text(given: Sequence[Mapping[str, Any]] | None) -> str:
+    """Refused messages, for people: how many, and why; each node counts what it got."""
+    counts: Counter[str] = Counter()
+    for row in given or ():
+        counts[row["cause"]] += row["count"]
+    return releases.refused_text(counts)
 
 
 def _oscillation(record: Record, signals: NDArray[np.float64], method: str | None, stable: bool) -> dict[str, Any]:

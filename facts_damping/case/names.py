@@ -73,3 +73,8 @@ def recorded_topic(controller: str) -> str:
 def re_name(kind: str) -> str:
     """A kind's name as a ROS name: letters, digits and underscores."""
     return "".join(letter if letter.isalnum() else "_" for letter in kind)
+
+
+def served(case: Case, link: int) -> list[int]:
+    """The controllers that use a link."""
+    return [c for c, used in enumerate(case.used_links) if used == link]

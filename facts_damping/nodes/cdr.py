@@ -3,8 +3,8 @@
 rclpy converts a message field by field, object by object; for a frame of five stations that costs more
 than the transport. Where names and lengths stay the same from tick to tick, so does the place of
 every number in the CDR stream (little-endian, plain CDR as DDS-XTypes 1.3, 7.4.1 has it: a primitive is
-aligned to its size). A `Template` knows these places and is published as raw bytes; a message that
-does not fit it is read by rclpy as usual.
+aligned to its size). A `Template` knows these places and is published as raw bytes. A message is read by
+a template that it fits, byte by byte but for its numbers, and refused if there is none.
 """
 
 from __future__ import annotations
@@ -23,9 +23,12 @@ from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
+    from types import SimpleNamespace
 
     from numpy.typing import NDArray
 
+
+LONGEST = 1 << 24  # bytes of a message: a tick's entries are far less, also when many come at once
 
 SIZES = {form: np.dtype(form).itemsize for form in FORMATS.values()}  # bytes
 
@@ -36,12 +39,32 @@ def _fields(message_type: str) -> Mapping[str, Any]:
     return parse_schema(message_type, schema_text(message_type))
 
 
-def _walk(message: Any, serialised: NDArray[np.uint8]) -> Walk:
-    """Where things stand in a message."""
-    message_type = f"{type(message).__module__.partition('.')[0]}/msg/{type(message).__name__}"
+class Refused(Exception):  # noqa: N818 (not an error: the message is, and the node goes on)
+    """A message that is not to be used; `cause` as in RefusedCount.msg."""
+
+    def __init__(self, cause: str) -> None:
+        super().__init__(cause)
+        self.cause = cause
+
+
+def _walk(kind: type[Any], serialised: NDArray[np.uint8]) -> tuple[Walk, SimpleNamespace]:
+    """Where things stand in a message, and what it says."""
+    message_type = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
     walk = Walk(serialised[np.newaxis], _fields(message_type))
-    walk.read(message_type)
-    return walk
+    return walk, walk.read(message_type)
+
+
+def content(data: bytes, kind: type[Any]) -> SimpleNamespace:
+    """What a message of that type says, read within its bounds; numbers are arrays of one.
+
+    Raises `Refused` where it is no such message.
+    """
+    if len(data) > LONGEST:
+        raise Refused("length")
+    try:
+        return _walk(kind, np.frombuffer(data, np.uint8))[1]
+    except ValueError as error:
+        raise Refused("format") from error
 
 
 class Field(NamedTuple):
@@ -71,12 +94,12 @@ class Template:
     def __init__(self, message: Any) -> None:
         """Lay out `message`; its numbers may be changed later, its strings and lengths may not."""
         serialised = np.frombuffer(serialize_message(message), np.uint8)
-        walk = _walk(message, serialised)
+        walk, _ = _walk(type(message), serialised)
         self._places = {path: (offset - HEADER, form) for path, (offset, form) in walk.places.items()}
         # Padding is zero, between fields and at the end, where DDS fills up a word: equal runs, equal bytes.
         # (rclpy leaves room after empty sequences that the stream does not need.)
         self.sent, self.come = Room(-(-walk.end // 4) * 4), Room(walk.end)
-        self._shape = np.concatenate(walk.shape[1:]) if len(walk.shape) > 1 else np.zeros(0, np.int64)
+        self._shape = np.concatenate([np.arange(HEADER // 2), *walk.shape[1:]])  # the kind of CDR, strings and lengths
         self._names = serialised[self._shape]
         used = [np.arange(offset, offset + SIZES[form]) + HEADER for offset, form in self._places.values()]
         for part in (np.arange(HEADER), self._shape, *used):
@@ -105,7 +128,7 @@ class Template:
         return self.sent.all.tobytes()
 
     def take(self, data: bytes) -> bool:
-        """Take a message if it is of this shape: equal but for its numbers (and what pads it)."""
+        """Take a message if it is of this shape: as long, and equal but for its numbers (and what pads it)."""
         return bool(self._take(np.frombuffer(data, np.uint8), self.come.all, self._shape, self._names))
 
     def tick(self) -> int:

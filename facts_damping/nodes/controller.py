@@ -10,6 +10,7 @@ from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFra
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.compiling import specialised
 from facts_damping.control.bank import act, set_estimate
+from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
@@ -41,34 +42,25 @@ class ControllerNode:
         self.name, graph = address.name, graph_prefix(node, address)
         link = link_addresses(self.case)[self.case.used_links[self.index]]
         identifier = str(identifier_addresses(self.case).get(self.index, ""))
-        self.frames, self.setpoints = FramesMessage(self.case), SetpointsMessage(self.case)
+        self.setpoints = SetpointsMessage(self.case)
         self.inner = ControllerStateMessage(self.case, self.index)
         self.ticks = UnitDelay(self.options, identifier, self.act)
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", RELIABLE)
         self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", RELIABLE)
-        node.create_subscription(
-            PmuDataFrame,
-            graph + link.topic("pmu/delivered"),
-            lambda data: self.ticks.frames(*self.frames.read(data)),
-            RELIABLE,
-            raw=True,
-        )
+        self.guard = Guard(node, self.case, self.options.realtime, graph)
+        delivered = graph + link.topic("pmu/delivered")
+        self.guard.subscribe(PmuDataFrame, delivered, self.ticks.frames, FramesMessage(self.case).read)
         if identifier:
             estimates = Estimates(self.case, self.index)
-            node.create_subscription(
-                JacobianEstimate,
-                f"{graph}{identifier}/estimate",
-                lambda data: self.ticks.receive(*estimates.read(data)),
-                RELIABLE,
-                raw=True,
-            )
+            self.guard.subscribe(JacobianEstimate, f"{graph}{identifier}/estimate", self.ticks.receive, estimates.read)
         given, issued = np.zeros(0, DELIVERY), np.zeros(0, SETPOINT)
         self.set_estimate = specialised(set_estimate, self.state, self.index, np.zeros((0, 0)), np.zeros(0), 0)
         self.compute = specialised(act, self.bank, self.state, self.index, 0, given, 0, issued, 0)
-        self.spinner = Spinner(node)
+        self.spinner = Spinner(node, self.guard)
         extra = int(self.options.recorder)
         listeners = {self.to_link: 1 + bool(identifier) + extra, self.to_recorder: extra}
         wait_for_peers(node, listeners, self.options)
+        self.guard.know()
 
     def run(self) -> None:
         """Serve until stopped, then save what was learnt."""

@@ -43,6 +43,9 @@ MOST_DOMAIN = 232
 ENVIRONMENT = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}  # unless the user says otherwise
 
 
+Refusals = dict[tuple[str, str, str, str], int]  # how many, by node, cause, topic and source
+
+
 @dataclass
 class Outcome:
     """What a graph left: its recording, how long it took, what it counted."""
@@ -51,6 +54,7 @@ class Outcome:
     wall_s: float
     deadline_misses: int
     messages_lost: int
+    messages_refused: Refusals
 
 
 @dataclass
@@ -79,6 +83,13 @@ class Process:
         """Lines of progress since the last look: tick, of how many, deadline misses."""
         lines = re.findall(r"^tick (\d+) (\d+) (\d+)$", self.read(), re.MULTILINE)
         return [(int(k), int(n), int(misses)) for k, n, misses in lines]
+
+    def refused(self) -> Refusals:
+        """What its guard has refused so far."""
+        self.output.seek(0)
+        said = self.output.read().decode(errors="replace")
+        lines = re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", said, re.MULTILINE)
+        return {(self.name, *how): int(count) for count, *how in lines}
 
     def reason(self) -> str:
         """Why it ended, in one line."""
@@ -242,7 +253,8 @@ def run(
         if recorder.failed():
             raise RunError(recorder.reason())
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
-    return Outcome(out / "recording", wall, misses, int(lost.group(1)) if lost else 0)
+        refused = {how: count for process in running.values() for how, count in process.refused().items()}
+    return Outcome(out / "recording", wall, misses, int(lost.group(1)) if lost else 0, refused)
 
 
 def check_domain(domain: str) -> None:

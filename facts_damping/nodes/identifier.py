@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
-from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
+from facts_damping.case.names import controller_addresses, controller_names, identifier_addresses, link_addresses
 from facts_damping.compiling import specialised
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
+from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import Estimates
 from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
@@ -45,30 +46,22 @@ class IdentifierNode:
         rows, swing = self.identifiers.settings[self.own], bank.mode_shape[self.index]
         declare_settings(node, self.controller, own + SHARED, rows, swing)
         sender = str(controller_addresses(self.case)[self.index])
-        self.frames, self.setpoints = FramesMessage(self.case), SetpointsMessage(self.case)
         self.estimates = Estimates(self.case, self.index)
         self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
         self.ticks = UnitDelay(self.options, sender, self.learn)
         self.to_controller = node.create_publisher(JacobianEstimate, f"{address.name}/estimate", RELIABLE)
-        node.create_subscription(
-            PmuDataFrame,
-            graph + link.topic("pmu/delivered"),
-            lambda data: self.ticks.frames(*self.frames.read(data)),
-            RELIABLE,
-            raw=True,
-        )
-        node.create_subscription(VoltageSetpoints, f"{graph}{sender}/setpoints", self.on_setpoints, RELIABLE, raw=True)
+        self.guard = Guard(node, self.case, self.options.realtime, graph)
+        delivered = graph + link.topic("pmu/delivered")
+        self.guard.subscribe(PmuDataFrame, delivered, self.ticks.frames, FramesMessage(self.case).read)
+        setpoints = SetpointsMessage(self.case, controller_names(self.case)[self.index], [self.index])
+        self.guard.subscribe(VoltageSetpoints, f"{graph}{sender}/setpoints", self.ticks.receive, setpoints.read)
         learner = self.identifiers, self.state, self.own
         self.store = specialised(store_setpoints, *learner, np.zeros(0, SETPOINT), 0)
         self.identify = specialised(identify, *learner, np.zeros(0, DELIVERY), 0)
         self.estimate = specialised(write_estimates, *learner, 0, self.rows, 0)
-        self.spinner = Spinner(node)
+        self.spinner = Spinner(node, self.guard)
         wait_for_peers(node, {self.to_controller: 1 + int(self.options.recorder)}, self.options)
-
-    def on_setpoints(self, data: bytes) -> None:
-        """The controller's setpoints of a tick."""
-        tick, _, rows = self.setpoints.read(data)
-        self.ticks.receive(tick, rows)
+        self.guard.know()
 
     def run(self) -> None:
         """Serve until stopped, then save what was learnt."""

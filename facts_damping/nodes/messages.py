@@ -17,14 +17,11 @@ from facts_damping_msgs.msg import (
     MachineState,
     PlantState,
 )
-from rclpy.serialization import deserialize_message
 
 from facts_damping.case.names import controller_names, identifier_names
 from facts_damping.control.bank import controller_network
-from facts_damping.errors import RunError
 from facts_damping.neurofuzzy.start import groups
-from facts_damping.nodes.cdr import Template
-from facts_damping.nodes.tables import time_ns
+from facts_damping.nodes.cdr import Refused, Template, content
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, truth_field
 from facts_damping.simulation.build import identifier_network
 
@@ -172,19 +169,13 @@ class Estimates:
         return t.data()
 
     def read(self, data: bytes) -> tuple[int, Estimate]:
-        """Tick and estimate of a message."""
+        """Tick and estimate of a message. Raises `Refused` where it is not what it should be."""
         t = self._template
-        if t.take(data):
-            jacobian = t.read(self._jacobian).reshape(self._shape)
-            return t.tick(), Estimate(jacobian, t.read(self._by_signal["change"]), t.start_ns())
-        message = deserialize_message(data, JacobianEstimate)
-        if (len(message.jacobian), len(message.change)) != (self._shape[0] * self._shape[1], self._shape[0]):
-            raise RunError(
-                f"{message.identifier}: {len(message.jacobian)} derivatives and {len(message.change)} changes given; "
-                f"allowed: {self._shape[0]} signals by {self._shape[1]} devices"
-            )
-        jacobian = np.array(message.jacobian).reshape(self._shape)
-        return message.tick, Estimate(jacobian, np.array(message.change), time_ns(message.header.stamp))
+        if not t.take(data):
+            content(data, JacobianEstimate)
+            raise Refused("names")
+        jacobian = t.read(self._jacobian).reshape(self._shape)
+        return t.tick(), Estimate(jacobian, t.read(self._by_signal["change"]), t.start_ns())
 
 
 def set_time(time: Time, nanoseconds: int) -> None:

@@ -17,7 +17,7 @@ from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from facts_damping.errors import FactsDampingError, InputError, RunError
-from facts_damping.nodes.spinning import Stopped, check_wanted, stop_by_signals
+from facts_damping.nodes.spinning import HEARD_S, Stopped, check_wanted, stop_by_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -37,7 +37,6 @@ RELIABLE = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabil
 PROFILES, RANGE = "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 COMMON = "/diagnostics"  # everybody's topic
-HEARD_S = 2.0  # wall time that a node that was stopped waits at most for its last messages to arrive
 LEAVE_S = 5.0  # wall time that a node takes at most to leave the graph
 
 
@@ -52,15 +51,11 @@ def graph_prefix(node: Node, address: Address) -> str:
     return own.removesuffix(address.namespace) if address.namespace else ""
 
 
-def shared_topic(node: Node, topics: Iterable[str]) -> str | None:
-    """The first of topics, each of which has one publisher in a graph, that somebody else publishes, too."""
-    return next((topic for topic in topics if topic != COMMON and node.count_publishers(topic) > 1), None)
-
-
-def refuse_others(topic: str | None) -> None:
-    """Raise `RunError` where somebody else publishes a topic of this graph."""
-    if topic is not None:
-        raise RunError(f"another graph publishes {topic} too; set another ROS_DOMAIN_ID (0 to 101)")
+def refuse_others(node: Node, topics: Iterable[str]) -> None:
+    """Raise `RunError` where somebody else publishes one of topics, each of which has one publisher in a graph."""
+    shared = next((topic for topic in topics if topic != COMMON and node.count_publishers(topic) > 1), None)
+    if shared is not None:
+        raise RunError(f"another graph publishes {shared} too; set another ROS_DOMAIN_ID (0 to 101)")
 
 
 def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Options) -> None:
@@ -78,7 +73,7 @@ def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Opt
             if node.count_publishers(subscription.topic_name) < 1
         ]
         topics = [s.topic_name for s in node.subscriptions] + [p.topic_name for p in expected]
-        refuse_others(shared_topic(node, topics))
+        refuse_others(node, topics)
         if not missing:
             return
         if time.monotonic() > deadline:
@@ -154,6 +149,8 @@ def run_node(name: str, make: Callable[[Node], Part]) -> None:
         part = make(node)
         try:
             part.run()
+        except RunError as error:
+            raise RunError(f"{error}{part.spinner.remark()}") from error
         finally:
             part.spinner.close()
     except Stopped:

@@ -17,6 +17,7 @@ from facts_damping.signals import CHANNELS, NANOSECONDS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+PADDING = 7 + 3  # bytes: up to a multiple of eight, and of four
 SPEED = list(CHANNELS).index("speed_deviation")
 
 
@@ -50,13 +51,20 @@ def unpack(
     seconds: NDArray[np.int32],
     nanoseconds: NDArray[np.uint32],
     numbers: NDArray[np.int64],
-) -> None:
-    """Take rows out of a message, the same way back."""
+) -> int:
+    """Take rows out of a message, the same way back.
+
+    Returns the latest of their times but the first (of measurement, which a wrong clock gives), 0 if none is later.
+    """
+    latest = 0
     for i in range(places.shape[0]):
         for j in range(times):
-            words[i, first + j] = seconds[places[i, 2 * j]] * NANOSECONDS + nanoseconds[places[i, 2 * j + 1]]
+            time = seconds[places[i, 2 * j]] * NANOSECONDS + nanoseconds[places[i, 2 * j + 1]]
+            words[i, first + j] = time
+            latest = max(latest, time if j > 0 else 0)
         for j in range(places.shape[1] - 2 * times):
             words[i, first + times + j] = numbers[places[i, 2 * times + j]]
+    return latest
 
 
 @compiled
@@ -83,8 +91,11 @@ def mark(
 
 @compiled
 def take(data: NDArray[np.uint8], kept: NDArray[np.uint8], shape: NDArray[np.int64], names: NDArray[np.uint8]) -> bool:
-    """Take over a message (the first `len(kept)` bytes of `data`) if its bytes at `shape` are `names`."""
-    if data.shape[0] < kept.shape[0]:
+    """Take over a message (the first `len(kept)` bytes of `data`) if its bytes at `shape` are `names`.
+
+    What pads it at its end may follow (rclpy leaves room before the numbers of a sequence that has none).
+    """
+    if not kept.shape[0] <= data.shape[0] <= kept.shape[0] + PADDING:
         return False
     for i in range(shape.shape[0]):
         if data[shape[i]] != names[i]:

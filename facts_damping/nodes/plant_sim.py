@@ -12,10 +12,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
 from std_srvs.srv import Trigger
 
-from facts_damping.case.names import link_addresses
+from facts_damping.case.names import link_addresses, served
 from facts_damping.compiling import specialised
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import merge
+from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import PlantStateMessage, diagnostics, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
@@ -30,6 +31,7 @@ from facts_damping.simulation.build import build_plant, grid_events
 from facts_damping.simulation.loop import tick_ns
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
     from rclpy.node import Node
 
 PROGRESS_S = 0.2  # wall time between two lines of progress on standard output
@@ -50,21 +52,24 @@ class PlantSim:
         self.entries["station"] = np.arange(stations)
         self.machines = np.zeros(len(self.plant.machines), MACHINE_TRUTH)
         self.devices = np.zeros(len(self.plant.devices), DEVICE_TRUTH)
-        self.frames, self.setpoints, self.truth = (
-            FramesMessage(self.case),
-            SetpointsMessage(self.case),
-            PlantStateMessage(self.case),
-        )
+        self.frames, self.truth = FramesMessage(self.case), PlantStateMessage(self.case)
         self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)
         self.to_all = node.create_publisher(PlantState, "plant/state", RELIABLE)
         self.to_events = node.create_publisher(GridEvent, "plant/events", RELIABLE)
         self.to_diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         self.to_recorder = [self.to_all, self.to_events, self.to_diagnostics]
         node.create_service(Trigger, "~/rearm", self.on_rearm)
-        self.links = link_addresses(self.case)
+        self.links, self.tick = link_addresses(self.case), -1
+        self.guard = Guard(node, self.case, self.options.realtime)
         for i, link in enumerate(self.links):
-            topic = link.topic("setpoints/delivered")
-            node.create_subscription(VoltageSetpoints, topic, partial(self.on_setpoints, i), RELIABLE, raw=True)
+            setpoints = SetpointsMessage(self.case, of=served(self.case, i))
+            self.guard.subscribe(
+                VoltageSetpoints,
+                link.topic("setpoints/delivered"),
+                partial(self.on_setpoints, i),
+                setpoints.read,
+                lambda: self.tick,
+            )
         self.answered = [-1 for _ in self.links]
         self.waiting: list[list[Any]] = [[] for _ in self.links]
         self.heard = listening(len(self.devices))
@@ -77,22 +82,23 @@ class PlantSim:
         )
         self.merge = specialised(merge, table, 0, table, 0)
         self.step = specialised(advance, self.plant, self.state, 0, 0, table, 0, self.work)
-        self.spinner = Spinner(node)
+        self.spinner = Spinner(node, self.guard)
         extra = int(self.options.recorder)
         wait_for_peers(
             node,
             {self.to_links: len(self.links) + extra, **dict.fromkeys(self.to_recorder, extra)},
             self.options,
         )
+        self.guard.know()
 
-    def on_setpoints(self, link: int, data: bytes) -> None:
+    def on_setpoints(self, link: int, tick: int, rows: NDArray[Any]) -> None:
         """Keep the setpoints that a link delivers in a tick until the plant advances."""
-        tick, _, rows = self.setpoints.read(data)
-        self.answered[link] = max(self.answered[link], tick)
+        self.answered[link] = tick
         self.waiting[link].append(rows)
 
     def measure(self, tick: int, start_ns: int) -> bool:
         """Measure at the start of a tick and publish: the frame first, since others wait for it."""
+        self.tick = tick
         measured = self.plant, self.state, start_ns, self.frame, self.machines, self.devices, self.work
         sound = bool(self.observe(*measured))
         self.entries["measured_ns"] = self.entries["arrival_ns"] = start_ns
@@ -135,8 +141,7 @@ class PlantSim:
         """Take what comes until the clock says that the tick is over; count it if its setpoints are not there."""
         while (left := wall_end - time.monotonic()) > 0:
             self.spinner.spin_once(left)
-        while self.spinner.spin_once(0.0):
-            pass
+        self.spinner.take_all()
         self.misses += min(self.answered) < tick
 
     def run(self) -> None:

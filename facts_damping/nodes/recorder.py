@@ -13,9 +13,11 @@ import facts_damping_msgs.msg as messages
 from diagnostic_msgs.msg import DiagnosticArray
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
-from facts_damping.nodes.node import HEARD_S, RELIABLE, refuse_others, run_node, shared_topic
+from facts_damping.nodes.guard import TOPIC as REFUSED
+from facts_damping.nodes.guard import Guard
+from facts_damping.nodes.node import run_node
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
-from facts_damping.nodes.spinning import Spinner, told_to_stop
+from facts_damping.nodes.spinning import HEARD_S, Spinner, told_to_stop
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.writer import RecordingWriter
 from facts_damping.version import __version__
@@ -34,6 +36,7 @@ TOPICS = {
     "plant/state": messages.PlantState,
     "plant/events": messages.GridEvent,
     "/diagnostics": DiagnosticArray,
+    REFUSED: messages.RefusedMessages,
 }
 OF_A_LINK = {
     "pmu/delivered": messages.PmuDataFrame,
@@ -77,58 +80,65 @@ class Recorder:
         folder: Any = node.declare_parameter("output", "recording", descriptor("folder of the new recording")).value
         self.writer = RecordingWriter(folder, dump(self.case.document()), versions())
         self.taken: list[tuple[int, int, str, bytes]] = []  # source's time, sequence, topic, data
-        self.next: dict[str, int] = {}
+        self.next: dict[tuple[str, bytes], int] = {}  # sequence that comes next, by topic and publisher
         self.lost: dict[str, int] = {}
+        self.refused = node.resolve_topic_name(REFUSED)
+        self.guard = Guard(node, self.case, self.options.realtime, say=self.on_refused)
         for topic, kind in topics(self.case).items():
             name = node.resolve_topic_name(topic)
             self.writer.add_topic(name, message_type(kind))
             self.lost[name] = 0
-            node.create_subscription(kind, topic, partial(self.on_message, name), RELIABLE, raw=True)
-        self.node = node
-        self.spinner = Spinner(node)
+            self.guard.subscribe(kind, topic, partial(self.on_message, name))
+        self.spinner = Spinner(node, self.guard)
+
+    def on_refused(self, data: bytes) -> None:
+        """Keep what the recorder itself has refused."""
+        self.taken.append((time.time_ns(), 0, self.refused, data))
 
     def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
         """Take one message; a gap in its publisher's sequence is a loss."""
-        sequence = information["publication_sequence_number"]
-        self.lost[topic] += max(0, sequence - self.next.get(topic, sequence))
-        self.next[topic] = sequence + 1
+        sequence, source = information["publication_sequence_number"], (topic, information["publisher_gid"]["data"])
+        self.lost[topic] += max(0, sequence - self.next.get(source, sequence))
+        self.next[source] = sequence + 1
         self.taken.append((information["source_timestamp"], sequence, topic, data))
 
     def take(self) -> bool:
-        """Write what has come, in the order in which it was published; whether there was any."""
-        some = self.spinner.take_all()
+        """Take what has come and write it; whether there may be more."""
+        more = self.spinner.take_all()
+        self.write()
+        return more
+
+    def write(self) -> None:
+        """Write what was taken, in the order in which it was published."""
         for source_ns, sequence, topic, data in sorted(self.taken):
             self.writer.write(topic, data, time.time_ns(), source_ns, sequence)
         self.taken.clear()
-        return some
 
     def run(self) -> None:
         """Record until a signal, and then until nothing more comes; what was published by then is written."""
         try:
             self.drain()
         finally:
+            self.guard.tell(last=True)
+            self.write()
             self.writer.close(self.lost)
         sys.stdout.write(f"lost {sum(self.lost.values())}\n")
         sys.stdout.flush()
 
     def drain(self) -> None:
-        """Empty the queues, rest, and flush by the clock; told to stop, until nothing comes, for a while at most.
-
-        Raises `RunError` where somebody else published, too, when the graph was told to stop.
-        """
-        flushed = heard = told = time.monotonic()
-        shared = None
-        while not told_to_stop() or (time.monotonic() - heard < QUIET_S and time.monotonic() - told < HEARD_S):
-            if self.take():
-                heard = time.monotonic()
+        """Empty the queues, rest, and flush by the clock; told to stop, until nothing comes, for a while at most."""
+        flushed = told = time.monotonic()
+        while not told_to_stop() or (
+            time.monotonic() - self.guard.heard < QUIET_S and time.monotonic() - told < HEARD_S
+        ):
+            more = self.take()
             if time.monotonic() - flushed > FLUSH_S:
                 self.writer.flush()
                 flushed = time.monotonic()
             if not told_to_stop():
                 told = time.monotonic()
-                shared = shared_topic(self.node, self.lost)
-            time.sleep(POLL_S)
-        refuse_others(shared or shared_topic(self.node, self.lost))
+            if not more:
+                time.sleep(POLL_S)
 
 
 def main() -> None:

@@ -12,6 +12,7 @@ from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageS
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses, recorded_topic
 from facts_damping.errors import RunError
+from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import PlantStateMessage, grid_event
 from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
@@ -54,28 +55,32 @@ class ReplaySource:
             c: node.create_publisher(VoltageSetpoints, recorded_topic(str(controllers[c])), RELIABLE)
             for c in identifiers
         }
-        self.answered: dict[str, int] = {}
+        self.tick = -1
+        self.guard = Guard(node, self.case, self.options.realtime)
         for c, controller in enumerate(controllers):
             # In the place of its link, and of its identifier, which hears the recorded setpoints.
             for i in range(1 + (c in identifiers)):
-                heard = partial(self.on_setpoints, str(controller)) if i == 0 else _nothing
-                node.create_subscription(VoltageSetpoints, f"{controller}/setpoints", heard, RELIABLE, raw=True)
+                use = partial(self.on_setpoints, str(controller)) if i == 0 else _nothing
+                setpoints = SetpointsMessage(self.case, controller.name, [c])
+                topic = f"{controller}/setpoints"
+                self.guard.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.tick)
         self.answered = dict.fromkeys(map(str, controllers), -1)
-        self.spinner = Spinner(node)
+        self.spinner = Spinner(node, self.guard)
         listeners = [
             sum(link == i for link in used) + sum(used[c] == i for c in identifiers) for i in range(len(links))
         ]
         expected = dict.fromkeys((self.to_all, self.to_state, self.to_events, *self.applied), extra)
         expected |= {self.delivered[i]: count + extra for i, count in enumerate(listeners)}
         wait_for_peers(node, expected | dict.fromkeys(self.recorded.values(), 1), self.options)
+        self.guard.know()
 
-    def on_setpoints(self, controller: str, data: bytes) -> None:
+    def on_setpoints(self, controller: str, tick: int, _rows: NDArray[Any]) -> None:
         """A controller has answered: it has the estimates of the tick before."""
-        self.answered[controller] = self.setpoints.read(data)[0]
+        self.answered[controller] = tick
 
     def publish(self, at: int, tick: int, start: int) -> None:
         """What was delivered, and recorded, in a tick: first what others wait for."""
-        record = self.record
+        record, self.tick = self.record, tick
         arrived, issued, applied = (
             rows[slice(*np.searchsorted(rows["tick"], [tick, tick + 1]))]
             for rows in (record.delivered, record.issued, record.applied)
@@ -128,7 +133,7 @@ def _entries(start: int, frame: NDArray[np.float64]) -> NDArray[Any]:
     return found
 
 
-def _nothing(_data: bytes) -> None:
+def _nothing(_tick: int, _rows: NDArray[Any]) -> None:
     """For who need not listen."""
 
 

@@ -18,7 +18,10 @@ from rclpy.utilities import get_default_context
 if TYPE_CHECKING:
     from rclpy.node import Node
 
+    from facts_damping.nodes.guard import Guard
+
 REQUESTS_S = 0.05  # wall time between two looks for requests, and for whether the node was told to stop
+HEARD_S = 2.0  # wall time that a node that was stopped waits at most for its last messages to arrive
 MOST = 100  # messages of a subscription that are taken at once: others' turn comes, whoever floods it
 
 _told = Event()
@@ -48,8 +51,9 @@ def check_wanted() -> None:
 class Spinner:
     """Waits for messages and requests of one node and calls their callbacks."""
 
-    def __init__(self, node: Node) -> None:
-        """Take over the node's subscriptions and services; none may be added later."""
+    def __init__(self, node: Node, guard: Guard | None = None) -> None:
+        """Take over the node's subscriptions and services; none may be added later. `guard`: of the node, if any."""
+        self.guard = guard
         self._subscriptions = [(s.handle.pointer, s) for s in node.subscriptions]
         self._services = [(s.handle.pointer, s) for s in node.services]
         context: Any = get_default_context()
@@ -60,12 +64,13 @@ class Spinner:
         counts = (len(self._subscriptions), len(self._services))
         self._messages: Any = rclpy_implementation.WaitSet(counts[0], 0, 0, 0, 0, 0, context.handle)
         self._requests: Any = rclpy_implementation.WaitSet(0, 0, 0, 0, counts[1], 0, context.handle)
-        self._asked = time.monotonic()
+        self._asked = self._wanted_at = time.monotonic()
 
     def spin_once(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` seconds, then serve what is ready, one message a subscription.
 
-        Returns whether a message was; raises `Stopped` once the node was told to stop and has taken all that is here.
+        Returns whether a message was let through; raises `Stopped` once the node was told to stop and has taken all
+        that is here, for a while at most.
         Requests are looked for now and then: waiting for them too would make every turn dearer.
         """
         self._serve()
@@ -73,30 +78,30 @@ class Spinner:
         wait_set.clear_entities()
         for _, subscription in self._subscriptions:
             wait_set.add_subscription(subscription.handle)
-        wanted = not told_to_stop()
+        if wanted := not told_to_stop():
+            self._wanted_at = time.monotonic()
         wait_set.wait(max(0, int(min(timeout_s, REQUESTS_S) * 1e9)) if wanted else 0)
-        served = False
+        some = served = False
         ready = wait_set.get_ready_entities("subscription")
         for pointer, subscription in self._subscriptions if ready else ():
             if pointer in ready:
-                served |= _take(subscription)
-        if not (wanted or served):
+                taken = _take(subscription)
+                some |= taken is not None
+                served |= bool(taken)
+        if not wanted and (not some or time.monotonic() - self._wanted_at > HEARD_S):
             raise Stopped
         return served
 
     def take_all(self) -> bool:
         """Serve what is here, also when told to stop, without waiting; at most `MOST` messages a subscription.
 
-        Returns whether there was any.
+        Returns whether there may be more.
         """
         self._serve()
-        served = False
+        more = False
         for _, subscription in self._subscriptions:
-            for _ in range(MOST):
-                if not _take(subscription):
-                    break
-                served = True
-        return served
+            more |= all(_take(subscription) is not None for _ in range(MOST))
+        return more
 
     def _serve(self) -> None:
         """Answer the requests that wait, now and then, so that `ros2 param` works."""
@@ -110,22 +115,45 @@ class Spinner:
         wait_set.wait(0)
         ready = wait_set.get_ready_entities("service")
         for pointer, service in self._services if ready else ():
-            if pointer in ready:
-                request, header = service.handle.service_take_request(service.srv_type.Request)
-                if header is not None:
-                    service.send_response(service.callback(request, service.srv_type.Response()), header)
+            if pointer in ready and not _answer(service) and self.guard is not None:
+                self.guard.refuse(service.srv_name, "request")
+        if self.guard is not None:
+            self.guard.tell()
+
+    def remark(self) -> str:
+        """What the node's guard has to add to an error."""
+        return "" if self.guard is None else self.guard.remark()
 
     def close(self) -> None:
-        """Let go of all entities."""
+        """Let go of all entities, with a last report."""
+        if self.guard is not None:
+            self.guard.tell(last=True)
         self._messages = self._requests = None
         self._entered.close()
 
 
-def _take(subscription: Any) -> bool:
-    """Take one message, if there still is one, and call its callback."""
+def _take(subscription: Any) -> bool | None:
+    """Take one message, if there still is one, and call its callback; None: there was none, false: it was refused."""
     taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
     if taken is None:
-        return False
+        return None
     wants = subscription._callback_type  # noqa: SLF001 (as rclpy's own executor asks)
-    subscription.callback(*(taken if wants is subscription.CallbackType.WithMessageInfo else taken[:1]))
-    return True
+    given = taken if wants is subscription.CallbackType.WithMessageInfo else taken[:1]
+    return subscription.callback(*given) is not False
+
+
+def _answer(service: Any) -> bool:
+    """Answer one request, if there still is one; an empty answer where it cannot be. Whether all went well."""
+    header = None
+    response = service.srv_type.Response()
+    try:
+        request, header = service.handle.service_take_request(service.srv_type.Request)
+        if header is not None:
+            response = service.callback(request, response)
+    except Exception:  # noqa: BLE001 (whatever a request does to rclpy, the node goes on)
+        sound = False
+    else:
+        sound = True
+    if header is not None:
+        service.send_response(response, header)
+    return sound

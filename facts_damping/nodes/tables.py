@@ -10,18 +10,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from facts_damping_msgs.msg import PmuDataFrame, PmuFrame, VoltageSetpoint, VoltageSetpoints
-from rclpy.serialization import deserialize_message
 
 from facts_damping.case.names import controller_names
 from facts_damping.compiling import specialised
-from facts_damping.nodes.cdr import Template
+from facts_damping.nodes.cdr import Refused, Template, content
 from facts_damping.nodes.packing import mark, pack, unpack
 from facts_damping.signals import CHANNELS, DELIVERY, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Iterable
 
-    from builtin_interfaces.msg import Time
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
@@ -48,9 +46,9 @@ class Layout(NamedTuple):
 class Shape:
     """A message of one shape: a table of entries under a header, a tick and `fresh`."""
 
-    def __init__(self, message: Any, layout: Layout, names: dict[str, Any]) -> None:
+    def __init__(self, message: Any, layout: Layout, names: dict[str, Any], frame_rate: int) -> None:
         """Lay the message out; `names`: the columns of its rows that say whose entries they are."""
-        self._layout = layout
+        self._layout, self._rate = layout, frame_rate
         entries = getattr(message, layout.entries)
         message.fresh = len(entries) > 0
         self._rows = np.zeros(len(entries), layout.dtype)
@@ -81,10 +79,13 @@ class Shape:
         return self.template.data()
 
     def read(self) -> tuple[int, NDArray[Any]]:
-        """Tick and rows of the message that was taken."""
+        """Tick and rows of the message that was taken. Raises `Refused` where its times are not of its tick."""
         tick, rows = self.template.tick(), self._rows.copy()
+        if self.template.start_ns() != start_of(tick, self._rate):
+            raise Refused("stamp")
+        if self._unpack(self._words(rows), *self._columns, *self._come) >= start_of(tick + 1, self._rate):
+            raise Refused("stamp")
         rows["tick"] = tick
-        self._unpack(self._words(rows), *self._columns, *self._come)
         return tick, rows
 
 
@@ -93,11 +94,16 @@ class TableMessage:
 
     layout: ClassVar[Layout]
 
-    def __init__(self) -> None:
+    def __init__(self, case: Case) -> None:
+        self._rate = case.run.frame_rate
         self._shapes: dict[Hashable, Shape] = {}
 
     def make(self, key: Any) -> tuple[Any, dict[str, Any]]:
         """An empty message of the shape that `key` stands for, and the columns of its rows that say whose they are."""
+        raise NotImplementedError
+
+    def key(self, data: bytes) -> Hashable:
+        """Key of the shape that a message must have. Raises `Refused` where it is none, or of unknown names."""
         raise NotImplementedError
 
     def shape(self, key: Hashable) -> Shape:
@@ -106,15 +112,18 @@ class TableMessage:
             if len(self._shapes) >= MOST_SHAPES:
                 self._shapes.clear()
             message, names = self.make(key)
-            self._shapes[key] = Shape(message, self.layout, names)
+            self._shapes[key] = Shape(message, self.layout, names, self._rate)
         return self._shapes[key]
 
-    def taking(self, data: bytes) -> Hashable | None:
-        """Key of the shape that takes a message; None where no such message has come up."""
-        for key, shape in self._shapes.items():
+    def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
+        """Tick and rows of a message. Raises `Refused` where it is not what it should be."""
+        for shape in self._shapes.values():
             if shape.template.take(data):
-                return key
-        return None
+                return shape.read()
+        shape = self.shape(self.key(data))
+        if not shape.template.take(data):
+            raise Refused("names")
+        return shape.read()
 
 
 class FramesMessage(TableMessage):
@@ -131,7 +140,7 @@ class FramesMessage(TableMessage):
 
     def __init__(self, case: Case) -> None:
         """Take the names of stations and their buses."""
-        super().__init__()
+        super().__init__(case)
         self._stations = [station.name for station in case.system.stations]
         buses = {m.name: m.bus for m in case.system.machines}
         self._buses = [s.bus or buses[s.machine or ""] for s in case.system.stations]
@@ -146,37 +155,16 @@ class FramesMessage(TableMessage):
             entry.header.frame_id = self._buses[station]
         return message, {"station": key}
 
+    def key(self, data: bytes) -> tuple[int, ...]:
+        """Stations of a message's entries."""
+        return places(self._stations, [entry.station for entry in content(data, PmuDataFrame).frames])
+
     def fill(self, tick: int, start_ns: int, delivered: NDArray[Any], count: int) -> bytes:
         """Message of `count` delivered entries."""
         rows = delivered[:count]
         shape = self.shape(tuple(rows["station"].tolist()))
         self._mark(rows, *self._marks, shape.marks, *(shape.template.sent.of[form] for form in MARKS))
         return shape.fill(tick, start_ns, rows)
-
-    def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
-        """Tick and entries (DELIVERY, no link) of a message; an entry of an unknown station is passed over."""
-        key = self.taking(data)
-        if key is None:
-            message = deserialize_message(data, PmuDataFrame)
-            known = [entry for entry in message.frames if entry.station in self._stations]
-            key = tuple(self._stations.index(entry.station) for entry in known)
-            if not self.shape(key).template.take(data):
-                return message.tick, self._read_slowly(message.tick, known)
-        return self._shapes[key].read()
-
-    def _read_slowly(self, tick: int, entries: list[PmuFrame]) -> NDArray[Any]:
-        rows = [
-            (
-                tick,
-                self._stations.index(entry.station),
-                0,
-                time_ns(entry.header.stamp),
-                time_ns(entry.arrival),
-                tuple(getattr(entry, name) for name in self.layout.values),
-            )
-            for entry in entries
-        ]
-        return np.array(rows, DELIVERY)
 
 
 class SetpointsMessage(TableMessage):
@@ -191,12 +179,21 @@ class SetpointsMessage(TableMessage):
         marks=[],
     )
 
-    def __init__(self, case: Case) -> None:
-        """Take the names of devices and controllers."""
-        super().__init__()
+    def __init__(self, case: Case, sender: str = "", of: Iterable[int] | None = None) -> None:
+        """Take the names of devices and controllers.
+
+        What is read is from `sender` (a controller; empty: a link), with setpoints of these controllers; None: of all.
+        """
+        super().__init__(case)
         self._devices = list(case.run.devices)
         self._places = {d.name: d.place for d in case.system.devices}
         self._controllers = controller_names(case)
+        self._sender = sender
+        self._of = {
+            c: {self._devices.index(name) for name in controller.devices}
+            for c, controller in enumerate(case.controllers)
+            if of is None or c in of
+        }
 
     def make(self, key: tuple[str, tuple[tuple[int, int], ...]]) -> tuple[VoltageSetpoints, dict[str, Any]]:
         """A message with an entry for each pair of controller and device of the key."""
@@ -208,34 +205,30 @@ class SetpointsMessage(TableMessage):
             message.setpoints.append(entry)
         return message, {"controller": [c for c, _ in pairs], "device": [d for _, d in pairs]}
 
+    def key(self, data: bytes) -> tuple[str, tuple[tuple[int, int], ...]]:
+        """Sender of a message, controllers and devices of its entries."""
+        message = content(data, VoltageSetpoints)
+        controllers = places(self._controllers, [entry.controller for entry in message.setpoints])
+        devices = places(self._devices, [entry.device for entry in message.setpoints])
+        pairs = tuple(zip(controllers, devices, strict=True))
+        if message.controller != self._sender or any(d not in self._of.get(c, ()) for c, d in pairs):
+            raise Refused("names")
+        return message.controller, pairs
+
     def fill(self, tick: int, start_ns: int, rows: NDArray[Any], controller: str) -> bytes:
         """Message of setpoints; `controller` is empty as delivered by a link."""
         pairs = tuple(zip(rows["controller"].tolist(), rows["device"].tolist(), strict=True))
         return self.shape((controller, pairs)).fill(tick, start_ns, rows)
 
-    def read(self, data: bytes) -> tuple[int, str, NDArray[Any]]:
-        """Tick, controller and setpoints (SETPOINT) of a message; those of unknown names are passed over."""
-        key: Any = self.taking(data)
-        if key is None:
-            message = deserialize_message(data, VoltageSetpoints)
-            known = [e for e in message.setpoints if e.device in self._devices and e.controller in self._controllers]
-            pairs = tuple((self._controllers.index(e.controller), self._devices.index(e.device)) for e in known)
-            key = (message.controller, pairs)
-            if not self.shape(key).template.take(data):
-                return message.tick, message.controller, self._read_slowly(message.tick, pairs, known)
-        tick, rows = self._shapes[key].read()
-        return tick, key[0], rows
 
-    def _read_slowly(
-        self, tick: int, pairs: tuple[tuple[int, int], ...], entries: list[VoltageSetpoint]
-    ) -> NDArray[Any]:
-        rows = [
-            (tick, *pair, time_ns(e.header.stamp), time_ns(e.issued), time_ns(e.effective), e.value_pu)
-            for pair, e in zip(pairs, entries, strict=True)
-        ]
-        return np.array(rows, SETPOINT)
+def places(names: list[str], given: Iterable[str]) -> tuple[int, ...]:
+    """Places of the given names among those that are allowed. Raises `Refused` for another one."""
+    try:
+        return tuple(map(names.index, given))
+    except ValueError as error:
+        raise Refused("names") from error
 
 
-def time_ns(time: Time) -> int:
-    """A time message as integer nanoseconds."""
-    return int(time.sec * NANOSECONDS + time.nanosec)
+def start_of(tick: int, frame_rate: int) -> int:
+    """Time of any tick whatever, ns: t_k = k / f, rounded down."""
+    return tick * NANOSECONDS // frame_rate

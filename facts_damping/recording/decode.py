@@ -326,3 +326,16 @@ def _lookup(index: Mapping[str, int], name: str, topic: str) -> int:
     if name not in index:
         raise RecordingError(f"{topic}: unknown name {name!r}; the recording knows {', '.join(index) or 'none'}")
     return index[name]
+
+
+def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
+    """What each node has refused in all: `node`, `topic`, `cause`, `source`, `count`; its counts only grow."""
+    most: dict[tuple[str, str, str, str], int] = {}
+    for block in found:
+        for entry in block.message.refused:
+            key = (block.message.node, entry.topic, entry.cause, entry.source)
+            most[key] = max(most.get(key, 0), int(np.max(entry.count)))
+    return [
+        {"node": node, "topic": topic, "cause": cause, "source": source, "count": count}
+        for (node, topic, cause, source), count in most.items()
+    ]

@@ -48,6 +48,8 @@ FIELDS: dict[str, dict[str, str]] = {
     | dict.fromkeys(REFUSED, "uint64"),
     f"{OURS}GridEvent": {"header": HEADER, "kind": "string", "element": "string"}
     | dict.fromkeys(("value", "location"), "float64"),
+    f"{OURS}RefusedMessages": {"node": "string", "refused": f"{OURS}RefusedCount[]"},
+    f"{OURS}RefusedCount": dict.fromkeys(("topic", "cause", "source"), "string") | {"count": "uint64"},
 }
 
 

@@ -40,12 +40,14 @@ KINDS = {
     "learning": ("facts_damping_msgs/msg/ControllerState", "/state"),
     "state": ("facts_damping_msgs/msg/PlantState", "/plant/state"),
     "events": ("facts_damping_msgs/msg/GridEvent", "/plant/events"),
+    "refused": ("facts_damping_msgs/msg/RefusedMessages", "/security/refused"),
 }
 REQUIRED = ("frames", "state")  # without these there is no record of a plant
 CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
 OF_LINKS = ("delivered", "applied")  # of these each link has its own
 SEVERAL = (*OF_LINKS, "issued", "estimates", "learning")  # these are of a link, a controller, an identifier
 HEARD = ("delivered", "issued", "estimates")  # what controllers and identifiers hear and say
+UNTIMED = ("events", "refused")  # these are of no tick
 LISTED = 5  # so many lost ticks are named one by one
 
 
@@ -92,7 +94,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     found = {
         kind: [_series(topic, messages[topic], notes) for topic in names]
         for kind, names in topics.items()
-        if kind != "events"
+        if kind not in UNTIMED
     }
     ticks = _ticks(found, content.complete)
     notes += _gaps(found, ticks)
@@ -124,6 +126,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         in_synchronism=decode.column(state, attrgetter("in_synchronism"), np.bool_),
         links=len(found["delivered"]),
         events=decode.events(block for topic in topics["events"] for block in messages[topic]),
+        refused=decode.refused(block for topic in topics["refused"] for block in messages[topic]),
         notes=notes,
         gap_tick=_unanswered(found, ticks),
     )

@@ -10,7 +10,7 @@ from facts_damping.analysis.details import JUDGED
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.ringdown import COVERED
-from facts_damping.analysis.summary import ROWS, find, value_text
+from facts_damping.analysis.summary import ROWS, find, more_rows, value_text
 from facts_damping.report.contents import Cell, ReportTable
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def summary(runs: Sequence[ReportedRun], comparable: bool) -> ReportTable:
         marks = ranked(values, LARGEST_IS_BEST[label]) if judged else [UNMARKED] * len(runs)
         cells = [Cell(value_text(value, form), mark) for value, mark in zip(values, marks, strict=True)]
         rows.append([Cell(label.strip()), *cells])
+    rows += [[Cell(label), *map(Cell, cells)] for label, cells in more_rows([run.summary for run in runs])]
     sentence = "All figures of the runs side by side."
     if comparable and len(runs) > 1:
         sentence += " ▲ is the best of a row, ▼ the worst; a dash is a figure that the run does not have."

@@ -14,6 +14,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import RunError
 from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
+from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -56,6 +57,23 @@ def payloads(folder: Path) -> dict[str, list[bytes]]:
         for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
             found.setdefault(channel.topic, []).append(message.data)
     return found
+
+
+def assert_kept_apart(sets: list[str], folder: Path) -> None:
+    """A graph that runs beside another in its domain is refused at the start.
+
+    Or, where its nodes had found each other before they saw the other's, it takes nothing of it and says what it
+    refused.
+    """
+    case = load_case(None, sets)
+    try:
+        outcome = graph.run(case, "realtime", folder, quiet, LOADED_S)
+    except RunError as error:
+        assert "ROS_DOMAIN_ID" in str(error)  # noqa: PT017 (one of two good ends)
+        return
+    assert {cause for _, cause, _, _ in outcome.messages_refused} == {"publisher"}
+    if outcome.deadline_misses == 0:
+        assert_same(load(outcome.recording), loop.run(case))
 
 
 def nodes_left(folder: Path) -> list[str]:

@@ -13,22 +13,28 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import packing
-from facts_damping.nodes.messages import ControllerStateMessage, PlantStateMessage
+from facts_damping.nodes.cdr import Refused
+from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates, PlantStateMessage
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.warmup import PARTS, compile_part
-from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, ESTIMATE, MACHINE_TRUTH, NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_control
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
 TIMES = st.integers(0, 2**31 * NANOSECONDS - 1)
+LATER = 2**31 * 60 - 1  # a tick whose start has room in a stamp, at 60 frames/s, and after all these times
 FLOATS = st.floats(allow_nan=True, width=64)
 
 
 @pytest.fixture(scope="module")
 def case() -> Case:
     return load_case(None)
+
+
+def start_ns(tick: int) -> int:
+    return tick * NANOSECONDS // 60
 
 
 def bits(values: Any) -> bytes:
@@ -62,11 +68,12 @@ def test_frames_as_bytes_are_the_message(case: Case, rows: Any, tick: int, start
 
 
 @settings(deadline=None, max_examples=60)
-@given(rows=deliveries(), tick=st.integers(0, 2**40))
-def test_frames_are_read_back_also_from_rclpy(case: Case, rows: Any, tick: int) -> None:
-    rows["tick"] = tick
+@given(rows=deliveries(), before=st.integers(0, 100))
+def test_frames_are_read_back_also_from_rclpy(case: Case, rows: Any, before: int) -> None:
+    latest = max(rows["measured_ns"].max(initial=0), rows["arrival_ns"].max(initial=0))
+    tick = rows["tick"] = min(LATER, int(latest) * 60 // NANOSECONDS + 1 + before)
     writer, reader = FramesMessage(case), FramesMessage(case)
-    data = writer.fill(tick, 0, rows, len(rows))
+    data = writer.fill(tick, start_ns(tick), rows, len(rows))
     again = serialize_message(deserialize_message(data, msg.PmuDataFrame))
     for source in (data, again, data):
         seen_tick, seen = reader.read(source)
@@ -83,36 +90,99 @@ def test_measured_tick_is_that_of_the_frame(case: Case) -> None:
         assert message.frames[0].tick == tick
 
 
-def test_entries_of_unknown_stations_are_passed_over(case: Case) -> None:
+def refusal(message: Any, data: bytes) -> str:
+    with pytest.raises(Refused) as refused:
+        message.read(data)
+    return refused.value.cause
+
+
+def test_a_message_with_unknown_names_is_refused(case: Case) -> None:
     rows = np.zeros(3, DELIVERY)
     rows["station"] = [0, 1, 2]
     rows["values"] = np.arange(15.0).reshape(3, 5)
-    message = deserialize_message(FramesMessage(case).fill(5, 0, rows, 3), msg.PmuDataFrame)
+    frames, setpoints = FramesMessage(case), SetpointsMessage(case)
+    message = deserialize_message(frames.fill(5, start_ns(5), rows, 3), msg.PmuDataFrame)
     message.frames[1].station = "ELSEWHERE"
-    tick, seen = FramesMessage(case).read(serialize_message(message))
-    assert tick == 5
-    assert seen["station"].tolist() == [0, 2]
-    assert seen["values"].tolist() == rows["values"][[0, 2]].tolist()
+    assert refusal(frames, serialize_message(message)) == "names"
+    message.frames[1].station, message.frames[1].header.frame_id = "G2", "B1"
+    assert refusal(frames, serialize_message(message)) == "names"
+    given = np.zeros(1, SETPOINT)
+    sent = setpoints.fill(5, start_ns(5), given, "controller_0_LLC")
+    assert refusal(SetpointsMessage(case), sent) == "names"
+    assert refusal(SetpointsMessage(case, "controller_0_LLC", []), sent) == "names"
+    asked = deserialize_message(sent, msg.VoltageSetpoints)
+    asked.setpoints[0].device = "statcom"
+    assert refusal(SetpointsMessage(case, "controller_0_LLC"), serialize_message(asked)) == "names"
+
+
+def test_a_stamp_that_is_not_of_the_tick_is_refused(case: Case) -> None:
+    rows = np.zeros(1, DELIVERY)
+    frames = FramesMessage(case)
+    for tick, start in ((5, start_ns(4)), (2**64 - 1, 0), (10**9, start_ns(5))):
+        assert refusal(frames, frames.fill(tick, start, rows, 1)) == "stamp"
+    rows["measured_ns"], rows["arrival_ns"] = start_ns(100), start_ns(6)  # a station's clock may be wrong
+    assert refusal(frames, frames.fill(5, start_ns(5), rows, 1)) == "stamp"
+    rows["arrival_ns"] -= 1
+    assert frames.read(frames.fill(5, start_ns(5), rows, 1))[0] == 5
+
+
+@pytest.fixture(scope="module")
+def wholes() -> list[tuple[Any, bytes]]:
+    """What reads messages of each kind that a node reads, and a message."""
+    case = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
+    rows, given, estimate = np.zeros(2, DELIVERY), np.zeros(1, SETPOINT), np.zeros(1, ESTIMATE)
+    rows["station"] = [0, 1]
+    frames, setpoints, estimates = FramesMessage(case), SetpointsMessage(case), Estimates(case, 0)
+    identifier = build_control(case)[3]
+    return [
+        (frames, frames.fill(0, 0, rows, 2)),
+        (setpoints, setpoints.fill(0, 0, given, "")),
+        (estimates, estimates.fill(0, estimate, identifier, 0)),
+    ]
+
+
+@settings(deadline=None, max_examples=300)
+@given(data=st.data())
+def test_mutated_bytes_are_refused_or_of_the_same_names_and_lengths(
+    wholes: list[tuple[Any, bytes]], data: st.DataObject
+) -> None:
+    for reader, whole in wholes:
+        changed = bytearray(whole)
+        for _ in range(data.draw(st.integers(1, 4))):
+            changed[data.draw(st.integers(0, len(changed) - 1))] = data.draw(st.integers(0, 255))
+        cut = bytes(changed)[: data.draw(st.integers(0, len(changed)))] + data.draw(st.binary(max_size=20))
+        for mutated in (bytes(changed), cut):
+            try:
+                _, content = reader.read(mutated)
+            except Refused:
+                continue
+            if isinstance(content, Estimate):
+                assert (content.jacobian.shape, content.change.shape) == ((1, 1), (1,))
+            else:
+                known = {"station": [0, 1]} if isinstance(reader, FramesMessage) else {"controller": [0], "device": [0]}
+                assert {name: content[name].tolist() for name in known} == known
 
 
 @settings(deadline=None, max_examples=60)
 @given(
-    tick=st.integers(0, 2**40),
+    before=st.integers(0, 100),
     entries=st.lists(st.tuples(TIMES, TIMES, TIMES, FLOATS), max_size=4),
     controller=st.sampled_from(["", "controller_0_LLC"]),
 )
 def test_setpoints_as_bytes_are_the_message(
-    case: Case, tick: int, entries: list[tuple[int, int, int, float]], controller: str
+    case: Case, before: int, entries: list[tuple[int, int, int, float]], controller: str
 ) -> None:
+    latest = max((max(entry[:3]) for entry in entries), default=0)
+    tick = min(LATER, latest * 60 // NANOSECONDS + 1 + before)
     rows = np.array([(tick, 0, 0, *entry) for entry in entries], SETPOINT)
-    data = SetpointsMessage(case).fill(tick, 0, rows, controller)
+    data = SetpointsMessage(case).fill(tick, start_ns(tick), rows, controller)
     message = deserialize_message(data, msg.VoltageSetpoints)
     assert (message.tick, message.controller, message.fresh) == (tick, controller, len(rows) > 0)
     assert bits([entry.value_pu for entry in message.setpoints]) == bits(rows["value"])
     assert {entry.device for entry in message.setpoints} <= {"sssc"}
     for source in (data, serialize_message(message)):
-        seen_tick, seen_controller, seen = SetpointsMessage(case).read(source)
-        assert (seen_tick, seen_controller) == (tick, controller)
+        seen_tick, seen = SetpointsMessage(case, controller).read(source)
+        assert seen_tick == tick
         assert seen.tobytes() == rows.tobytes()
 
 
@@ -130,8 +200,8 @@ def test_warm_up_compiles_what_messages_use(case: Case) -> None:
     for part in PARTS:
         compile_part(part)
     rows, given = np.zeros(2, DELIVERY), np.zeros(1, SETPOINT)
-    FramesMessage(case).read(FramesMessage(case).fill(1, 0, rows, 2))
-    SetpointsMessage(case).read(SetpointsMessage(case).fill(1, 0, given, ""))
+    FramesMessage(case).read(FramesMessage(case).fill(0, 0, rows, 2))
+    SetpointsMessage(case).read(SetpointsMessage(case).fill(0, 0, given, ""))
     for kernel in (packing.pack, packing.unpack, packing.mark, packing.take):
         assert len(kernel.signatures) == 1, kernel
 

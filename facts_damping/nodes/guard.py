@@ -1,0 +1,202 @@
+"""What a node lets in: each message is checked before anything is done with it, and what is refused is counted.
+
+A message must come from the one publisher of its topic that this graph has, be newer by that publisher's count, be
+what `read` takes (length, format, names, stamps), and be of the next tick. Nothing else acts, and nobody ends of it.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from facts_damping_msgs.msg import RefusedCount, RefusedMessages
+from rclpy.serialization import serialize_message
+
+from facts_damping.nodes.cdr import Refused
+from facts_damping.nodes.messages import set_time
+from facts_damping.nodes.node import COMMON, RELIABLE, publish
+from facts_damping.nodes.tables import start_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.node import Node
+
+    from facts_damping.case.model import Case
+
+TOPIC = "security/refused"  # of every graph: what its nodes have refused
+TELL_S = 1.0  # wall time between two reports at least
+KNOW_S = 0.01  # wall time between two looks at who publishes, at least
+MOST_SOURCES = 100  # that are told apart; more of them are counted as one
+OTHERS = "others"  # in their place
+NODE = 12  # first bytes of a publisher's identity that all of a node's have: the GUID prefix (RTPS 2.5, 8.2.4.1)
+
+
+@dataclass
+class Heard:
+    """A topic that is listened to, and what has come by it."""
+
+    topic: str
+    read: Callable[[bytes], tuple[Any, ...]] | None
+    newest: Callable[[], int] | None
+    use: Callable[..., None]
+    publisher: bytes | None = None  # identity of who publishes it in this graph, once that is known
+    sequences: dict[bytes, int] = field(default_factory=dict)  # of the newest message, by publisher
+    tick: int = -1  # of the newest message
+    at: float = field(default_factory=time.monotonic)  # when it came
+
+
+class Guard:
+    """Subscribes for a node, and lets through what may act."""
+
+    def __init__(
+        self, node: Node, case: Case, realtime: bool, graph: str = "", say: Callable[[bytes], None] | None = None
+    ) -> None:
+        """`graph`: what leads from the node to the topics of its graph (node.py); `say`: takes reports, if not all."""
+        self.node, self.heard = node, time.monotonic()  # when something was last let through
+        self._rate, self._ticks, self._realtime = case.run.frame_rate, case.ticks, realtime
+        self._topics: list[Heard] = []
+        self._common = {node.resolve_topic_name(f"{graph}{TOPIC}"), COMMON}
+        self._say = say or partial(publish, node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", RELIABLE))
+        self._refused: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
+        self._told = self._refused.copy()
+        self._names: dict[bytes, str] = {}  # of publishers that were refused
+        self._told_at = self._looked_at = 0.0
+
+    def subscribe(
+        self,
+        kind: type[Any],
+        topic: str,
+        use: Callable[..., None],
+        read: Callable[[bytes], tuple[Any, ...]] | None = None,
+        newest: Callable[[], int] | None = None,
+    ) -> None:
+        """Listen to a topic.
+
+        `read` makes of a message its tick and more, or raises `Refused`; `use` is called with that; without `read` it
+        gets the bytes and what the middleware knows of them. `newest`: the newest tick that it may be of.
+        """
+        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use)
+        self._topics.append(heard)
+
+        def take(data: bytes, information: Any) -> bool:
+            return self.take(heard, data, information)
+
+        taking: Any = take  # the spinner wants to know whether a message was let through
+        self.node.create_subscription(kind, topic, taking, RELIABLE, raw=True)
+
+    def know(self) -> None:
+        """Look who publishes: the only one is this graph's, for good."""
+        if time.monotonic() - self._looked_at < KNOW_S:
+            return
+        self._looked_at = time.monotonic()
+        for heard in self._topics:
+            if heard.publisher is None and heard.topic not in self._common:
+                there = self.node.get_publishers_info_by_topic(heard.topic)
+                if len(there) == 1:
+                    heard.publisher = bytes(there[0].endpoint_gid)
+
+    def take(self, heard: Heard, data: bytes, information: dict[str, Any]) -> bool:
+        """Take a message; whether it was let through."""
+        publisher: bytes = information["publisher_gid"]["data"]
+        try:
+            self._admit(heard, publisher, information["publication_sequence_number"])
+            if heard.read is None:
+                message: tuple[Any, ...] = (data, information)
+            else:
+                message = heard.read(data)
+                self._check_tick(heard, message[0])
+        except Refused as refused:
+            self.refuse(heard.topic, refused.cause, self._name(heard.topic, publisher))
+            return False
+        self.heard = heard.at = time.monotonic()
+        heard.use(*message)
+        return True
+
+    def _admit(self, heard: Heard, publisher: bytes, sequence: int | None) -> None:
+        """Refuse a message of somebody else's, and one that its publisher sent before one that has come."""
+        if publisher != heard.publisher:
+            if heard.topic not in self._common:
+                self._recognise(heard, publisher)
+            elif publisher[:NODE] not in self._nodes():
+                self.know()
+                if publisher[:NODE] not in self._nodes():
+                    raise Refused("publisher")
+        if sequence is not None:  # not every middleware counts
+            if sequence <= heard.sequences.get(publisher, -1):
+                raise Refused("sequence")
+            heard.sequences[publisher] = sequence
+
+    def _recognise(self, heard: Heard, publisher: bytes) -> None:
+        """Whose a topic is, when its first message comes before it was known: who is alone, or who comes first."""
+        if heard.publisher is None:
+            self.know()
+        if heard.publisher is None:
+            heard.publisher = publisher
+        if publisher != heard.publisher:
+            raise Refused("publisher")
+
+    def _nodes(self) -> set[bytes]:
+        return {heard.publisher[:NODE] for heard in self._topics if heard.publisher is not None}
+
+    def _check_tick(self, heard: Heard, tick: int) -> None:
+        """Refuse a tick that is not the next one; in real time as many may be missing as the clock allows."""
+        if heard.tick < 0:
+            latest = self._ticks - 1
+        else:
+            late = int((1.0 + time.monotonic() - heard.at) * self._rate) if self._realtime else 0
+            latest = heard.tick + 1 + late
+        if heard.newest is not None:
+            latest = min(latest, heard.newest())
+        if not heard.tick < tick <= latest:
+            raise Refused("tick")
+        heard.tick = tick
+
+    def refuse(self, topic: str, cause: str, source: str = OTHERS) -> None:
+        """Count a message or request that was refused."""
+        self._refused[topic, cause, source] += 1
+
+    def _name(self, topic: str, publisher: bytes) -> str:
+        """How a publisher calls itself: its node's full name, or its identity where it is no longer there."""
+        if publisher not in self._names:
+            if len(self._names) >= MOST_SOURCES:
+                return OTHERS
+            there = self.node.get_publishers_info_by_topic(topic)
+            one = next((one for one in there if bytes(one.endpoint_gid) == publisher), None)
+            name = f"{one.node_namespace.rstrip('/')}/{one.node_name}" if one else publisher.hex()
+            self._names[publisher] = "".join(c if c.isprintable() and not c.isspace() else "?" for c in name)
+        return self._names[publisher]
+
+    def tell(self, last: bool = False) -> None:
+        """Report what is new: lines `refused N CAUSE TOPIC SOURCE` on standard output, and a message.
+
+        At most once in `TELL_S`, unless it is the last time.
+        """
+        if self._told == self._refused or (not last and time.monotonic() - self._told_at < TELL_S):
+            return
+        self._told_at = time.monotonic()
+        for key, count in self._refused.items():
+            if count != self._told[key]:
+                topic, cause, source = key
+                sys.stdout.write(f"refused {count} {cause} {topic} {source}\n")
+        sys.stdout.flush()
+        self._told = self._refused.copy()
+        message = RefusedMessages(node=self.node.get_fully_qualified_name())
+        newest = max((heard.tick for heard in self._topics), default=0)
+        set_time(message.header.stamp, start_of(max(newest, 0), self._rate))
+        message.refused = [
+            RefusedCount(topic=topic, cause=cause, source=source, count=count)
+            for (topic, cause, source), count in self._refused.items()
+        ]
+        self._say(serialize_message(message))
+
+    def remark(self) -> str:
+        """What to add to an error, where others are at it: a silent node may be one that is not listened to."""
+        foreign = sum(count for (_, cause, _), count in self._refused.items() if cause == "publisher")
+        if not foreign:
+            return ""
+        return f"; {foreign} messages of others were refused: another graph in this ROS_DOMAIN_ID (0 to 101)?"

@@ -1,0 +1,257 @@
+"""What is not this graph's, or not what it should be, acts on nothing, ends nobody, and is counted."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import rclpy
+from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.context import Context
+
+from facts_damping.analysis.summary import summarise
+from facts_damping.case.loading import load_case
+from facts_damping.nodes import graph, recorder
+from facts_damping.nodes.guard import MOST_SOURCES, Guard
+from facts_damping.nodes.messages import Estimates
+from facts_damping.nodes.node import RELIABLE, RCLError
+from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.recording.reader import load
+from facts_damping.signals import DELIVERY, SETPOINT
+from facts_damping.simulation import loop
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same
+from tests.nodes.hostile import hostile
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from rclpy.node import Node
+
+ATTACKS = int(os.environ.get("HOSTILE_MESSAGES", "20000")) // 2  # to each of two graphs
+BATCH = 250
+HEARD = {
+    "pmu/frames": "wan_link",
+    "controller_0_LLC/setpoints": "wan_link",
+    "pmu/delivered": "controller_0_LLC",
+    "setpoints/delivered": "plant_sim",
+}  # topics that others than the recorder listen to
+CASE = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
+OWN = bytes(range(16))
+FOREIGN = bytes(range(16, 32))
+
+
+@pytest.fixture
+def node(domain: int) -> Iterator[Node]:
+    rclpy.init()
+    made = rclpy.create_node("guarded")
+    yield made
+    made.destroy_node()
+    rclpy.shutdown()
+
+
+def information(publisher: bytes, sequence: int | None) -> dict[str, Any]:
+    return {"publisher_gid": {"data": publisher}, "publication_sequence_number": sequence}
+
+
+class Listener:
+    """A guard with a topic whose publisher it knows, and what it let through."""
+
+    def __init__(
+        self, node: Node, read: Callable[[bytes], Any], realtime: bool = False, newest: Callable[[], int] | None = None
+    ) -> None:
+        self.came: list[Any] = []
+        self.told: list[bytes] = []
+        self.guard = Guard(node, CASE, realtime, say=self.told.append)
+        self.guard.subscribe(PmuDataFrame, "topic", lambda *message: self.came.append(message), read, newest)
+        (self.heard,) = self.guard._topics
+        self.heard.publisher = OWN
+        self.sent = 0
+
+    def send(self, data: bytes, publisher: bytes = OWN, sequence: int | None = None) -> bool:
+        self.sent += 1
+        return self.guard.take(self.heard, data, information(publisher, sequence or self.sent))
+
+    def causes(self) -> list[str]:
+        return [cause for (_, cause, _), count in self.guard._refused.items() for _ in range(count)]
+
+
+def ticks(data: bytes) -> tuple[int]:
+    return (int(data),)
+
+
+def test_ticks_come_one_after_the_other(node: Node) -> None:
+    one = Listener(node, ticks)
+    assert [one.send(str(tick).encode()) for tick in (0, 1, 1, 3, 2, 10**9, 3)] == [
+        *(True, True, False, False, True, False, True),
+    ]
+    assert one.causes() == ["tick"] * 3
+    first = Listener(node, ticks)
+    assert not first.send(str(CASE.ticks).encode())
+    assert first.send(b"5")
+
+
+def test_in_real_time_ticks_may_be_missing_as_the_clock_allows(node: Node) -> None:
+    one = Listener(node, ticks, realtime=True)
+    assert one.send(b"7")
+    assert not one.send(b"1000")
+    assert one.send(b"60")
+    one.heard.at -= 60.0
+    assert one.send(b"1000")
+    assert not one.send(b"1000")
+
+
+def test_no_answer_comes_before_its_tick(node: Node) -> None:
+    one = Listener(node, ticks, newest=lambda: 0)
+    assert [one.send(b"0"), one.send(b"1")] == [True, False]
+
+
+def test_who_publishes_is_known_and_counts_up(node: Node) -> None:
+    one = Listener(node, ticks)
+    assert one.send(b"0", OWN, 5)
+    assert not one.send(b"1", FOREIGN, 6)
+    assert not one.send(b"1", OWN, 5)
+    assert one.send(b"1", OWN, 6)
+    assert sorted(one.causes()) == ["publisher", "sequence"]
+    for i in range(2 * MOST_SOURCES):
+        one.send(b"2", i.to_bytes(16, "big"))
+    sources = {source for _, _, source in one.guard._refused}
+    assert len(sources) <= MOST_SOURCES + 1
+
+
+def test_reports_come_at_most_once_a_second(node: Node, capsys: Any) -> None:
+    one = Listener(node, ticks)
+    one.guard.tell()
+    assert one.told == []
+    one.send(b"9999999")
+    for _ in range(3):
+        one.guard.tell()
+    one.send(b"9999999")
+    one.guard.tell()
+    assert len(one.told) == 1
+    assert capsys.readouterr().out == f"refused 1 tick /topic {OWN.hex()}\n"
+    one.guard.tell(last=True)
+    assert len(one.told) == 2
+    assert capsys.readouterr().out == f"refused 2 tick /topic {OWN.hex()}\n"
+
+
+def test_odd_messages_of_the_known_publisher_are_refused_too(node: Node) -> None:
+    """Whatever a broken peer sends: what is let through has this graph's names and the next tick."""
+    rng = np.random.default_rng(1)
+    rows, given = np.zeros(1, DELIVERY), np.zeros(1, SETPOINT)
+    readers: list[tuple[type[Any], Any, list[bytes]]] = [
+        (PmuDataFrame, FramesMessage(CASE), [FramesMessage(CASE).fill(0, 0, rows, 1)]),
+        (VoltageSetpoints, SetpointsMessage(CASE), [SetpointsMessage(CASE).fill(0, 0, given, "")]),
+        (JacobianEstimate, Estimates(CASE, 0), []),
+    ]
+    for kind, reader, genuine in readers:
+        one = Listener(node, reader.read)
+        for _ in range(2000):
+            one.send(hostile(rng, kind, genuine))
+        assert len(one.causes()) + len(one.came) == one.sent
+        assert {"format", "names"} <= set(one.causes())
+        assert len(one.came) <= 5
+        assert [message[0] for message in one.came] == list(range(len(one.came)))
+
+
+@contextmanager
+def attacker() -> Iterator[Node]:
+    """A node of somebody else."""
+    context = Context()
+    rclpy.init(context=context)
+    made = rclpy.create_node("forger", context=context)
+    try:
+        yield made
+    finally:
+        made.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+class Attack:
+    """Sends hostile messages to every topic of a graph while it runs."""
+
+    def __init__(self, node: Node, case: Any, started: dict[str, Any], realtime: bool) -> None:
+        self.rng, self.node, self.started, self.realtime = np.random.default_rng(7), node, started, realtime
+        self.kinds = list(recorder.topics(case).items())
+        self.publishers = {topic: node.create_publisher(kind, topic, RELIABLE) for topic, kind in self.kinds}
+        self.sent: dict[str, int] = {}
+
+    def requests(self) -> None:
+        """Requests that make no sense, to every node; nobody waits for their answers."""
+        for name in self.started:
+            for kind, end in (
+                (SetParameters, "set_parameters"),
+                (SetParametersAtomically, "set_parameters_atomically"),
+            ):
+                client: Any = self.node.create_client(kind, f"/{name}/{end}")
+                if client.wait_for_service(PATIENCE_S):
+                    odd = Parameter(name="gain", value=ParameterValue(type=99))
+                    client.call_async(kind.Request(parameters=[odd]))
+
+    def batch(self, done: int, of: int) -> None:
+        """Some messages more; all that are left before the run is over, which waits meanwhile."""
+        if self.count() >= ATTACKS or any(
+            publisher.get_subscription_count() < 1 + (topic in HEARD) for topic, publisher in self.publishers.items()
+        ):
+            return
+        if not self.sent:
+            self.requests()
+        late = done > of // 2
+        if late and not self.realtime:
+            os.kill(self.started["controller_0_LLC"].process.pid, signal.SIGSTOP)
+        for _ in range(ATTACKS - self.count() if late else BATCH):
+            topic, kind = self.kinds[self.rng.integers(len(self.kinds))]
+            try:
+                self.publishers[topic].publish(hostile(self.rng, kind))
+            except RCLError:  # too many at once
+                time.sleep(0.01)
+                continue
+            self.sent[topic] = self.sent.get(topic, 0) + 1
+        if late and not self.realtime:
+            os.kill(self.started["controller_0_LLC"].process.pid, signal.SIGCONT)
+
+    def count(self) -> int:
+        return sum(self.sent.values())
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_hostile_messages_act_on_nothing_and_are_all_counted(
+    domain: int, tmp_path: Path, started: dict[str, Any], mode: str
+) -> None:
+    longer = max(1, ATTACKS // 10_000)
+    case = load_case(None, ["scenario=large", f"duration={longer * (60 if mode == 'lockstep' else 12)}"])
+    with attacker() as node:
+        # Not before the graph runs: a publisher that is there at the start would be refused as another graph's.
+        attacks: list[Attack] = []
+
+        def progress(done: int, of: int) -> None:
+            if done > 1 and not attacks:
+                attacks.append(Attack(node, case, started, mode == "realtime"))
+            for one in attacks:
+                one.batch(done, of)
+
+        outcome = graph.run(case, mode, tmp_path, progress, LOADED_S)
+    (attack,) = attacks
+    assert attack.count() >= ATTACKS
+    recorded, computed = load(outcome.recording), loop.run(case)
+    refused = outcome.messages_refused
+    assert {how[1] for how in refused} <= {"publisher", "request"}
+    for topic, count in attack.sent.items():
+        name = topic if topic.startswith("/") else f"/{topic}"
+        assert refused["recorder", "publisher", name, "/forger"] == count
+    counted = {
+        (row["node"].strip("/"), row["cause"], row["topic"], row["source"]): row["count"] for row in recorded.refused
+    }
+    assert {how: count for how, count in counted.items() if how in refused} == counted
+    for topic, listener in HEARD.items():
+        assert refused[listener, "publisher", f"/{topic}", "/forger"] == attack.sent[topic]
+    if mode == "lockstep" or outcome.deadline_misses == 0:
+        assert_same(recorded, computed)
+    assert summarise(recorded)["stable"] == summarise(computed)["stable"]
