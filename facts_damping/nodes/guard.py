@@ -31,8 +31,9 @@ if TYPE_CHECKING:
 TOPIC = "security/refused"  # of every graph: what its nodes have refused
 TELL_S = 1.0  # wall time between two reports at least
 KNOW_S = 0.01  # wall time between two looks at who publishes, at least
-MOST_SOURCES = 100  # that are told apart; more of them are counted as one
-OTHERS = "others"  # in their place
+MOST = 200  # counts by topic, cause and source that are kept apart; what comes on top is counted as of others
+OTHERS = b""
+UNKNOWN = "_NODE_NAME_UNKNOWN_"  # what the middleware calls a node that it has not heard of yet
 NODE = 12  # first bytes of a publisher's identity that all of a node's have: the GUID prefix (RTPS 2.5, 8.2.4.1)
 
 
@@ -62,9 +63,9 @@ class Guard:
         self._topics: list[Heard] = []
         self._common = {node.resolve_topic_name(f"{graph}{TOPIC}"), COMMON}
         self._say = say or partial(publish, node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", RELIABLE))
-        self._refused: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
-        self._told = self._refused.copy()
-        self._names: dict[bytes, str] = {}  # of publishers that were refused
+        self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
+        self._told: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
+        self._sources = {OTHERS: "others"}  # of publishers that were refused: what they were told as
         self._told_at = self._looked_at = 0.0
 
     def subscribe(
@@ -111,7 +112,7 @@ class Guard:
                 message = heard.read(data)
                 self._check_tick(heard, message[0])
         except Refused as refused:
-            self.refuse(heard.topic, refused.cause, self._name(heard.topic, publisher))
+            self.refuse(heard.topic, refused.cause, publisher)
             return False
         self.heard = heard.at = time.monotonic()
         heard.use(*message)
@@ -156,41 +157,47 @@ class Guard:
             raise Refused("tick")
         heard.tick = tick
 
-    def refuse(self, topic: str, cause: str, source: str = OTHERS) -> None:
+    def refuse(self, topic: str, cause: str, publisher: bytes = OTHERS) -> None:
         """Count a message or request that was refused."""
-        self._refused[topic, cause, source] += 1
+        if not self._refused:
+            self._told_at = time.monotonic()  # who a newcomer is, one hears after what it says
+        if len(self._refused) < MOST or (topic, cause, publisher) in self._refused:
+            self._refused[topic, cause, publisher] += 1
+        else:
+            self._refused[topic, cause, OTHERS] += 1
 
-    def _name(self, topic: str, publisher: bytes) -> str:
-        """How a publisher calls itself: its node's full name, or its identity where it is no longer there."""
-        if publisher not in self._names:
-            if len(self._names) >= MOST_SOURCES:
-                return OTHERS
+    def _source(self, topic: str, publisher: bytes) -> str:
+        """How a publisher calls itself, once and for all: its node's full name, else its identity."""
+        if publisher not in self._sources:
             there = self.node.get_publishers_info_by_topic(topic)
             one = next((one for one in there if bytes(one.endpoint_gid) == publisher), None)
-            name = f"{one.node_namespace.rstrip('/')}/{one.node_name}" if one else publisher.hex()
-            self._names[publisher] = "".join(c if c.isprintable() and not c.isspace() else "?" for c in name)
-        return self._names[publisher]
+            known = one is not None and one.node_name != UNKNOWN
+            name = f"{one.node_namespace.rstrip('/')}/{one.node_name}" if one and known else publisher.hex()
+            self._sources[publisher] = "".join(c if c.isprintable() and not c.isspace() else "?" for c in name)
+        return self._sources[publisher]
 
     def tell(self, last: bool = False) -> None:
         """Report what is new: lines `refused N CAUSE TOPIC SOURCE` on standard output, and a message.
 
         At most once in `TELL_S`, unless it is the last time.
         """
-        if self._told == self._refused or (not last and time.monotonic() - self._told_at < TELL_S):
+        if self._told.total() == self._refused.total() or not (last or time.monotonic() - self._told_at > TELL_S):
             return
         self._told_at = time.monotonic()
-        for key, count in self._refused.items():
-            if count != self._told[key]:
-                topic, cause, source = key
+        counts: Counter[tuple[str, str, str]] = Counter()
+        for (topic, cause, publisher), count in self._refused.items():
+            counts[topic, cause, self._source(topic, publisher)] += count
+        for (topic, cause, source), count in counts.items():
+            if count != self._told[topic, cause, source]:
                 sys.stdout.write(f"refused {count} {cause} {topic} {source}\n")
         sys.stdout.flush()
-        self._told = self._refused.copy()
+        self._told = counts
         message = RefusedMessages(node=self.node.get_fully_qualified_name())
         newest = max((heard.tick for heard in self._topics), default=0)
         set_time(message.header.stamp, start_of(max(newest, 0), self._rate))
         message.refused = [
             RefusedCount(topic=topic, cause=cause, source=source, count=count)
-            for (topic, cause, source), count in self._refused.items()
+            for (topic, cause, source), count in counts.items()
         ]
         self._say(serialize_message(message))
 

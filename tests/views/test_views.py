@@ -153,9 +153,9 @@ def test_labels_of_tables_row_by_row(recorded: Recorded) -> None:
 
 
 def test_all_topics_but_setpoints_are_shown(recorded: Recorded) -> None:
-    """Setpoints as such: what was asked for and what is in force are in the states."""
+    """Setpoints as such: what was asked for and what is in force are in the states. Refused messages are a table."""
     shown = {re.split(r"[.\[]", path)[0] for _, path, _ in foxglove_paths(recorded.foxglove)}
-    assert {t for t in recorded.bag.types if not re.search("/setpoints(/delivered)?$", t)} == shown
+    assert {t for t in recorded.bag.types if not re.search("/setpoints(/delivered)?$|/refused$", t)} == shown
 
 
 def leaves(node: Any) -> list[str]:
