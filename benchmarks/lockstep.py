@@ -11,7 +11,7 @@ import rclpy
 from facts_damping_msgs.msg import PmuDataFrame, PmuFrame
 
 from facts_damping.bench.ticks import ours
-from facts_damping.nodes.node import RELIABLE
+from facts_damping.nodes.node import HEARING, SAYING
 from facts_damping.nodes.spinning import Spinner
 
 ROUND_TRIPS = 3000
@@ -23,8 +23,8 @@ def echo() -> None:
     """Send back what comes, as raw bytes, until nothing comes any more."""
     rclpy.init()
     node = rclpy.create_node("echo")
-    back = node.create_publisher(PmuDataFrame, "back", RELIABLE)
-    node.create_subscription(PmuDataFrame, "there", lambda data, _info: back.publish(data), RELIABLE, raw=True)
+    back = node.create_publisher(PmuDataFrame, "back", SAYING)
+    node.create_subscription(PmuDataFrame, "there", lambda data, _info: back.publish(data), HEARING, raw=True)
     spinner = Spinner(node)
     heard = time.monotonic()
     while time.monotonic() - heard < QUIET_S:
@@ -37,9 +37,9 @@ def one_way_latency_s() -> float:
     other = subprocess.Popen([sys.executable, __file__, "echo"])
     rclpy.init()
     node = rclpy.create_node("latency")
-    there = node.create_publisher(PmuDataFrame, "there", RELIABLE)
+    there = node.create_publisher(PmuDataFrame, "there", SAYING)
     got: list[float] = []
-    node.create_subscription(PmuDataFrame, "back", lambda *_: got.append(time.perf_counter()), RELIABLE, raw=True)
+    node.create_subscription(PmuDataFrame, "back", lambda *_: got.append(time.perf_counter()), HEARING, raw=True)
     spinner = Spinner(node)
     message = PmuDataFrame(frames=[PmuFrame(station=name) for name in ("G1", "G2", "G3", "G4", "TIE")])
     while there.get_subscription_count() < 1 or node.count_publishers("back") < 1:

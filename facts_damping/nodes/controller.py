@@ -12,7 +12,7 @@ from facts_damping.compiling import specialised
 from facts_damping.control.bank import act, set_estimate
 from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates
-from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
+from facts_damping.nodes.node import SAYING, graph_prefix, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
@@ -45,8 +45,8 @@ class ControllerNode:
         self.setpoints = SetpointsMessage(self.case)
         self.inner = ControllerStateMessage(self.case, self.index)
         self.ticks = UnitDelay(self.options, identifier, self.act)
-        self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", RELIABLE)
-        self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", RELIABLE)
+        self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", SAYING)
+        self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", SAYING)
         self.guard = Guard(node, self.case, self.options.realtime, graph)
         delivered = graph + link.topic("pmu/delivered")
         self.guard.subscribe(PmuDataFrame, delivered, self.ticks.frames, FramesMessage(self.case).read)
@@ -77,8 +77,8 @@ class ControllerNode:
         start = tick_ns(tick, self.case.run.frame_rate)
         issued = setpoint_buffer(len(self.controller.devices), len(delivered))
         count = self.compute(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)
-        publish(self.to_link, self.setpoints.fill(tick, start, issued[:count], self.name))
-        publish(self.to_recorder, self.inner.fill(tick, start, len(delivered) > 0, self.state))
+        self.to_link.publish(self.setpoints.fill(tick, start, issued[:count], self.name))
+        self.to_recorder.publish(self.inner.fill(tick, start, len(delivered) > 0, self.state))
 
 
 def main() -> None:

@@ -10,7 +10,6 @@ import sys
 import time
 from collections import Counter
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from facts_damping_msgs.msg import RefusedCount, RefusedMessages
@@ -18,7 +17,7 @@ from rclpy.serialization import serialize_message
 
 from facts_damping.nodes.cdr import Refused
 from facts_damping.nodes.messages import set_time
-from facts_damping.nodes.node import COMMON, RELIABLE, publish
+from facts_damping.nodes.node import COMMON, HEARING, SAYING
 from facts_damping.nodes.tables import start_of
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ class Guard:
         self._rate, self._ticks, self._realtime = case.run.frame_rate, case.ticks, realtime
         self._topics: list[Heard] = []
         self._common = {node.resolve_topic_name(f"{graph}{TOPIC}"), COMMON}
-        self._say = say or partial(publish, node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", RELIABLE))
+        self._say = say or node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", SAYING).publish
         self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
         self._told: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
         self._sources = {OTHERS: "others"}  # of publishers that were refused: what they were told as
@@ -88,7 +87,7 @@ class Guard:
             return self.take(heard, data, information)
 
         taking: Any = take  # the spinner wants to know whether a message was let through
-        self.node.create_subscription(kind, topic, taking, RELIABLE, raw=True)
+        self.node.create_subscription(kind, topic, taking, HEARING, raw=True)
 
     def know(self) -> None:
         """Look who publishes: the only one is this graph's, for good."""

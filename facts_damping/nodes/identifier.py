@@ -12,7 +12,7 @@ from facts_damping.compiling import specialised
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import Estimates
-from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
+from facts_damping.nodes.node import SAYING, graph_prefix, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
@@ -49,7 +49,7 @@ class IdentifierNode:
         self.estimates = Estimates(self.case, self.index)
         self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
         self.ticks = UnitDelay(self.options, sender, self.learn)
-        self.to_controller = node.create_publisher(JacobianEstimate, f"{address.name}/estimate", RELIABLE)
+        self.to_controller = node.create_publisher(JacobianEstimate, f"{address.name}/estimate", SAYING)
         self.guard = Guard(node, self.case, self.options.realtime, graph)
         delivered = graph + link.topic("pmu/delivered")
         self.guard.subscribe(PmuDataFrame, delivered, self.ticks.frames, FramesMessage(self.case).read)
@@ -77,7 +77,7 @@ class IdentifierNode:
             self.store(*learner, rows, len(rows))
         self.identify(*learner, delivered, len(delivered))
         self.estimate(*learner, tick, self.rows, 0)
-        publish(self.to_controller, self.estimates.fill(tick, self.rows, self.state, self.own))
+        self.to_controller.publish(self.estimates.fill(tick, self.rows, self.state, self.own))
 
 
 def main() -> None:

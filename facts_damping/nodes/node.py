@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
@@ -29,10 +28,11 @@ if TYPE_CHECKING:
     from facts_damping.nodes.parameters import Options
     from facts_damping.nodes.spinning import Spinner
 
-RCLError = rclpy_implementation.RCLError
-
-# Only the emulated link loses data: reliable, and nothing is overwritten before it is read.
-RELIABLE = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
+# Only the emulated link loses data: reliable, and a reader keeps all that it has not taken. A publisher keeps so many
+# messages for readers that are late: who stops reading for longer misses some, and holds nobody up.
+DEPTH = 5000
+HEARING = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
+SAYING = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.RELIABLE, depth=DEPTH)
 
 PROFILES, RANGE = "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
@@ -86,14 +86,6 @@ def viewers(node: Node, publisher: Publisher[Any]) -> int:
     """Number of readers that may miss messages: these are nobody's peers."""
     readers = node.get_subscriptions_info_by_topic(publisher.topic_name)
     return sum(reader.qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT for reader in readers)
-
-
-def publish(publisher: Publisher[Any], message: Any) -> None:
-    """Publish; name the topic whose reader has stopped reading."""
-    try:
-        publisher.publish(message)
-    except RCLError as error:
-        raise RunError(f"{publisher.topic_name}: a subscriber (the recorder?) no longer reads: {error}") from error
 
 
 def finish(publishers: Iterable[Publisher[Any]], timeout: float) -> None:
@@ -153,6 +145,7 @@ def run_node(name: str, make: Callable[[Node], Part]) -> None:
             raise RunError(f"{error}{part.spinner.remark()}") from error
         finally:
             part.spinner.close()
+        finish(node.publishers, HEARD_S)
     except Stopped:
         finish(node.publishers, HEARD_S)
     except (FactsDampingError, ParameterException) as error:

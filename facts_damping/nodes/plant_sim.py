@@ -18,7 +18,7 @@ from facts_damping.errors import RunError
 from facts_damping.link.transfer import merge
 from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import PlantStateMessage, diagnostics, grid_event
-from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
+from facts_damping.nodes.node import SAYING, finish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
 from facts_damping.nodes.spinning import Spinner, check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
@@ -53,10 +53,10 @@ class PlantSim:
         self.machines = np.zeros(len(self.plant.machines), MACHINE_TRUTH)
         self.devices = np.zeros(len(self.plant.devices), DEVICE_TRUTH)
         self.frames, self.truth = FramesMessage(self.case), PlantStateMessage(self.case)
-        self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)
-        self.to_all = node.create_publisher(PlantState, "plant/state", RELIABLE)
-        self.to_events = node.create_publisher(GridEvent, "plant/events", RELIABLE)
-        self.to_diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", SAYING)
+        self.to_all = node.create_publisher(PlantState, "plant/state", SAYING)
+        self.to_events = node.create_publisher(GridEvent, "plant/events", SAYING)
+        self.to_diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", SAYING)
         self.to_recorder = [self.to_all, self.to_events, self.to_diagnostics]
         node.create_service(Trigger, "~/rearm", self.on_rearm)
         self.links, self.tick = link_addresses(self.case), -1
@@ -103,10 +103,10 @@ class PlantSim:
         sound = bool(self.observe(*measured))
         self.entries["measured_ns"] = self.entries["arrival_ns"] = start_ns
         self.entries["values"] = self.frame
-        publish(self.to_links, self.frames.fill(tick, start_ns, self.entries, len(self.entries)))
-        publish(self.to_all, self.truth.fill(tick, start_ns, sound, self.machines, self.devices))
+        self.to_links.publish(self.frames.fill(tick, start_ns, self.entries, len(self.entries)))
+        self.to_all.publish(self.truth.fill(tick, start_ns, sound, self.machines, self.devices))
         while self.events and self.events[0]["time_ns"] <= start_ns:
-            publish(self.to_events, grid_event(self.events.pop(0)))
+            self.to_events.publish(grid_event(self.events.pop(0)))
         return sound
 
     def advance(self, start_ns: int, end_ns: int) -> None:
@@ -153,7 +153,7 @@ class PlantSim:
             start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
             sound = self.measure(k, start)
             if k % rate == 0:
-                publish(self.to_diagnostics, diagnostics("plant_sim", self.options.mode, self.misses, start))
+                self.to_diagnostics.publish(diagnostics("plant_sim", self.options.mode, self.misses, start))
             if not self.options.realtime or k == 0:
                 self.wait_lockstep(k)
             if k == 0:

@@ -14,7 +14,7 @@ from facts_damping.case.names import controller_addresses, identifier_addresses,
 from facts_damping.errors import RunError
 from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import PlantStateMessage, grid_event
-from facts_damping.nodes.node import RELIABLE, finish, publish, run_node, wait_for_peers
+from facts_damping.nodes.node import SAYING, finish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner, check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
@@ -44,16 +44,15 @@ class ReplaySource:
         )
         controllers, identifiers = controller_addresses(self.case), identifier_addresses(self.case)
         links, used, extra = link_addresses(self.case), self.case.used_links, int(self.options.recorder)
-        self.to_all = node.create_publisher(PmuDataFrame, "pmu/frames", RELIABLE)
-        self.to_state = node.create_publisher(PlantState, "plant/state", RELIABLE)
-        self.to_events = node.create_publisher(GridEvent, "plant/events", RELIABLE)
-        self.delivered = [node.create_publisher(PmuDataFrame, link.topic("pmu/delivered"), RELIABLE) for link in links]
+        self.to_all = node.create_publisher(PmuDataFrame, "pmu/frames", SAYING)
+        self.to_state = node.create_publisher(PlantState, "plant/state", SAYING)
+        self.to_events = node.create_publisher(GridEvent, "plant/events", SAYING)
+        self.delivered = [node.create_publisher(PmuDataFrame, link.topic("pmu/delivered"), SAYING) for link in links]
         self.applied = [
-            node.create_publisher(VoltageSetpoints, link.topic("setpoints/delivered"), RELIABLE) for link in links
+            node.create_publisher(VoltageSetpoints, link.topic("setpoints/delivered"), SAYING) for link in links
         ]
         self.recorded = {
-            c: node.create_publisher(VoltageSetpoints, recorded_topic(str(controllers[c])), RELIABLE)
-            for c in identifiers
+            c: node.create_publisher(VoltageSetpoints, recorded_topic(str(controllers[c])), SAYING) for c in identifiers
         }
         self.tick = -1
         self.guard = Guard(node, self.case, self.options.realtime)
@@ -87,17 +86,17 @@ class ReplaySource:
         )
         for link, publisher in enumerate(self.delivered):
             rows = np.ascontiguousarray(arrived[arrived["link"] == link])
-            publish(publisher, self.frames.fill(tick, start, rows, len(rows)))
+            publisher.publish(self.frames.fill(tick, start, rows, len(rows)))
         for c, publisher in self.recorded.items():
             rows = issued[issued["controller"] == c]
-            publish(publisher, self.setpoints.fill(tick, start, rows, record.controller_names[c]))
+            publisher.publish(self.setpoints.fill(tick, start, rows, record.controller_names[c]))
         for link, publisher in enumerate(self.applied):
             rows = applied[np.array(self.case.used_links)[applied["controller"]] == link]
-            publish(publisher, self.setpoints.fill(tick, start, rows, ""))
+            publisher.publish(self.setpoints.fill(tick, start, rows, ""))
         entries = _entries(start, record.frames[at])
-        publish(self.to_all, self.frames.fill(tick, start, entries, len(entries)))
+        self.to_all.publish(self.frames.fill(tick, start, entries, len(entries)))
         sound = bool(record.in_synchronism[at])
-        publish(self.to_state, self.truth.fill(tick, start, sound, record.machines[at], record.devices[at]))
+        self.to_state.publish(self.truth.fill(tick, start, sound, record.machines[at], record.devices[at]))
 
     def run(self) -> None:
         """All ticks that can be replayed, each when all controllers have answered the one before."""
@@ -106,7 +105,7 @@ class ReplaySource:
             check_wanted()
             self.publish(at, tick, start)
             while events and events[0]["time_ns"] <= start:
-                publish(self.to_events, grid_event(events.pop(0)))
+                self.to_events.publish(grid_event(events.pop(0)))
             self.wait(tick)
             if time.monotonic() - told > PROGRESS_S or at + 1 == len(ticks):
                 told = time.monotonic()

@@ -15,7 +15,7 @@ from facts_damping.errors import RunError
 from facts_damping.link.transfer import changed, downlink, uplink
 from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import link_statistics
-from facts_damping.nodes.node import RELIABLE, graph_prefix, publish, run_node, wait_for_peers
+from facts_damping.nodes.node import SAYING, graph_prefix, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_stages, read_case, read_index, read_options
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
@@ -45,9 +45,9 @@ class WanLink:
         self.places = {controller_names(self.case)[c]: str(addresses[c]) for c in own}
         graph = graph_prefix(node, link_addresses(self.case)[self.index])
         self.frame = np.full((len(self.case.system.stations), len(CHANNELS)), np.nan)
-        self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", RELIABLE)
-        self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", RELIABLE)
-        self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", RELIABLE)
+        self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", SAYING)
+        self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", SAYING)
+        self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", SAYING)
         self.guard = Guard(node, self.case, self.options.realtime, graph)
         self.guard.subscribe(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, FramesMessage(self.case).read)
         for c, (name, place) in zip(own, self.places.items(), strict=True):
@@ -91,7 +91,7 @@ class WanLink:
         start, end = self.span(self.tick)
         self.frame[rows["station"]] = rows["values"]
         count = self.uplink(self.links, self.index, self.tick, start, end, self.frame)
-        publish(self.to_controllers, self.frames.fill(self.tick, start, self.links.up.out[self.index], count))
+        self.to_controllers.publish(self.frames.fill(self.tick, start, self.links.up.out[self.index], count))
         self.missing = set(self.places)
         if not self.missing:
             self.answer()
@@ -112,7 +112,7 @@ class WanLink:
         for kept in self.given.values():
             kept.clear()
         count = self.downlink(self.links, self.index, self.tick, end, given, len(given))
-        publish(self.to_plant, self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :count], ""))
+        self.to_plant.publish(self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :count], ""))
         self.missing = set()
         lost = int(self.links.up.ring[self.index, 3] + self.links.down.ring[self.index, 3])
         if lost and not self.options.realtime:
@@ -125,7 +125,7 @@ class WanLink:
         up_rows, down_rows = (way.statistics[self.index] for way in (self.links.up, self.links.down))
         up = dict(zip([s.name for s in self.case.system.stations], up_rows, strict=True))
         down = dict(zip(self.case.run.devices, down_rows, strict=False))
-        publish(self.to_recorder, link_statistics(self.tick, self.span(self.tick)[0], up, down))
+        self.to_recorder.publish(link_statistics(self.tick, self.span(self.tick)[0], up, down))
 
     def run(self) -> None:
         """Serve until stopped; in lockstep, name who stays silent."""

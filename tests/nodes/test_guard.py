@@ -16,13 +16,14 @@ from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoi
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.context import Context
+from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import graph, recorder
 from facts_damping.nodes.guard import MOST, TELL_S, Guard
 from facts_damping.nodes.messages import Estimates
-from facts_damping.nodes.node import RELIABLE, RCLError
+from facts_damping.nodes.node import HEARING
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.signals import DELIVERY, SETPOINT
@@ -183,7 +184,7 @@ class Attack:
     def __init__(self, node: Node, case: Any, started: dict[str, Any], realtime: bool) -> None:
         self.rng, self.node, self.started, self.realtime = np.random.default_rng(7), node, started, realtime
         self.kinds = list(recorder.topics(case).items())
-        self.publishers = {topic: node.create_publisher(kind, topic, RELIABLE) for topic, kind in self.kinds}
+        self.publishers = {topic: node.create_publisher(kind, topic, HEARING) for topic, kind in self.kinds}
         self.sent: dict[str, int] = {}
 
     def requests(self) -> None:
@@ -213,7 +214,7 @@ class Attack:
             topic, kind = self.kinds[self.rng.integers(len(self.kinds))]
             try:
                 self.publishers[topic].publish(hostile(self.rng, kind))
-            except RCLError:  # too many at once
+            except rclpy_implementation.RCLError:  # too many at once
                 time.sleep(0.01)
                 continue
             self.sent[topic] = self.sent.get(topic, 0) + 1

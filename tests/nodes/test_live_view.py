@@ -24,7 +24,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import graph, live_view
 from facts_damping.nodes.live_view import LISTENING
-from facts_damping.nodes.node import RELIABLE, wait_for_peers
+from facts_damping.nodes.node import HEARING, SAYING, wait_for_peers
 from facts_damping.nodes.parameters import Options
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
@@ -262,7 +262,7 @@ def test_nodes_do_not_take_a_view_for_a_peer(domain: int) -> None:
     rclpy.init()
     node, other = rclpy.create_node("node"), rclpy.create_node("other")
     try:
-        publisher = node.create_publisher(GridEvent, "events", RELIABLE)
+        publisher = node.create_publisher(GridEvent, "events", SAYING)
         other.create_subscription(GridEvent, "events", lambda _: None, LISTENING)
         deadline = time.monotonic() + PATIENCE_S
         while publisher.get_subscription_count() < 1:
@@ -270,7 +270,7 @@ def test_nodes_do_not_take_a_view_for_a_peer(domain: int) -> None:
             time.sleep(0.01)
         with pytest.raises(RunError, match=r"missing after 0.5 s: a subscriber of /events"):
             wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, 0.5, recorder=False, view=False))
-        other.create_subscription(GridEvent, "events", lambda _: None, RELIABLE)
+        other.create_subscription(GridEvent, "events", lambda _: None, HEARING)
         wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, PATIENCE_S, recorder=False, view=False))
     finally:
         other.destroy_node()

@@ -24,7 +24,7 @@ from facts_damping.cli.main import main
 from facts_damping.errors import RecordingError, RunError
 from facts_damping.nodes import forked, graph
 from facts_damping.nodes.controller import ControllerNode
-from facts_damping.nodes.node import RELIABLE
+from facts_damping.nodes.node import SAYING
 from facts_damping.recording.reader import KINDS, load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import replay
@@ -369,7 +369,7 @@ def _play(topic: str, messages: list[tuple[int, bytes]], listeners: int, then: C
     context = Context()
     rclpy.init(context=context)
     node = rclpy.create_node("player", context=context)
-    publisher = node.create_publisher(PmuDataFrame, topic, RELIABLE)
+    publisher = node.create_publisher(PmuDataFrame, topic, SAYING)
     try:
         deadline = time.monotonic() + PATIENCE_S
         while publisher.get_subscription_count() < listeners:
