@@ -20,6 +20,10 @@ class RunError(FactsDampingError):
     """A run that could not be carried out. The command line exits with 1."""
 
 
+class DegradedError(FactsDampingError):
+    """A run that ended, but was degraded, attacked or incompletely recorded. The command line exits with 3."""
+
+
 class RecordingError(FactsDampingError):
     """A recording that cannot be read or written."""
 

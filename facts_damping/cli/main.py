@@ -10,7 +10,7 @@ import signal
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-from facts_damping.errors import FactsDampingError, InputError, RecordingError
+from facts_damping.errors import DegradedError, FactsDampingError, InputError, RecordingError
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     Add = Callable[[str, str, str], argparse.ArgumentParser]
 
-DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, FAILED, BAD_INPUT, DEGRADED, INTERRUPTED = 0, 1, 2, 3, 130
 
 
 class _Parser(argparse.ArgumentParser):
@@ -277,13 +277,15 @@ def _jobs(command: argparse.ArgumentParser) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Entry point: exit status 0 done, 1 the run failed, 2 bad input, 130 interrupted."""
+    """Entry point: exit status 0 done, 1 the run failed, 2 bad input, 3 degraded, 130 interrupted."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a polite kill is an interruption too
     try:
         arguments = parser().parse_args(argv)
         _do(arguments)
     except (InputError, RecordingError) as error:
         return _fail(error, BAD_INPUT)
+    except DegradedError as error:
+        return _fail(error, DEGRADED)
     except FactsDampingError as error:
         return _fail(error, FAILED)
     except KeyboardInterrupt as error:

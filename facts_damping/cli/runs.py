@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
-from facts_damping.errors import InputError, RunError, check_known
+from facts_damping.errors import DegradedError, InputError, RunError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.yaml_text import dump
@@ -19,8 +20,9 @@ from facts_damping.terminal import Progress, table, write_json
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    from facts_damping.nodes.graph import Outcome
     from facts_damping.signals import Record
 
 
@@ -76,6 +78,21 @@ def _report(
         say(arguments, line)
 
 
+def check_ended_well(result: Mapping[str, Any], outcome: Outcome | None = None) -> None:
+    """Raise `DegradedError` where a run ended, but not well; `outcome`: of its graph."""
+    from facts_damping.analysis.releases import refused_text, released_text
+
+    flaws = [f"{row['device']} was released {released_text(row)}" for row in result["releases"]]
+    if outcome is not None:
+        refused: Counter[str] = Counter()
+        for (_, cause, _, _), count in outcome.messages_refused.items():
+            refused[cause] += count
+        flaws += [f"refused messages: {refused_text(refused)}"] if refused else []
+        flaws += [f"the recorder lost {outcome.messages_lost} messages"] if outcome.messages_lost else []
+    if flaws:
+        raise DegradedError(f"the run ended, but: {'; '.join(flaws)}")
+
+
 def label(run: dict[str, Any]) -> str:
     """A short name of a run: system, scenario, controllers, links."""
     links = [run["link"] if c.get("link") is None else c["link"] for c in run["controllers"]] or [run["link"]]
@@ -103,6 +120,7 @@ def simulate(arguments: argparse.Namespace) -> None:
             saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
             files.write_whole(folder / f"{name}.weights.yaml", dump(weights.model_dump()))
     _report(arguments, [(label(case.summary()), record)], [result], folder, *saved)
+    check_ended_well(result)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -127,6 +145,7 @@ def run(arguments: argparse.Namespace) -> None:
     result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
     counted = f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}"
     _report(arguments, [(name, record)], [result], folder, counted, f"recording: {outcome.recording}")
+    check_ended_well(result, outcome)
 
 
 def analyze(arguments: argparse.Namespace) -> None:

@@ -12,11 +12,12 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from facts_damping_msgs.msg import RefusedCount, RefusedMessages
 from rclpy.serialization import serialize_message
 
 from facts_damping.nodes.cdr import Refused
-from facts_damping.nodes.messages import set_time
+from facts_damping.nodes.messages import errors, set_time
 from facts_damping.nodes.node import COMMON, HEARING, SAYING
 from facts_damping.nodes.tables import start_of
 
@@ -58,6 +59,7 @@ class Guard:
     ) -> None:
         """`graph`: what leads from the node to the topics of its graph (node.py); `say`: takes reports, if not all."""
         self.node, self.heard = node, time.monotonic()  # when something was last let through
+        self.over = False  # whether the plant has said that it is lost
         self._rate, self._ticks, self._realtime = case.run.frame_rate, case.ticks, realtime
         self._topics: list[Heard] = []
         self._common = {node.resolve_topic_name(f"{graph}{TOPIC}"), COMMON}
@@ -77,8 +79,9 @@ class Guard:
     ) -> None:
         """Listen to a topic.
 
-        `read` makes of a message its tick and more, or raises `Refused`; `use` is called with that; without `read` it
-        gets the bytes and what the middleware knows of them. `newest`: the newest tick that it may be of.
+        `read` makes of a message its tick (none on a topic that all share) and more, or raises `Refused`; `use` is
+        called with that; without `read` it gets the bytes and what the middleware knows of them. `newest`: the newest
+        tick that it may be of.
         """
         heard = Heard(self.node.resolve_topic_name(topic), read, newest, use)
         self._topics.append(heard)
@@ -88,6 +91,16 @@ class Guard:
 
         taking: Any = take  # the spinner wants to know whether a message was let through
         self.node.create_subscription(kind, topic, taking, HEARING, raw=True)
+
+    def hear_errors(self) -> None:
+        """Repeat what the plant says of errors, a loss of synchronism above all; `over` is true from then on."""
+        self.subscribe(DiagnosticArray, COMMON, self._on_errors, errors)
+
+    def _on_errors(self, told: list[str]) -> None:
+        for text in told:
+            self.over = True
+            sys.stdout.write(f"{text}\n")
+            sys.stdout.flush()
 
     def know(self) -> None:
         """Look who publishes: the only one is this graph's, for good."""
@@ -109,7 +122,8 @@ class Guard:
                 message: tuple[Any, ...] = (data, information)
             else:
                 message = heard.read(data)
-                self._check_tick(heard, message[0])
+                if heard.topic not in self._common:
+                    self._check_tick(heard, message[0])
         except Refused as refused:
             self.refuse(heard.topic, refused.cause, publisher)
             return False

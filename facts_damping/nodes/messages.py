@@ -190,14 +190,22 @@ def grid_event(event: dict[str, Any]) -> GridEvent:
     return message
 
 
-def diagnostics(node: str, mode: str, misses: int, start_ns: int) -> DiagnosticArray:
-    """Message of how a node keeps time."""
+def diagnostics(node: str, mode: str, misses: int, start_ns: int, sound: bool) -> DiagnosticArray:
+    """Message of how a node keeps time, and whether its plant is in synchronism."""
     status = DiagnosticStatus(name=node, level=DiagnosticStatus.WARN if misses else DiagnosticStatus.OK)
     status.message = f"{misses} deadline misses" if misses else "on time"
+    if not sound:
+        status.level, status.message = DiagnosticStatus.ERROR, f"synchronism lost at {start_ns / NANOSECONDS:.3f} s"
     status.values = [KeyValue(key="deadline_misses", value=str(misses)), KeyValue(key="mode", value=mode)]
     message = DiagnosticArray(status=[status])
     set_time(message.header.stamp, start_ns)
     return message
+
+
+def errors(data: bytes) -> tuple[list[str]]:
+    """What a message of diagnostics says of errors. Raises `Refused` where it is none."""
+    told = content(data, DiagnosticArray).status
+    return ([status.message for status in told if status.level[0] == DiagnosticStatus.ERROR[0]],)
 
 
 def link_statistics(

@@ -70,7 +70,7 @@ def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Opt
         missing += [
             f"a publisher of {subscription.topic_name}"
             for subscription in node.subscriptions
-            if node.count_publishers(subscription.topic_name) < 1
+            if subscription.topic_name != COMMON and node.count_publishers(subscription.topic_name) < 1
         ]
         topics = [s.topic_name for s in node.subscriptions] + [p.topic_name for p in expected]
         refuse_others(node, topics)

@@ -26,7 +26,7 @@ from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import workspace
 from facts_damping.plant.watchdog import listening, rearm, release_by_clock
-from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_plant, grid_events
 from facts_damping.simulation.loop import tick_ns
 
@@ -152,8 +152,8 @@ class PlantSim:
             check_wanted()
             start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
             sound = self.measure(k, start)
-            if k % rate == 0:
-                self.to_diagnostics.publish(diagnostics("plant_sim", self.options.mode, self.misses, start))
+            if k % rate == 0 or not sound:
+                self.to_diagnostics.publish(diagnostics("plant_sim", self.options.mode, self.misses, start, sound))
             if not self.options.realtime or k == 0:
                 self.wait_lockstep(k)
             if k == 0:
@@ -165,6 +165,7 @@ class PlantSim:
                 sys.stdout.write(f"tick {k + 1} {ticks} {self.misses}\n")
                 sys.stdout.flush()
             if not sound:
+                sys.stdout.write(f"synchronism lost at {start / NANOSECONDS:.3f} s\n")
                 break
             self.advance(start, end)
             self.now_ns = end

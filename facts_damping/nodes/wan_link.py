@@ -63,6 +63,7 @@ class WanLink:
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
         self.uplink = specialised(uplink, self.links, self.index, 0, 0, 0, self.frame)
         self.downlink = specialised(downlink, self.links, self.index, 0, 0, np.zeros(0, SETPOINT), 0)
+        self.guard.hear_errors()
         self.spinner = Spinner(node, self.guard)
         extra = int(self.options.recorder)
         listeners = len(own) + sum(c in own for c in identifier_names(self.case))
@@ -139,7 +140,7 @@ class WanLink:
 
     def owed(self) -> bool:
         """Whether, in lockstep, a controller owes its setpoints or the plant its next frame."""
-        if self.options.realtime or self.tick < 0:
+        if self.options.realtime or self.tick < 0 or self.guard.over:
             return False
         return bool(self.missing) or self.tick + 1 < self.case.ticks
 

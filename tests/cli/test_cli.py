@@ -52,6 +52,14 @@ def test_simulate_gives_the_promised_fields() -> None:
     assert {"smoothness", "settling_time_s", "max_injected_voltage_pu", "modes", "wall_s"} <= set(result)
 
 
+def test_a_run_whose_device_let_go_ends_with_3_and_one_line() -> None:
+    link = "link={up: [{model: bernoulli, loss: 1.0, start: 1.0}]}"
+    done = call("simulate", "--set", "duration=2", "--set", link, "--json", "-")
+    assert done.returncode == 3
+    assert done.stderr == "facts-damping: the run ended, but: sssc was released at 1.20 s: no setpoint for 0.2 s\n"
+    assert json.loads(done.stdout)["releases"][0]["device"] == "sssc"
+
+
 def test_unstable_run_is_a_result() -> None:
     result = json_of("simulate", "two_area_large", "--set", "controllers=[]")
     assert result["stable"] is False

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections import Counter
 from contextlib import contextmanager
@@ -20,6 +23,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
+from facts_damping.cli.main import DEGRADED
 from facts_damping.nodes import graph, recorder
 from facts_damping.nodes.guard import MOST, TELL_S, Guard
 from facts_damping.nodes.messages import Estimates
@@ -259,3 +263,26 @@ def test_hostile_messages_act_on_nothing_and_are_all_counted(
     if mode == "lockstep" or outcome.deadline_misses == 0:
         assert_same(recorded, computed)
     assert summarise(recorded)["stable"] == summarise(computed)["stable"]
+
+
+def test_a_forged_message_is_told_at_the_end_of_a_command(domain: int, tmp_path: Path) -> None:
+    arguments = ["run", "--mode", "realtime", "--set", "duration=8", "--out", str(tmp_path), "--json", "-"]
+    command = [sys.executable, "-m", "facts_damping.cli.main", *arguments]
+    with attacker() as node, subprocess.Popen(command, stdout=-1, stderr=-1, text=True) as run:
+        deadline = time.monotonic() + PATIENCE_S
+        while not any(file.stat().st_size > 10_000 for file in tmp_path.rglob("*.mcap")):
+            assert time.monotonic() < deadline, "no recording grows"
+            time.sleep(0.05)
+        publisher = node.create_publisher(PmuDataFrame, "pmu/frames", HEARING)
+        while publisher.get_subscription_count() < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        publisher.publish(PmuDataFrame(tick=10**9))
+        output, errors = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == DEGRADED
+    assert errors == "facts-damping: the run ended, but: refused messages: 2 by publisher\n"
+    rows = json.loads(output)["refused_messages"]
+    assert sorted((row["node"], row["cause"], row["topic"], row["count"]) for row in rows) == [
+        ("/recorder", "publisher", "/pmu/frames", 1),
+        ("/wan_link", "publisher", "/pmu/frames", 1),
+    ]

@@ -13,7 +13,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes import graph
+from facts_damping.nodes import graph, wan_link
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.nodes.graphs import PATIENCE_S
@@ -132,6 +132,22 @@ def test_first_answer_is_waited_for_as_long_as_the_start(start: Any, client: Any
     controller.send_signal(signal.SIGCONT)
     _, errors = plant.communicate(timeout=PATIENCE_S)
     assert (plant.returncode, errors) == (0, "")
+
+
+def test_a_loss_of_synchronism_is_said_by_every_node(start: Any) -> None:
+    """And none of them takes the end of the plant for silence."""
+    sets = "['frame_rate=30', 'controllers.0.parameters.gain=-40']"
+    common = {"scenario": "large", "set": sets, "timeout": 0.5, "start_timeout": PATIENCE_S}
+    said = "synchronism lost at 6.000 s"
+    others = [start(name, **common) for name in ("wan_link", "controller")]
+    plant = start("plant_sim", **common)
+    output, errors = plant.communicate(timeout=PATIENCE_S)
+    assert (plant.returncode, errors) == (0, "")
+    assert output.splitlines()[-1] == said
+    for node in others:
+        node.wait(lambda node=node: said in node.said()[0].splitlines(), PATIENCE_S)
+    time.sleep(0.5 + wan_link.PATIENCE_S + 1.0)
+    assert [node.poll() for node in others] == [None, None]
 
 
 STUCK = """
