@@ -70,7 +70,10 @@ def write_json(target: str | None, content: Any) -> None:
     if target == "-":
         sys.stdout.write(text)
         return
-    Path(target).write_text(text, encoding="utf-8")
+    try:
+        Path(target).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, target) from error
 
 
 def finite(content: Any) -> Any:

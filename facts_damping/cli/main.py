@@ -8,6 +8,7 @@ import math
 import os
 import signal
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, NoReturn
 
 from facts_damping.errors import DegradedError, FactsDampingError, InputError, RecordingError
@@ -282,6 +283,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         arguments = parser().parse_args(argv)
         _do(arguments)
+        sys.stdout.flush()
     except (InputError, RecordingError) as error:
         return _fail(error, BAD_INPUT)
     except DegradedError as error:
@@ -293,7 +295,18 @@ def main(argv: list[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return DONE
+    except OSError as error:
+        return _cannot_write(error)
     return DONE
+
+
+def _cannot_write(error: OSError) -> int:
+    """Say that a disk is full, or gone; what standard output still holds is not tried again."""
+    with suppress(OSError):
+        sys.stdout.flush()
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    where = error.filename or "standard output"
+    return _fail(f"{where}: cannot be written: {error.strerror}; allowed: a place with room for it", BAD_INPUT)
 
 
 def _do(arguments: argparse.Namespace) -> None:

@@ -56,7 +56,6 @@ class ControllerNode:
         given, issued = np.zeros(0, DELIVERY), np.zeros(0, SETPOINT)
         self.set_estimate = specialised(set_estimate, self.state, self.index, np.zeros((0, 0)), np.zeros(0), 0)
         self.compute = specialised(act, self.bank, self.state, self.index, 0, given, 0, issued, 0)
-        self.guard.hear_errors()
         self.spinner = Spinner(node, self.guard)
         extra = int(self.options.recorder)
         listeners = {self.to_link: 1 + bool(identifier) + extra, self.to_recorder: extra}

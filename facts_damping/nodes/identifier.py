@@ -59,7 +59,6 @@ class IdentifierNode:
         self.store = specialised(store_setpoints, *learner, np.zeros(0, SETPOINT), 0)
         self.identify = specialised(identify, *learner, np.zeros(0, DELIVERY), 0)
         self.estimate = specialised(write_estimates, *learner, 0, self.rows, 0)
-        self.guard.hear_errors()
         self.spinner = Spinner(node, self.guard)
         wait_for_peers(node, {self.to_controller: 1 + int(self.options.recorder)}, self.options)
         self.guard.know()

@@ -117,8 +117,12 @@ def check_writable(target: str | None, option: str = "--json", *, standard: bool
 def write_whole(path: Path, text: str) -> None:
     """Write a file whole or not at all."""
     beside = path.with_name(path.name + ".new")
-    beside.write_text(text, encoding="utf-8")
-    beside.replace(path)
+    try:
+        beside.write_text(text, encoding="utf-8")
+        beside.replace(path)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 FIELD_PATH = r"[A-Za-z_0-9]+(\.([A-Za-z_0-9+-]+|\*))*"

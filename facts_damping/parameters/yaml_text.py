@@ -13,6 +13,9 @@ import yaml
 
 UNREADABLE = (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 
+DEEPEST = 50  # levels of nesting
+MOST_VALUES = 1_000_000
+
 # Plain words that are no text.
 CORE_SCHEMA = {
     "bool": (r"true|True|TRUE|false|False|FALSE", "tTfF"),
@@ -63,7 +66,33 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _integer)
 
 def parse(text: str) -> Any:
     """Content of YAML text. Raises one of UNREADABLE where it is none; damaged text has more errors than YAML's own."""
+    _check_size(text)
     return yaml.load(text, _Loader)  # noqa: S506 (a safe loader)
+
+
+def _check_size(text: str) -> None:
+    """Refuse, before anything is made of it, what is nested too deep, or too large once its aliases are written out."""
+    sizes: dict[str, int] = {}  # of what has an anchor
+    inside = [0]  # values so far of each collection that has begun, and
+    anchors: list[str | None] = [None]
+    for event in yaml.parse(text, _Loader):
+        size, anchor = 0, None
+        if isinstance(event, yaml.CollectionStartEvent):
+            inside.append(1)
+            anchors.append(event.anchor)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            size, anchor = inside.pop(), anchors.pop()
+        elif isinstance(event, yaml.AliasEvent):
+            size = sizes.get(event.anchor, 1)
+        elif isinstance(event, yaml.ScalarEvent):
+            size, anchor = 1, event.anchor
+        if anchor is not None:
+            sizes[anchor] = size
+        inside[-1] += size
+        if len(inside) > DEEPEST or inside[-1] > MOST_VALUES:
+            limit = f"{DEEPEST} levels" if len(inside) > DEEPEST else f"{MOST_VALUES} values, aliases written out"
+            mark: Any = event.start_mark
+            raise yaml.MarkedYAMLError(problem=f"more than {limit}", problem_mark=mark)
 
 
 def dump(content: Any, *, flow: bool = False) -> str:

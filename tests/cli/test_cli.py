@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,7 +16,6 @@ from facts_damping.cli.main import main
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     Inside = Callable[..., str]
 
@@ -58,6 +58,16 @@ def test_a_run_whose_device_let_go_ends_with_3_and_one_line() -> None:
     assert done.returncode == 3
     assert done.stderr == "facts-damping: the run ended, but: sssc was released at 1.20 s: no setpoint for 0.2 s\n"
     assert json.loads(done.stdout)["releases"][0]["device"] == "sssc"
+
+
+@pytest.mark.parametrize(("json_to", "named"), [("/dev/full", "/dev/full"), ("-", "standard output")])
+def test_a_full_disk_is_told_in_one_line(json_to: str, named: str) -> None:
+    command = [sys.executable, "-m", "facts_damping.cli.main", "list", "runs", "--json", json_to]
+    with Path("/dev/full" if json_to == "-" else os.devnull).open("w") as output:
+        done = subprocess.run(command, stdout=output, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    told = "cannot be written: No space left on device; allowed: a place with room for it"
+    assert done.stderr == f"facts-damping: {named}: {told}\n"
 
 
 def test_unstable_run_is_a_result() -> None:

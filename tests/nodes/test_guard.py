@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 ATTACKS = int(os.environ.get("HOSTILE_MESSAGES", "20000")) // 2  # to each of two graphs
-BATCH = 250
+BATCHES = 8
 HEARD = {
     "pmu/frames": "wan_link",
     "controller_0_LLC/setpoints": "wan_link",
@@ -199,22 +199,25 @@ class Attack:
                 (SetParametersAtomically, "set_parameters_atomically"),
             ):
                 client: Any = self.node.create_client(kind, f"/{name}/{end}")
-                if client.wait_for_service(PATIENCE_S):
+                if client.wait_for_service(0.5):
                     odd = Parameter(name="gain", value=ParameterValue(type=99))
                     client.call_async(kind.Request(parameters=[odd]))
 
     def batch(self, done: int, of: int) -> None:
-        """Some messages more; all that are left before the run is over, which waits meanwhile."""
-        if self.count() >= ATTACKS or any(
+        """Some messages more; a lockstep run waits for its controller meanwhile, lest it is over before them all."""
+        if self.count() >= ATTACKS:
+            return
+        deadline = time.monotonic() + LOADED_S / 2
+        while any(
             publisher.get_subscription_count() < 1 + (topic in HEARD) for topic, publisher in self.publishers.items()
         ):
-            return
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        self.pause(signal.SIGSTOP)
         if not self.sent:
             self.requests()
-        late = done > of // 2
-        if late and not self.realtime:
-            os.kill(self.started["controller_0_LLC"].process.pid, signal.SIGSTOP)
-        for _ in range(ATTACKS - self.count() if late else BATCH):
+        goal = ATTACKS if done > of // 2 else min(ATTACKS, self.count() + ATTACKS // BATCHES)
+        while self.count() < goal:
             topic, kind = self.kinds[self.rng.integers(len(self.kinds))]
             try:
                 self.publishers[topic].publish(hostile(self.rng, kind))
@@ -222,8 +225,11 @@ class Attack:
                 time.sleep(0.01)
                 continue
             self.sent[topic] = self.sent.get(topic, 0) + 1
-        if late and not self.realtime:
-            os.kill(self.started["controller_0_LLC"].process.pid, signal.SIGCONT)
+        self.pause(signal.SIGCONT)
+
+    def pause(self, number: int) -> None:
+        if not self.realtime:
+            os.kill(self.started["controller_0_LLC"].process.pid, number)
 
     def count(self) -> int:
         return sum(self.sent.values())
@@ -234,7 +240,7 @@ def test_hostile_messages_act_on_nothing_and_are_all_counted(
     domain: int, tmp_path: Path, started: dict[str, Any], mode: str
 ) -> None:
     longer = max(1, ATTACKS // 10_000)
-    case = load_case(None, ["scenario=large", f"duration={longer * (60 if mode == 'lockstep' else 12)}"])
+    case = load_case(None, ["scenario=large", f"duration={longer * (160 if mode == 'lockstep' else 12)}"])
     with attacker() as node:
         # Not before the graph runs: a publisher that is there at the start would be refused as another graph's.
         attacks: list[Attack] = []

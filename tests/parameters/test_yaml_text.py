@@ -42,3 +42,26 @@ def test_what_is_no_such_text_is_refused(text: str) -> None:
 def test_what_is_written_is_read_back(content: Any) -> None:
     assert parse(dump(content)) == content
     assert parse(dump(content, flow=True)) == content
+
+
+BOMB = "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 12))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (BOMB, "more than 1000000 values, aliases written out"),
+        ("[" * 100_000 + "]" * 100_000, "more than 50 levels"),
+        ("{a: " * 5000 + "1" + "}" * 5000, "more than 50 levels"),
+        ("- " * 60 + "1", "more than 50 levels"),
+    ],
+    ids=["aliases", "lists", "mappings", "blocks"],
+)
+def test_what_would_be_too_large_or_too_deep_is_refused_before_it_is_made(text: str, said: str) -> None:
+    with pytest.raises(UNREADABLE, match=said):
+        parse(text)
+
+
+def test_some_aliases_and_levels_are_allowed() -> None:
+    assert parse("a: &a [1, 2]\nb: [*a, *a]\n<<: {c: *a}") == {"a": [1, 2], "b": [[1, 2]] * 2, "c": [1, 2]}
+    assert parse("[" * 49 + "]" * 49) is not None
