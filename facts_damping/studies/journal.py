@@ -6,6 +6,7 @@ import fcntl
 import json
 import os
 import time
+import zlib
 from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError
@@ -17,14 +18,15 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+CHECKSUM = b', "crc32": "%08x"}'  # how a line ends: that of the line without it
 SYNC_S = 1.0  # so often the disk itself is waited for: a kill costs no finished run, a power cut a second's
 
 
 class Journal:
-    """An append-only file of rows by key; its first line names the study.
+    """An append-only file of rows by key; its first line names the study, and each line has a checksum.
 
-    A line that cannot be read, such as the torn last one of a process that was killed, is left out: its run is made
-    again. Raises `InputError` for the journal of another study, or one that another process writes.
+    A damaged line, such as the torn last one of a process that was killed, is counted in `damaged` and left out: its
+    run is made again. Raises `InputError` for the journal of another study, or one that another process writes.
     """
 
     def __init__(self, path: Path, study: str) -> None:
@@ -42,7 +44,9 @@ class Journal:
     def _read(self, study: str, path: Path) -> None:
         self._file.seek(0)
         content = self._file.read()
-        lines = [one for one in map(_parsed, content.splitlines()) if one is not None]
+        parsed = [_parsed(line) for line in content.splitlines()]
+        lines = [one for one in parsed if one is not None]
+        self.damaged = len(parsed) - len(lines)
         if content and not content.endswith(b"\n"):
             self._file.write(b"\n")
         if not lines:
@@ -62,7 +66,8 @@ class Journal:
         self._write({"key": key, "row": row})
 
     def _write(self, content: dict[str, Any]) -> None:
-        self._file.write(json.dumps(content, allow_nan=False).encode() + b"\n")
+        line = json.dumps(content, allow_nan=False).encode()
+        self._file.write(line[:-1] + CHECKSUM % zlib.crc32(line) + b"\n")
         self._file.flush()
         if time.monotonic() - self._synced > SYNC_S:
             os.fsync(self._file.fileno())
@@ -80,9 +85,12 @@ class Journal:
 
 
 def _parsed(line: bytes) -> dict[str, Any] | None:
-    """A line's content; None for a torn one."""
+    """A line's content; None for a damaged one."""
+    body = line[: -len(CHECKSUM % 0)] + b"}"
+    if line[len(body) - 1 :] != CHECKSUM % zlib.crc32(body):
+        return None
     try:
-        content = json.loads(line)
+        content = json.loads(body)
     except ValueError:
         return None
     return content if isinstance(content, dict) else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -103,6 +104,9 @@ def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Pr
     most = len(made.points) * (margins.most_runs(made.study.margin) if made.study.margin else 1)
     with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, made.fingerprint) as journal:
         files.write_whole(folder / COPY, made.text)
+        if journal.damaged:
+            lines = f"{journal.damaged} damaged line{'s' if journal.damaged > 1 else ''}"
+            sys.stderr.write(f"{folder / JOURNAL}: {lines}; what stood there is run again\n")
         progress.resume(len(journal.rows))
         progress(len(journal.rows), most)
         while todo := _tasks(made, journal.rows):

@@ -369,16 +369,23 @@ def gone(pids: list[int]) -> None:
             time.sleep(0.05)
 
 
-def test_a_torn_or_damaged_line_costs_its_run_only(tmp_path: Path) -> None:
+def test_a_torn_or_damaged_line_costs_its_run_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also one that still is JSON: a digit that has changed."""
     path, out = study(tmp_path), tmp_path / "out"
     swept(tmp_path, path)
     whole, journal = table(out), out / sweep.JOURNAL
     lines = journal.read_bytes().splitlines(keepends=True)
     assert len(lines) == 7
-    journal.write_bytes(b"".join([*lines[:3], b"\x00\x00\xff\n", *lines[4:6], lines[6][:40]]))
+    changed = re.sub(rb"(\d\.)\d", lambda found: found[1] + (b"1" if found[0].endswith(b"7") else b"7"), lines[2])
+    assert json.loads(changed) != json.loads(lines[2])
+    journal.write_bytes(b"".join([*lines[:2], changed, b"\x00\x00\xff\n", *lines[4:6], lines[6][:40]]))
+    capsys.readouterr()
     assert swept(tmp_path, path)["rows"] == json.loads(json.dumps(whole))
+    assert capsys.readouterr().err == f"{journal}: 3 damaged lines; what stood there is run again\n"
     assert table(out) == whole
-    assert len([line for line in journal.read_bytes().splitlines() if b'"row"' in line]) == 6 + 1  # one torn, in part
+    assert (
+        len([line for line in journal.read_bytes().splitlines() if b'"row"' in line]) == 6 + 2
+    )  # a changed, a torn one
 
 
 def test_a_finished_sweep_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
