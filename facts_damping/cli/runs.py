@@ -340,3 +340,12 @@ def import_(arguments: argparse.Namespace) -> None:
         sys.stdout.write(text)
     else:
         Path(arguments.out).write_text(text, encoding="utf-8")
+
+
+def keys(arguments: argparse.Namespace) -> None:
+    """A new key for a graph."""
+    from facts_damping.parameters.security import add_key
+
+    number, before = add_key(Path(arguments.file))
+    also = f"; key {before[0]} is accepted, too" if before else ""
+    say(arguments, f"{arguments.file}: key {number} signs{also}; for the nodes of the graph alone")

@@ -14,6 +14,7 @@ from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates
 from facts_damping.nodes.node import SAYING, graph_prefix, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
+from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
@@ -42,14 +43,16 @@ class ControllerNode:
         self.name, graph = address.name, graph_prefix(node, address)
         link = link_addresses(self.case)[self.case.used_links[self.index]]
         identifier = str(identifier_addresses(self.case).get(self.index, ""))
-        self.setpoints = SetpointsMessage(self.case)
+        by = signing(self.case, self.options.start_timeout)
+        self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/setpoints"))
         self.inner = ControllerStateMessage(self.case, self.index)
         self.ticks = UnitDelay(self.options, identifier, self.act)
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", SAYING)
         self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", SAYING)
         self.guard = Guard(node, self.case, self.options.realtime, graph)
-        delivered = graph + link.topic("pmu/delivered")
-        self.guard.subscribe(PmuDataFrame, delivered, self.ticks.frames, FramesMessage(self.case).read)
+        delivered = link.topic("pmu/delivered")
+        frames = FramesMessage(self.case, seal(by, delivered))
+        self.guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read)
         if identifier:
             estimates = Estimates(self.case, self.index)
             self.guard.subscribe(JacobianEstimate, f"{graph}{identifier}/estimate", self.ticks.receive, estimates.read)

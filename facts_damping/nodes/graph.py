@@ -9,6 +9,7 @@ import tempfile
 import time
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.case.names import (
@@ -22,12 +23,12 @@ from facts_damping.case.names import (
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import forked
 from facts_damping.parameters.files import new_folder, read_table, write_whole
+from facts_damping.parameters.security import read_keys
 from facts_damping.parameters.yaml_text import dump
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
     from multiprocessing.process import BaseProcess
-    from pathlib import Path
 
     from facts_damping.case.model import Case
 
@@ -176,7 +177,8 @@ def graph(
     setpoints.
     """
     run_file = out / "run.yaml"
-    run_file.write_text(dump(case.document()), encoding="utf-8")
+    unsigned = {} if replayed is None else {"security": None}  # a recording has no keys
+    run_file.write_text(dump(case.document() | unsigned), encoding="utf-8")
     common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "view": view_port is not None}
     senders = [str(address) for address in controller_addresses(case)]
     running: dict[str, Process] = {}
@@ -226,6 +228,8 @@ def run(
     check_domain(os.environ.get("ROS_DOMAIN_ID", "0"))
     if (out / "recording").exists():
         raise InputError(f"--out {out}: holds a recording already; allowed: a new folder")
+    if case.run.security is not None and replayed is None:
+        read_keys(Path(case.run.security.keys))
     new_folder(out)
     began = time.monotonic()
     misses = 0

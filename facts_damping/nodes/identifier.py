@@ -14,6 +14,7 @@ from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import Estimates
 from facts_damping.nodes.node import SAYING, graph_prefix, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
+from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
@@ -51,10 +52,13 @@ class IdentifierNode:
         self.ticks = UnitDelay(self.options, sender, self.learn)
         self.to_controller = node.create_publisher(JacobianEstimate, f"{address.name}/estimate", SAYING)
         self.guard = Guard(node, self.case, self.options.realtime, graph)
-        delivered = graph + link.topic("pmu/delivered")
-        self.guard.subscribe(PmuDataFrame, delivered, self.ticks.frames, FramesMessage(self.case).read)
-        setpoints = SetpointsMessage(self.case, controller_names(self.case)[self.index], [self.index])
-        self.guard.subscribe(VoltageSetpoints, f"{graph}{sender}/setpoints", self.ticks.receive, setpoints.read)
+        by = signing(self.case, self.options.start_timeout)
+        delivered, commands = link.topic("pmu/delivered"), f"{sender}/setpoints"
+        frames = FramesMessage(self.case, seal(by, delivered))
+        self.guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read)
+        name = controller_names(self.case)[self.index]
+        setpoints = SetpointsMessage(self.case, name, [self.index], seal(by, commands))
+        self.guard.subscribe(VoltageSetpoints, f"{graph}{commands}", self.ticks.receive, setpoints.read)
         learner = self.identifiers, self.state, self.own
         self.store = specialised(store_setpoints, *learner, np.zeros(0, SETPOINT), 0)
         self.identify = specialised(identify, *learner, np.zeros(0, DELIVERY), 0)

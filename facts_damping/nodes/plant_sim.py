@@ -20,6 +20,7 @@ from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import PlantStateMessage, diagnostics, grid_event
 from facts_damping.nodes.node import SAYING, finish, run_node, wait_for_peers
 from facts_damping.nodes.parameters import read_case, read_options
+from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Spinner, check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.plant.integration import advance
@@ -52,7 +53,8 @@ class PlantSim:
         self.entries["station"] = np.arange(stations)
         self.machines = np.zeros(len(self.plant.machines), MACHINE_TRUTH)
         self.devices = np.zeros(len(self.plant.devices), DEVICE_TRUTH)
-        self.frames, self.truth = FramesMessage(self.case), PlantStateMessage(self.case)
+        by = signing(self.case, self.options.start_timeout)
+        self.frames, self.truth = FramesMessage(self.case, seal(by, "pmu/frames")), PlantStateMessage(self.case)
         self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", SAYING)
         self.to_all = node.create_publisher(PlantState, "plant/state", SAYING)
         self.to_events = node.create_publisher(GridEvent, "plant/events", SAYING)
@@ -62,14 +64,10 @@ class PlantSim:
         self.links, self.tick = link_addresses(self.case), -1
         self.guard = Guard(node, self.case, self.options.realtime)
         for i, link in enumerate(self.links):
-            setpoints = SetpointsMessage(self.case, of=served(self.case, i))
-            self.guard.subscribe(
-                VoltageSetpoints,
-                link.topic("setpoints/delivered"),
-                partial(self.on_setpoints, i),
-                setpoints.read,
-                lambda: self.tick,
-            )
+            topic = link.topic("setpoints/delivered")
+            setpoints = SetpointsMessage(self.case, of=served(self.case, i), seal=seal(by, topic))
+            use = partial(self.on_setpoints, i)
+            self.guard.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.tick)
         self.answered = [-1 for _ in self.links]
         self.waiting: list[list[Any]] = [[] for _ in self.links]
         self.heard = listening(len(self.devices))

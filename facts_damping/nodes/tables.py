@@ -15,14 +15,18 @@ from facts_damping.case.names import controller_names
 from facts_damping.compiling import specialised
 from facts_damping.nodes.cdr import Refused, Template, content
 from facts_damping.nodes.packing import mark, pack, unpack
+from facts_damping.nodes.signing import LENGTH
+from facts_damping.recording.columns import HEADER
 from facts_damping.signals import CHANNELS, DELIVERY, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable
+    from types import SimpleNamespace
 
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
+    from facts_damping.nodes.signing import Seal
 
 TIMES_AND_VALUES, MARKS = ("i4", "u4", "i8"), ("u8", "u2")  # formats, as the kernels want them
 MOST_SHAPES = 64  # of one topic; when there are more, all are laid out anew as they come
@@ -46,15 +50,19 @@ class Layout(NamedTuple):
 class Shape:
     """A message of one shape: a table of entries under a header, a tick and `fresh`."""
 
-    def __init__(self, message: Any, layout: Layout, names: dict[str, Any], frame_rate: int) -> None:
+    def __init__(
+        self, message: Any, layout: Layout, names: dict[str, Any], frame_rate: int, seal: Seal | None = None
+    ) -> None:
         """Lay the message out; `names`: the columns of its rows that say whose entries they are."""
-        self._layout, self._rate = layout, frame_rate
+        self._layout, self._rate, self._seal = layout, frame_rate, seal
+        message.signature = bytes(LENGTH if seal else 0)
         entries = getattr(message, layout.entries)
         message.fresh = len(entries) > 0
         self._rows = np.zeros(len(entries), layout.dtype)
         for column, values in names.items():
             self._rows[column] = values
         self.template = t = Template(message)
+        self._end = HEADER + int(t.index(["signature.0"]).places[0]) if seal else 0  # where the signature begins
         parts = [f"{path}.{part}" for path in layout.times for part in ("sec", "nanosec")]
         self._columns = layout.first, len(layout.times), self._of_entries([*parts, *layout.values])
         self.marks = self._of_entries(layout.marks)
@@ -76,10 +84,16 @@ class Shape:
         """The message of `rows`."""
         self._pack(self._words(rows), *self._columns, *self._sent)
         self.template.write_head(start_ns, tick)
-        return self.template.data()
+        data = self.template.data()
+        if self._seal is None:
+            return data
+        body = data[: self._end]
+        return body + self._seal.sign(body) + data[self._end + LENGTH :]
 
-    def read(self) -> tuple[int, NDArray[Any]]:
-        """Tick and rows of the message that was taken. Raises `Refused` where its times are not of its tick."""
+    def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
+        """Tick and rows of a message that was taken. Raises `Refused` where it is not signed, or not of its tick."""
+        if self._seal is not None:
+            self._seal.check(data[: self._end], data[self._end : self._end + LENGTH])
         tick, rows = self.template.tick(), self._rows.copy()
         if self.template.start_ns() != start_of(tick, self._rate):
             raise Refused("stamp")
@@ -94,8 +108,8 @@ class TableMessage:
 
     layout: ClassVar[Layout]
 
-    def __init__(self, case: Case) -> None:
-        self._rate = case.run.frame_rate
+    def __init__(self, case: Case, seal: Seal | None) -> None:
+        self._rate, self._seal = case.run.frame_rate, seal
         self._shapes: dict[Hashable, Shape] = {}
 
     def make(self, key: Any) -> tuple[Any, dict[str, Any]]:
@@ -106,24 +120,31 @@ class TableMessage:
         """Key of the shape that a message must have. Raises `Refused` where it is none, or of unknown names."""
         raise NotImplementedError
 
+    def content(self, data: bytes, kind: type[Any]) -> SimpleNamespace:
+        """What a message says. Raises `Refused` where it is none, and where it has no signature, or needs none."""
+        message = content(data, kind)
+        if len(message.signature) != (LENGTH if self._seal else 0):
+            raise Refused("signature")
+        return message
+
     def shape(self, key: Hashable) -> Shape:
         """The shape of a key."""
         if key not in self._shapes:
             if len(self._shapes) >= MOST_SHAPES:
                 self._shapes.clear()
             message, names = self.make(key)
-            self._shapes[key] = Shape(message, self.layout, names, self._rate)
+            self._shapes[key] = Shape(message, self.layout, names, self._rate, self._seal)
         return self._shapes[key]
 
     def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
         """Tick and rows of a message. Raises `Refused` where it is not what it should be."""
         for shape in self._shapes.values():
             if shape.template.take(data):
-                return shape.read()
+                return shape.read(data)
         shape = self.shape(self.key(data))
         if not shape.template.take(data):
             raise Refused("names")
-        return shape.read()
+        return shape.read(data)
 
 
 class FramesMessage(TableMessage):
@@ -138,9 +159,9 @@ class FramesMessage(TableMessage):
         marks=["tick", "status"],
     )
 
-    def __init__(self, case: Case) -> None:
-        """Take the names of stations and their buses."""
-        super().__init__(case)
+    def __init__(self, case: Case, seal: Seal | None = None) -> None:
+        """Take the names of stations and their buses; `seal`: of the topic, if messages are signed."""
+        super().__init__(case, seal)
         self._stations = [station.name for station in case.system.stations]
         buses = {m.name: m.bus for m in case.system.machines}
         self._buses = [s.bus or buses[s.machine or ""] for s in case.system.stations]
@@ -157,7 +178,7 @@ class FramesMessage(TableMessage):
 
     def key(self, data: bytes) -> tuple[int, ...]:
         """Stations of a message's entries."""
-        return places(self._stations, [entry.station for entry in content(data, PmuDataFrame).frames])
+        return places(self._stations, [entry.station for entry in self.content(data, PmuDataFrame).frames])
 
     def fill(self, tick: int, start_ns: int, delivered: NDArray[Any], count: int) -> bytes:
         """Message of `count` delivered entries."""
@@ -179,12 +200,12 @@ class SetpointsMessage(TableMessage):
         marks=[],
     )
 
-    def __init__(self, case: Case, sender: str = "", of: Iterable[int] | None = None) -> None:
-        """Take the names of devices and controllers.
+    def __init__(self, case: Case, sender: str = "", of: Iterable[int] | None = None, seal: Seal | None = None) -> None:
+        """Take the names of devices and controllers; `seal`: of the topic, if messages are signed.
 
         What is read is from `sender` (a controller; empty: a link), with setpoints of these controllers; None: of all.
         """
-        super().__init__(case)
+        super().__init__(case, seal)
         self._devices = list(case.run.devices)
         self._places = {d.name: d.place for d in case.system.devices}
         self._controllers = controller_names(case)
@@ -207,7 +228,7 @@ class SetpointsMessage(TableMessage):
 
     def key(self, data: bytes) -> tuple[str, tuple[tuple[int, int], ...]]:
         """Sender of a message, controllers and devices of its entries."""
-        message = content(data, VoltageSetpoints)
+        message = self.content(data, VoltageSetpoints)
         controllers = places(self._controllers, [entry.controller for entry in message.setpoints])
         devices = places(self._devices, [entry.device for entry in message.setpoints])
         pairs = tuple(zip(controllers, devices, strict=True))

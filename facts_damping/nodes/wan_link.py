@@ -17,6 +17,7 @@ from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import link_statistics
 from facts_damping.nodes.node import SAYING, graph_prefix, run_node, wait_for_peers
 from facts_damping.nodes.parameters import declare_stages, read_case, read_index, read_options
+from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import CHANNELS, SETPOINT
@@ -40,24 +41,23 @@ class WanLink:
         self.index = read_index(node, range(len(self.case.links)), "links")
         self.links = build_links(self.case)
         declare_stages(node, self.case.links[self.index], self.change)
-        self.frames, self.setpoints = FramesMessage(self.case), SetpointsMessage(self.case)
+        by, address = signing(self.case, self.options.start_timeout), link_addresses(self.case)[self.index]
+        self.frames = FramesMessage(self.case, seal(by, address.topic("pmu/delivered")))
+        self.setpoints = SetpointsMessage(self.case, seal=seal(by, address.topic("setpoints/delivered")))
         own, addresses = served(self.case, self.index), controller_addresses(self.case)
         self.places = {controller_names(self.case)[c]: str(addresses[c]) for c in own}
-        graph = graph_prefix(node, link_addresses(self.case)[self.index])
+        graph = graph_prefix(node, address)
         self.frame = np.full((len(self.case.system.stations), len(CHANNELS)), np.nan)
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", SAYING)
         self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", SAYING)
         self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", SAYING)
         self.guard = Guard(node, self.case, self.options.realtime, graph)
-        self.guard.subscribe(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, FramesMessage(self.case).read)
+        frames = FramesMessage(self.case, seal(by, "pmu/frames"))
+        self.guard.subscribe(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, frames.read)
         for c, (name, place) in zip(own, self.places.items(), strict=True):
-            self.guard.subscribe(
-                VoltageSetpoints,
-                f"{graph}{place}/setpoints",
-                partial(self.on_setpoints, name),
-                SetpointsMessage(self.case, name, [c]).read,
-                lambda: self.tick,
-            )
+            topic, use = f"{place}/setpoints", partial(self.on_setpoints, name)
+            setpoints = SetpointsMessage(self.case, name, [c], seal(by, topic))
+            self.guard.subscribe(VoltageSetpoints, f"{graph}{topic}", use, setpoints.read, lambda: self.tick)
         self.tick = -1
         self.missing: set[str] = set()
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.parameters.security import Security
 from facts_damping.parameters.watchdog import Watchdog
 
 # A ROS namespace below that of the graph: parts of letters, digits and underscores, joined by slashes.
@@ -178,6 +179,7 @@ class Run(ParameterModel):
     controllers: list[Controller] = Field([Controller()], max_length=16)
     link: str | dict[str, Any] = Field("ideal", description="name under config/links, path, or a link inline")
     watchdog: Watchdog | None = Field(Watchdog(), description="of every device; `off`: none")
+    security: Security | None = Field(None, description="of the messages of its graph; none: not signed")
     frame_rate: int = quantity(60, "frames/s", "PMU frames per second", ge=1, le=1000)
     duration: float | None = quantity(None, "s", "simulated time; none: the scenario's", gt=0, le=1e5)
     seed: int = quantity(0, "-", "seed of all randomness", ge=0, le=2**31 - 1)

@@ -1,0 +1,73 @@
+"""What a graph's messages are signed with: the run's table, and the file of keys."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field, StringConstraints
+
+from facts_damping.errors import InputError
+from facts_damping.parameters.base import ParameterModel, quantity
+from facts_damping.parameters.files import read_table, write_whole
+from facts_damping.parameters.validation import check
+from facts_damping.parameters.yaml_text import dump
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+KEY_BYTES = 32  # as many as the hash has: RFC 2104, 3
+KEPT = 2  # keys in a file: the one that signs, and the one before it
+MODE = 0o600
+HEAD = "# Keys of a graph: the first signs, all are accepted. For its nodes alone: mode 0600.\n"
+
+
+class Security(ParameterModel):
+    """How the messages of a run's graph are protected (docs/signatures.md)."""
+
+    keys: str = Field(description="file of keys that frames and setpoints are signed with")
+
+
+class Key(ParameterModel):
+    """One key, by its number."""
+
+    id: int = quantity(..., "-", "number of the key, which a signature names", ge=1, le=2**32 - 1)
+    key: Annotated[str, StringConstraints(pattern=rf"^[0-9a-f]{{{2 * KEY_BYTES}}}$")] = Field(
+        description="64 hexadecimal digits"
+    )
+
+
+class Keys(ParameterModel):
+    """A file of keys."""
+
+    keys: list[Key] = Field(min_length=1, max_length=KEPT)
+
+
+def read_keys(path: Path) -> dict[int, bytes]:
+    """Keys of a file by their numbers, that which signs first. Raises `InputError` where others may read the file."""
+    given = check(Keys, read_table(path), str(path)).keys
+    mode = path.stat().st_mode & 0o777
+    if mode & 0o077:
+        raise InputError(
+            f"{path}: mode {mode:04o} given; allowed: {MODE:04o} (chmod 600), for others must not read keys"
+        )
+    if len({one.id for one in given}) < len(given):
+        raise InputError(f"{path}: keys: number {given[0].id} given twice; allowed: each number once")
+    return {one.id: bytes.fromhex(one.key) for one in given}
+
+
+def add_key(path: Path) -> tuple[int, list[int]]:
+    """Put a new key first in a file, which is made where there is none; its number, and those that are kept."""
+    before = read_keys(path) if path.exists() else {}
+    number = max(before, default=0) + 1
+    kept = list(before.items())[: KEPT - 1]
+    rows = [{"id": i, "key": key.hex()} for i, key in [(number, secrets.token_bytes(KEY_BYTES)), *kept]]
+    mask = os.umask(0o777 & ~MODE)
+    try:
+        write_whole(path, HEAD + dump({"keys": rows}))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; allowed: a file in a folder that can be written") from error
+    finally:
+        os.umask(mask)
+    return number, [i for i, _ in kept]
