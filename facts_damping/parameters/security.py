@@ -49,9 +49,7 @@ def read_keys(path: Path) -> dict[int, bytes]:
     given = check(Keys, read_table(path), str(path)).keys
     mode = path.stat().st_mode & 0o777
     if mode & 0o077:
-        raise InputError(
-            f"{path}: mode {mode:04o} given; allowed: {MODE:04o} (chmod 600), for others must not read keys"
-        )
+        raise InputError(f"{path}: mode {mode:04o} given; allowed: {MODE:04o}, for its owner alone (chmod 600)")
     if len({one.id for one in given}) < len(given):
         raise InputError(f"{path}: keys: number {given[0].id} given twice; allowed: each number once")
     return {one.id: bytes.fromhex(one.key) for one in given}

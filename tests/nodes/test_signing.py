@@ -60,7 +60,7 @@ def test_the_code_is_that_of_hmac_over_topic_key_session_and_message() -> None:
     body = data[: data.index(signature)]
     told = hmac.new(OLD, b"pmu/frames\0" + number + session + body, hashlib.sha256)
     assert code == told.digest()
-    assert len(data) - len(body) - len(signature) < 4
+    assert data == body + signature
 
 
 @settings(deadline=None, max_examples=200)
@@ -70,10 +70,7 @@ def test_no_bit_can_be_changed(data: st.DataObject) -> None:
     at = data.draw(st.integers(0, 8 * len(whole) - 1))
     changed = bytearray(whole)
     changed[at // 8] ^= 1 << at % 8
-    if at // 8 in (2, 3):  # options of the encapsulation, which nobody reads
-        frames().read(bytes(changed))
-    else:
-        assert cause(frames(), bytes(changed)) in ("signature", "names", "format")
+    assert cause(frames(), bytes(changed)) in ("signature", "names", "format")
 
 
 def test_what_is_not_signed_with_a_known_key_is_refused() -> None:
