@@ -45,6 +45,7 @@ class Heard:
     read: Callable[[bytes], tuple[Any, ...]] | None
     newest: Callable[[], int] | None
     use: Callable[..., None]
+    begins: Callable[[bytes], bool] | None
     publisher: bytes | None = None  # identity of who publishes it in this graph, once that is known
     sequences: dict[bytes, int] = field(default_factory=dict)  # of the newest message, by publisher
     tick: int = -1  # of the newest message
@@ -60,7 +61,7 @@ class Guard:
         """`graph`: what leads from the node to the topics of its graph (node.py); `say`: takes reports, if not all."""
         self.node, self.heard = node, time.monotonic()  # when something was last let through
         self.over = False  # whether the plant has said that it is lost
-        self._rate, self._ticks, self._realtime = case.run.frame_rate, case.ticks, realtime
+        self._rate, self._realtime = case.run.frame_rate, realtime
         self._topics: list[Heard] = []
         self._common = {node.resolve_topic_name(f"{graph}{TOPIC}"), COMMON}
         self._say = say or node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", SAYING).publish
@@ -76,15 +77,18 @@ class Guard:
         use: Callable[..., None],
         read: Callable[[bytes], tuple[Any, ...]] | None = None,
         newest: Callable[[], int] | None = None,
+        begins: Callable[[bytes], bool] | None = None,
+        common: bool = False,
     ) -> None:
-        """Listen to a topic.
+        """Listen to a topic; `common`: all nodes of the graph may speak there.
 
         `read` makes of a message its tick (none on a topic that all share) and more, or raises `Refused`; `use` is
         called with that; without `read` it gets the bytes and what the middleware knows of them. `newest`: the newest
-        tick that it may be of.
+        tick that it may be of. `begins`: whether a message is the first of a run: its publisher is this graph's.
         """
-        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use)
+        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use, begins)
         self._topics.append(heard)
+        self._common |= {heard.topic} if common else set()
 
         def take(data: bytes, information: Any) -> bool:
             return self.take(heard, data, information)
@@ -108,7 +112,7 @@ class Guard:
             return
         self._looked_at = time.monotonic()
         for heard in self._topics:
-            if heard.publisher is None and heard.topic not in self._common:
+            if heard.publisher is None and heard.begins is None and heard.topic not in self._common:
                 there = self.node.get_publishers_info_by_topic(heard.topic)
                 if len(there) == 1:
                     heard.publisher = bytes(there[0].endpoint_gid)
@@ -117,7 +121,7 @@ class Guard:
         """Take a message; whether it was let through."""
         publisher: bytes = information["publisher_gid"]["data"]
         try:
-            self._admit(heard, publisher, information["publication_sequence_number"])
+            self._admit(heard, data, publisher, information["publication_sequence_number"])
             if heard.read is None:
                 message: tuple[Any, ...] = (data, information)
             else:
@@ -131,11 +135,11 @@ class Guard:
         heard.use(*message)
         return True
 
-    def _admit(self, heard: Heard, publisher: bytes, sequence: int | None) -> None:
+    def _admit(self, heard: Heard, data: bytes, publisher: bytes, sequence: int | None) -> None:
         """Refuse a message of somebody else's, and one that its publisher sent before one that has come."""
         if publisher != heard.publisher:
             if heard.topic not in self._common:
-                self._recognise(heard, publisher)
+                self._recognise(heard, data, publisher)
             elif publisher[:NODE] not in self._nodes():
                 self.know()
                 if publisher[:NODE] not in self._nodes():
@@ -145,11 +149,11 @@ class Guard:
                 raise Refused("sequence")
             heard.sequences[publisher] = sequence
 
-    def _recognise(self, heard: Heard, publisher: bytes) -> None:
-        """Whose a topic is, when its first message comes before it was known: who is alone, or who comes first."""
+    def _recognise(self, heard: Heard, data: bytes, publisher: bytes) -> None:
+        """Whose a topic is, when a message comes before that is known: who begins, else who is alone or first."""
         if heard.publisher is None:
             self.know()
-        if heard.publisher is None:
+        if heard.publisher is None and (heard.begins is None or heard.begins(data)):
             heard.publisher = publisher
         if publisher != heard.publisher:
             raise Refused("publisher")
@@ -158,12 +162,15 @@ class Guard:
         return {heard.publisher[:NODE] for heard in self._topics if heard.publisher is not None}
 
     def _check_tick(self, heard: Heard, tick: int) -> None:
-        """Refuse a tick that is not the next one; in real time as many may be missing as the clock allows."""
-        if heard.tick < 0:
-            latest = self._ticks - 1
-        else:
-            late = int((1.0 + time.monotonic() - heard.at) * self._rate) if self._realtime else 0
-            latest = heard.tick + 1 + late
+        """Refuse a tick that is not the next one; in real time as many may be missing as the clock allows.
+
+        Who does not begin with tick 0 is of another graph, that was there before: then the publisher is unknown again.
+        """
+        if heard.tick < 0 and tick > 0:
+            heard.publisher = None
+            raise Refused("publisher")
+        late = int((1.0 + time.monotonic() - heard.at) * self._rate) if self._realtime else 0
+        latest = heard.tick + 1 + late
         if heard.newest is not None:
             latest = min(latest, heard.newest())
         if not heard.tick < tick <= latest:

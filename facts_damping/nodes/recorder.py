@@ -19,6 +19,7 @@ from facts_damping.nodes.node import run_node
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import HEARD_S, Spinner, told_to_stop
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.recording.simulated import stamp_ns
 from facts_damping.recording.writer import RecordingWriter
 from facts_damping.version import __version__
 
@@ -44,6 +45,15 @@ OF_A_LINK = {
     "link/statistics": messages.LinkStatistics,
 }
 OF_A_CONTROLLER = {"setpoints": messages.VoltageSetpoints, "state": messages.ControllerState}
+
+
+STAMP_END = 12  # bytes that a message has at least
+UNTICKED = ("plant/events", "link/statistics", "/diagnostics", REFUSED)  # not begun at tick 0
+
+
+def begins_a_run(data: bytes) -> bool:
+    """Whether a message is of tick 0, or of what was measured until then."""
+    return len(data) >= STAMP_END and stamp_ns(data) <= 0
 
 
 def topics(case: Case) -> dict[str, Any]:
@@ -84,11 +94,13 @@ class Recorder:
         self.lost: dict[str, int] = {}
         self.refused = node.resolve_topic_name(REFUSED)
         self.guard = Guard(node, self.case, self.options.realtime, say=self.on_refused)
+        begins = begins_a_run if self.options.recorder else None  # others wait for it: it hears all from the first on
         for topic, kind in topics(self.case).items():
             name = node.resolve_topic_name(topic)
             self.writer.add_topic(name, message_type(kind))
             self.lost[name] = 0
-            self.guard.subscribe(kind, topic, partial(self.on_message, name))
+            use, unticked = partial(self.on_message, name), topic.endswith(UNTICKED)
+            self.guard.subscribe(kind, topic, use, begins=None if unticked else begins, common=unticked)
         self.spinner = Spinner(node, self.guard)
 
     def on_refused(self, data: bytes) -> None:

@@ -99,14 +99,19 @@ def test_ticks_come_one_after_the_other(node: Node) -> None:
         *(True, True, False, False, True, False, True),
     ]
     assert one.causes() == ["tick"] * 3
-    first = Listener(node, ticks)
-    assert not first.send(str(CASE.ticks).encode())
-    assert first.send(b"5")
+
+
+def test_who_does_not_begin_with_tick_0_is_of_another_graph(node: Node) -> None:
+    one = Listener(node, ticks)
+    assert [one.send(b"5", FOREIGN), one.send(b"5"), one.send(b"0"), one.send(b"1", FOREIGN), one.send(b"1")] == [
+        *(False, False, True, False, True),
+    ]
+    assert one.causes() == ["publisher"] * 3
 
 
 def test_in_real_time_ticks_may_be_missing_as_the_clock_allows(node: Node) -> None:
     one = Listener(node, ticks, realtime=True)
-    assert one.send(b"7")
+    assert one.send(b"0")
     assert not one.send(b"1000")
     assert one.send(b"60")
     one.heard.at -= 60.0
@@ -134,6 +139,7 @@ def test_who_publishes_is_known_and_counts_up(node: Node) -> None:
 
 def test_reports_come_at_most_once_a_second(node: Node, capsys: Any) -> None:
     one = Listener(node, ticks)
+    one.send(b"0")
     one.guard.tell()
     one.send(b"9999999")
     one.guard.tell()
