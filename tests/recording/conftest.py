@@ -108,6 +108,9 @@ def make_record(seed: int, ticks: int = 30) -> Record:
     )
 
 
+UNSIGNED = np.zeros(0, np.uint8)
+
+
 class Messages:
     """Makes CDR messages out of a record's rows."""
 
@@ -133,7 +136,7 @@ class Messages:
 
     def frames(self, stamp: int, tick: int, entries: list[Any]) -> Any:
         head = {"header": self.header(stamp), "tick": tick, "fresh": bool(entries)}
-        return self.make("PmuDataFrame", **head, frames=entries)
+        return self.make("PmuDataFrame", **head, frames=entries, signature=UNSIGNED)
 
     def setpoints(self, record: Record, stamp: int, tick: int, controller: str, rows: Any) -> Any:
         entries = [
@@ -149,7 +152,7 @@ class Messages:
             for row in rows
         ]
         head = {"header": self.header(stamp), "tick": tick, "controller": controller, "fresh": bool(entries)}
-        return self.make("VoltageSetpoints", **head, setpoints=entries)
+        return self.make("VoltageSetpoints", **head, setpoints=entries, signature=UNSIGNED)
 
     def estimate(self, record: Record, tick: int, controller: int) -> Any:
         rows = record.estimates[(record.estimates["tick"] == tick) & (record.estimates["controller"] == controller)]
