@@ -142,7 +142,7 @@ class Guard:
                 self._recognise(heard, data, publisher)
             elif publisher[:NODE] not in self._nodes():
                 self.know()
-                if publisher[:NODE] not in self._nodes():
+                if self._complete() and publisher[:NODE] not in self._nodes():
                     raise Refused("publisher")
         if sequence is not None:  # not every middleware counts
             if sequence <= heard.sequences.get(publisher, -1):
@@ -157,6 +157,10 @@ class Guard:
             heard.publisher = publisher
         if publisher != heard.publisher:
             raise Refused("publisher")
+
+    def _complete(self) -> bool:
+        """Whether all nodes are known: until then one that speaks on a common topic first may be this graph's."""
+        return all(heard.publisher is not None for heard in self._topics if heard.topic not in self._common)
 
     def _nodes(self) -> set[bytes]:
         return {heard.publisher[:NODE] for heard in self._topics if heard.publisher is not None}
