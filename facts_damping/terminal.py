@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
 
 class Progress:
@@ -62,6 +63,15 @@ def table(
     ]
 
 
+@contextmanager
+def naming(target: str) -> Iterator[None]:
+    """Let an error of writing name the file: that of a full disk does not."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, target) from error
+
+
 def write_json(target: str | None, content: Any) -> None:
     """Write JSON to a file, or to standard output for `-`."""
     if target is None:
@@ -70,10 +80,8 @@ def write_json(target: str | None, content: Any) -> None:
     if target == "-":
         sys.stdout.write(text)
         return
-    try:
+    with naming(target):
         Path(target).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, target) from error
 
 
 def finite(content: Any) -> Any:

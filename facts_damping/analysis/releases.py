@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from facts_damping.parameters.watchdog import Watchdog
 from facts_damping.signals import REFUSED
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from facts_damping.signals import Record
 
@@ -77,3 +78,11 @@ def refused_text(counts: dict[str, int] | None) -> str:
     if not counts:
         return "-"
     return ", ".join(f"{number} by {cause}" for cause, number in counts.items() if number)
+
+
+def by_cause(counted: Iterable[tuple[str, int]]) -> str:
+    """What was refused, counted in several places, for people: how many in all, and why."""
+    counts: Counter[str] = Counter()
+    for cause, number in counted:
+        counts[cause] += number
+    return refused_text(counts)

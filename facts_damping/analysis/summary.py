@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -90,16 +89,10 @@ def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[st
     """Rows of a table of runs that are there only where one of them has something to say, as texts."""
     found = releases.rows(summaries)
     if any(s.get("refused_messages") for s in summaries):
-        found.append(("refused messages", [_refused_text(s.get("refused_messages")) for s in summaries]))
+        rows = [s.get("refused_messages") or [] for s in summaries]  # each node counts what it got
+        texts = [releases.by_cause((row["cause"], row["count"]) for row in own) for own in rows]
+        found.append(("refused messages", texts))
     return found
-
-
-def _refused_text(given: Sequence[Mapping[str, Any]] | None) -> str:
-    """Refused messages, for people: how many, and why; each node counts what it got."""
-    counts: Counter[str] = Counter()
-    for row in given or ():
-        counts[row["cause"]] += row["count"]
-    return releases.refused_text(counts)
 
 
 def _oscillation(record: Record, signals: NDArray[np.float64], method: str | None, stable: bool) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -80,15 +79,16 @@ def _report(
 
 def check_ended_well(result: Mapping[str, Any], outcome: Outcome | None = None) -> None:
     """Raise `DegradedError` where a run ended, but not well; `outcome`: of its graph."""
-    from facts_damping.analysis.releases import refused_text, released_text
+    from facts_damping.analysis.releases import by_cause, released_text
 
     flaws = [f"{row['device']} was released {released_text(row)}" for row in result["releases"]]
     if outcome is not None:
-        refused: Counter[str] = Counter()
-        for (_, cause, topic, _), count in outcome.messages_refused.items():
-            if topic != "/diagnostics":  # there anybody may speak, only not for this graph
-                refused[cause] += count
-        flaws += [f"refused messages: {refused_text(refused)}"] if refused else []
+        refused = [
+            (cause, count)
+            for (_, cause, topic, _), count in outcome.messages_refused.items()
+            if topic != "/diagnostics"  # there anybody may speak, only not for this graph
+        ]
+        flaws += [f"refused messages: {by_cause(refused)}"] if refused else []
         flaws += [f"the recorder lost {outcome.messages_lost} messages"] if outcome.messages_lost else []
     if flaws:
         raise DegradedError(f"the run ended, but: {'; '.join(flaws)}")

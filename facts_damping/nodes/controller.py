@@ -12,7 +12,7 @@ from facts_damping.compiling import specialised
 from facts_damping.control.bank import act, set_estimate
 from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates
-from facts_damping.nodes.node import SAYING, graph_prefix, run_node, wait_for_peers
+from facts_damping.nodes.node import SAYING, graph_prefix, run_node
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Spinner
@@ -62,8 +62,7 @@ class ControllerNode:
         self.spinner = Spinner(node, self.guard)
         extra = int(self.options.recorder)
         listeners = {self.to_link: 1 + bool(identifier) + extra, self.to_recorder: extra}
-        wait_for_peers(node, listeners, self.options)
-        self.guard.know()
+        self.guard.wait_for_peers(listeners, self.options)
 
     def run(self) -> None:
         """Serve until stopped, then save what was learnt."""

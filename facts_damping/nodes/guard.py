@@ -18,15 +18,17 @@ from rclpy.serialization import serialize_message
 
 from facts_damping.nodes.cdr import Refused
 from facts_damping.nodes.messages import errors, set_time
-from facts_damping.nodes.node import COMMON, HEARING, SAYING
+from facts_damping.nodes.node import COMMON, HEARING, SAYING, wait_for_peers
 from facts_damping.nodes.tables import start_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.node import Node
+    from rclpy.publisher import Publisher
 
     from facts_damping.case.model import Case
+    from facts_damping.nodes.parameters import Options
 
 TOPIC = "security/refused"  # of every graph: what its nodes have refused
 TELL_S = 1.0  # wall time between two reports at least
@@ -46,8 +48,10 @@ class Heard:
     newest: Callable[[], int] | None
     use: Callable[..., None]
     begins: Callable[[bytes], bool] | None
+    common: bool
     publisher: bytes | None = None  # identity of who publishes it in this graph, once that is known
     sequences: dict[bytes, int] = field(default_factory=dict)  # of the newest message, by publisher
+    lost: int = 0  # messages that did not come, by the gaps of those
     tick: int = -1  # of the newest message
     at: float = field(default_factory=time.monotonic)  # when it came
 
@@ -63,7 +67,6 @@ class Guard:
         self.over = False  # whether the plant has said that it is lost
         self._rate, self._realtime = case.run.frame_rate, realtime
         self._topics: list[Heard] = []
-        self._common = {node.resolve_topic_name(f"{graph}{TOPIC}"), COMMON}
         self._say = say or node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", SAYING).publish
         self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
         self._told: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
@@ -86,9 +89,8 @@ class Guard:
         called with that; without `read` it gets the bytes and what the middleware knows of them. `newest`: the newest
         tick that it may be of. `begins`: whether a message is the first of a run: its publisher is this graph's.
         """
-        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use, begins)
+        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use, begins, common)
         self._topics.append(heard)
-        self._common |= {heard.topic} if common else set()
 
         def take(data: bytes, information: Any) -> bool:
             return self.take(heard, data, information)
@@ -98,7 +100,7 @@ class Guard:
 
     def hear_errors(self) -> None:
         """Repeat what the plant says of errors, a loss of synchronism above all; `over` is true from then on."""
-        self.subscribe(DiagnosticArray, COMMON, self._on_errors, errors)
+        self.subscribe(DiagnosticArray, COMMON, self._on_errors, errors, common=True)
 
     def _on_errors(self, told: list[str]) -> None:
         for text in told:
@@ -106,13 +108,22 @@ class Guard:
             sys.stdout.write(f"{text}\n")
             sys.stdout.flush()
 
-    def know(self) -> None:
+    def wait_for_peers(self, expected: dict[Publisher[Any], int], options: Options) -> None:
+        """Wait until the graph is there (node.py); whose its topics are is known from then on."""
+        wait_for_peers(self.node, expected, options)
+        self._know()
+
+    def lost(self) -> dict[str, int]:
+        """How many messages were missed, by topic."""
+        return {heard.topic: heard.lost for heard in self._topics}
+
+    def _know(self) -> None:
         """Look who publishes: the only one is this graph's, for good."""
         if time.monotonic() - self._looked_at < KNOW_S:
             return
         self._looked_at = time.monotonic()
         for heard in self._topics:
-            if heard.publisher is None and heard.begins is None and heard.topic not in self._common:
+            if heard.publisher is None and heard.begins is None and not heard.common:
                 there = self.node.get_publishers_info_by_topic(heard.topic)
                 if len(there) == 1:
                     heard.publisher = bytes(there[0].endpoint_gid)
@@ -126,7 +137,7 @@ class Guard:
                 message: tuple[Any, ...] = (data, information)
             else:
                 message = heard.read(data)
-                if heard.topic not in self._common:
+                if not heard.common:
                     self._check_tick(heard, message[0])
         except Refused as refused:
             self.refuse(heard.topic, refused.cause, publisher)
@@ -138,21 +149,23 @@ class Guard:
     def _admit(self, heard: Heard, data: bytes, publisher: bytes, sequence: int | None) -> None:
         """Refuse a message of somebody else's, and one that its publisher sent before one that has come."""
         if publisher != heard.publisher:
-            if heard.topic not in self._common:
+            if not heard.common:
                 self._recognise(heard, data, publisher)
             elif publisher[:NODE] not in self._nodes():
-                self.know()
+                self._know()
                 if self._complete() and publisher[:NODE] not in self._nodes():
                     raise Refused("publisher")
         if sequence is not None:  # not every middleware counts
-            if sequence <= heard.sequences.get(publisher, -1):
+            newest = heard.sequences.get(publisher, sequence - 1)
+            if sequence <= newest:
                 raise Refused("sequence")
+            heard.lost += sequence - newest - 1
             heard.sequences[publisher] = sequence
 
     def _recognise(self, heard: Heard, data: bytes, publisher: bytes) -> None:
         """Whose a topic is, when a message comes before that is known: who begins, else who is alone or first."""
         if heard.publisher is None:
-            self.know()
+            self._know()
         if heard.publisher is None and (heard.begins is None or heard.begins(data)):
             heard.publisher = publisher
         if publisher != heard.publisher:
@@ -160,7 +173,7 @@ class Guard:
 
     def _complete(self) -> bool:
         """Whether all nodes are known: until then one that speaks on a common topic first may be this graph's."""
-        return all(heard.publisher is not None for heard in self._topics if heard.topic not in self._common)
+        return all(heard.publisher is not None for heard in self._topics if not heard.common)
 
     def _nodes(self) -> set[bytes]:
         return {heard.publisher[:NODE] for heard in self._topics if heard.publisher is not None}

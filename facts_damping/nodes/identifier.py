@@ -12,7 +12,7 @@ from facts_damping.compiling import specialised
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import Estimates
-from facts_damping.nodes.node import SAYING, graph_prefix, run_node, wait_for_peers
+from facts_damping.nodes.node import SAYING, graph_prefix, run_node
 from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Spinner
@@ -64,8 +64,7 @@ class IdentifierNode:
         self.identify = specialised(identify, *learner, np.zeros(0, DELIVERY), 0)
         self.estimate = specialised(write_estimates, *learner, 0, self.rows, 0)
         self.spinner = Spinner(node, self.guard)
-        wait_for_peers(node, {self.to_controller: 1 + int(self.options.recorder)}, self.options)
-        self.guard.know()
+        self.guard.wait_for_peers({self.to_controller: 1 + int(self.options.recorder)}, self.options)
 
     def run(self) -> None:
         """Serve until stopped, then save what was learnt."""

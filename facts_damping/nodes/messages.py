@@ -195,11 +195,16 @@ def diagnostics(node: str, mode: str, misses: int, start_ns: int, sound: bool) -
     status = DiagnosticStatus(name=node, level=DiagnosticStatus.WARN if misses else DiagnosticStatus.OK)
     status.message = f"{misses} deadline misses" if misses else "on time"
     if not sound:
-        status.level, status.message = DiagnosticStatus.ERROR, f"synchronism lost at {start_ns / NANOSECONDS:.3f} s"
+        status.level, status.message = DiagnosticStatus.ERROR, synchronism_lost(start_ns)
     status.values = [KeyValue(key="deadline_misses", value=str(misses)), KeyValue(key="mode", value=mode)]
     message = DiagnosticArray(status=[status])
     set_time(message.header.stamp, start_ns)
     return message
+
+
+def synchronism_lost(at_ns: int) -> str:
+    """What plant and links say of it."""
+    return f"synchronism lost at {at_ns / NANOSECONDS:.3f} s"
 
 
 def errors(data: bytes) -> tuple[list[str]]:

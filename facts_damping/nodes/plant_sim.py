@@ -17,8 +17,8 @@ from facts_damping.compiling import specialised
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import merge
 from facts_damping.nodes.guard import Guard
-from facts_damping.nodes.messages import PlantStateMessage, diagnostics, grid_event
-from facts_damping.nodes.node import SAYING, finish, run_node, wait_for_peers
+from facts_damping.nodes.messages import PlantStateMessage, diagnostics, grid_event, synchronism_lost
+from facts_damping.nodes.node import SAYING, finish, run_node
 from facts_damping.nodes.parameters import read_case, read_options
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Spinner, check_wanted
@@ -27,7 +27,7 @@ from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import workspace
 from facts_damping.plant.watchdog import listening, rearm, release_by_clock
-from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, SETPOINT
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation.build import build_plant, grid_events
 from facts_damping.simulation.loop import tick_ns
 
@@ -82,12 +82,10 @@ class PlantSim:
         self.step = specialised(advance, self.plant, self.state, 0, 0, table, 0, self.work)
         self.spinner = Spinner(node, self.guard)
         extra = int(self.options.recorder)
-        wait_for_peers(
-            node,
+        self.guard.wait_for_peers(
             {self.to_links: len(self.links) + extra, **dict.fromkeys(self.to_recorder, extra)},
             self.options,
         )
-        self.guard.know()
 
     def on_setpoints(self, link: int, tick: int, rows: NDArray[Any]) -> None:
         """Keep the setpoints that a link delivers in a tick until the plant advances."""
@@ -163,7 +161,7 @@ class PlantSim:
                 sys.stdout.write(f"tick {k + 1} {ticks} {self.misses}\n")
                 sys.stdout.flush()
             if not sound:
-                sys.stdout.write(f"synchronism lost at {start / NANOSECONDS:.3f} s\n")
+                sys.stdout.write(f"{synchronism_lost(start)}\n")
                 break
             self.advance(start, end)
             self.now_ns = end

@@ -90,15 +90,12 @@ class Recorder:
         folder: Any = node.declare_parameter("output", "recording", descriptor("folder of the new recording")).value
         self.writer = RecordingWriter(folder, dump(self.case.document()), versions())
         self.taken: list[tuple[int, int, str, bytes]] = []  # source's time, sequence, topic, data
-        self.next: dict[tuple[str, bytes], int] = {}  # sequence that comes next, by topic and publisher
-        self.lost: dict[str, int] = {}
         self.refused = node.resolve_topic_name(REFUSED)
         self.guard = Guard(node, self.case, self.options.realtime, say=self.on_refused)
         begins = begins_a_run if self.options.recorder else None  # others wait for it: it hears all from the first on
         for topic, kind in topics(self.case).items():
             name = node.resolve_topic_name(topic)
             self.writer.add_topic(name, message_type(kind))
-            self.lost[name] = 0
             use, unticked = partial(self.on_message, name), topic.endswith(UNTICKED)
             self.guard.subscribe(kind, topic, use, begins=None if unticked else begins, common=unticked)
         self.spinner = Spinner(node, self.guard)
@@ -108,11 +105,8 @@ class Recorder:
         self.taken.append((time.time_ns(), 0, self.refused, data))
 
     def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
-        """Take one message; a gap in its publisher's sequence is a loss."""
-        sequence, source = information["publication_sequence_number"], (topic, information["publisher_gid"]["data"])
-        self.lost[topic] += max(0, sequence - self.next.get(source, sequence))
-        self.next[source] = sequence + 1
-        self.taken.append((information["source_timestamp"], sequence, topic, data))
+        """Take one message."""
+        self.taken.append((information["source_timestamp"], information["publication_sequence_number"], topic, data))
 
     def take(self) -> bool:
         """Take what has come and write it; whether there may be more."""
@@ -133,8 +127,8 @@ class Recorder:
         finally:
             self.guard.tell(last=True)
             self.write()
-            self.writer.close(self.lost)
-        sys.stdout.write(f"lost {sum(self.lost.values())}\n")
+            self.writer.close(self.guard.lost())
+        sys.stdout.write(f"lost {sum(self.guard.lost().values())}\n")
         sys.stdout.flush()
 
     def drain(self) -> None:

@@ -14,7 +14,7 @@ from facts_damping.case.names import controller_addresses, identifier_addresses,
 from facts_damping.errors import RunError
 from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import PlantStateMessage, grid_event
-from facts_damping.nodes.node import SAYING, finish, run_node, wait_for_peers
+from facts_damping.nodes.node import SAYING, finish, run_node
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import Spinner, check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
@@ -70,8 +70,7 @@ class ReplaySource:
         ]
         expected = dict.fromkeys((self.to_all, self.to_state, self.to_events, *self.applied), extra)
         expected |= {self.delivered[i]: count + extra for i, count in enumerate(listeners)}
-        wait_for_peers(node, expected | dict.fromkeys(self.recorded.values(), 1), self.options)
-        self.guard.know()
+        self.guard.wait_for_peers(expected | dict.fromkeys(self.recorded.values(), 1), self.options)
 
     def on_setpoints(self, controller: str, tick: int, _rows: NDArray[Any]) -> None:
         """A controller has answered: it has the estimates of the tick before."""

@@ -15,7 +15,7 @@ from facts_damping.errors import RunError
 from facts_damping.link.transfer import changed, downlink, uplink
 from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import link_statistics
-from facts_damping.nodes.node import SAYING, graph_prefix, run_node, wait_for_peers
+from facts_damping.nodes.node import SAYING, graph_prefix, run_node
 from facts_damping.nodes.parameters import declare_stages, read_case, read_index, read_options
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Spinner
@@ -67,12 +67,10 @@ class WanLink:
         self.spinner = Spinner(node, self.guard)
         extra = int(self.options.recorder)
         listeners = len(own) + sum(c in own for c in identifier_names(self.case))
-        wait_for_peers(
-            node,
+        self.guard.wait_for_peers(
             {self.to_controllers: listeners + extra, self.to_plant: 1 + extra, self.to_recorder: extra},
             self.options,
         )
-        self.guard.know()
 
     def change(self, way: str, place: int, stage: Any) -> None:
         """A stage that was changed while the link runs: for what is sent from now on."""

@@ -76,6 +76,13 @@ def assert_kept_apart(sets: list[str], folder: Path) -> None:
         assert_same(load(outcome.recording), loop.run(case))
 
 
+def wait_until_recording(folder: Path, size: int = 100_000) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not any(f.stat().st_size > size for f in folder.rglob("*.mcap")):
+        assert time.monotonic() < deadline, "no recording grows"
+        time.sleep(0.1)
+
+
 def nodes_left(folder: Path) -> list[str]:
     found = []
     for entry in Path("/proc").iterdir():

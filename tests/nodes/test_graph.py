@@ -28,6 +28,7 @@ from tests.nodes.graphs import (
     payloads,
     quiet,
     run_graph,
+    wait_until_recording,
 )
 
 if TYPE_CHECKING:
@@ -186,13 +187,6 @@ def command(domain: int, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     popen.wait()
     if popen.stderr is not None:
         popen.stderr.close()
-
-
-def wait_until_recording(folder: Path) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not any(f.stat().st_size > 100_000 for f in folder.rglob("*.mcap")):
-        assert time.monotonic() < deadline, "no recording grows"
-        time.sleep(0.1)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -32,7 +32,7 @@ from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.signals import DELIVERY, SETPOINT
 from facts_damping.simulation import loop
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, wait_until_recording
 from tests.nodes.hostile import hostile
 
 if TYPE_CHECKING:
@@ -281,10 +281,8 @@ def test_a_forged_message_is_told_at_the_end_of_a_command(domain: int, tmp_path:
     arguments = ["run", "--mode", "realtime", "--set", "duration=8", "--out", str(tmp_path), "--json", "-"]
     command = [sys.executable, "-m", "facts_damping.cli.main", *arguments]
     with attacker() as node, subprocess.Popen(command, stdout=-1, stderr=-1, text=True) as run:
+        wait_until_recording(tmp_path, 10_000)
         deadline = time.monotonic() + PATIENCE_S
-        while not any(file.stat().st_size > 10_000 for file in tmp_path.rglob("*.mcap")):
-            assert time.monotonic() < deadline, "no recording grows"
-            time.sleep(0.05)
         publisher = node.create_publisher(PmuDataFrame, "pmu/frames", HEARING)
         while publisher.get_subscription_count() < 2:
             assert time.monotonic() < deadline

@@ -28,7 +28,7 @@ MORE = 200  # ticks beyond what a publisher keeps
 
 # Subscribes to what the plant says, as `ros2 topic echo --qos-reliability reliable --qos-history keep_all` does.
 READER = """
-import time, rclpy
+import rclpy
 from facts_damping_msgs.msg import PlantState, PmuDataFrame
 from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 reliable = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
