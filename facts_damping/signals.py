@@ -130,7 +130,8 @@ class Record:
     `devices` (ticks, devices) of DEVICE_TRUTH; `delivered` has a row an entry (DELIVERY), `issued`
     and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE), `learning` a row a
     learning rate (LEARNING). `links` is the number of links that deliver, also of those that have not delivered yet.
-    `refused` is how many messages each node refused: `node`, `topic`, `cause`, `source`, `count`.
+    `refused` is how many messages each node refused: `node`, `topic`, `cause`, `source`, `count`. `joined` are nodes
+    that joined the run under way: `node`, `time_s`, `armed_s` (None: disarmed to the end).
     `in_synchronism` is false at the tick that ended an unstable run. `notes` says what a damaged
     recording lacks; `gap_tick` is its first tick of which something is missing, none if there is none.
     `arrays` has all of it as one column a quantity, a row a tick, and `units` the unit of each.
@@ -153,6 +154,7 @@ class Record:
     learning: NDArray[Any] = field(default_factory=lambda: np.zeros(0, LEARNING))
     events: list[dict[str, Any]] = field(default_factory=list)
     refused: list[dict[str, Any]] = field(default_factory=list)
+    joined: list[dict[str, Any]] = field(default_factory=list)
     links: int = 1
     notes: list[str] = field(default_factory=list)
     gap_tick: int | None = None

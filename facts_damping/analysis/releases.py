@@ -1,4 +1,4 @@
-"""What the watchdogs of the devices did: releases, re-arming, refused setpoints."""
+"""What the watchdogs of the devices did: releases, re-arming, refused setpoints; and which nodes joined."""
 
 from __future__ import annotations
 
@@ -64,6 +64,9 @@ def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
     for device in dict.fromkeys(name for s in summaries for name in s.get("refused_setpoints") or {}):
         cells = [refused_text((s.get("refused_setpoints") or {}).get(device)) for s in summaries]
         found.append((f"{device} refused setpoints", cells))
+    for node in dict.fromkeys(row["node"] for s in summaries for row in s.get("joined") or []):
+        own = [[joined_text(row) for row in s.get("joined") or [] if row["node"] == node] for s in summaries]
+        found.append((f"{node} joined", ["; ".join(texts) or "-" for texts in own]))
     return found
 
 
@@ -71,6 +74,12 @@ def released_text(row: dict[str, Any]) -> str:
     """A release, for people."""
     ended = "" if row["rearmed_s"] is None else f", re-armed at {row['rearmed_s']:.2f} s"
     return f"at {row['time_s']:.2f} s: no setpoint for {row['timeout_s']:g} s{ended}"
+
+
+def joined_text(row: Mapping[str, Any]) -> str:
+    """How a node joined a run under way, for people."""
+    armed = "disarmed" if row["armed_s"] is None else f"armed at {row['armed_s']:.2f} s"
+    return f"at {row['time_s']:.2f} s, {armed}"
 
 
 def refused_text(counts: dict[str, int] | None) -> str:

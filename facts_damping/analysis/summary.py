@@ -75,6 +75,7 @@ def summarise(
         "releases": releases.releases(record),
         "refused_setpoints": releases.refused_setpoints(record),
         "refused_messages": record.refused,
+        "joined": record.joined,
     }
 
 

@@ -79,10 +79,12 @@ def _report(
 
 def check_ended_well(result: Mapping[str, Any], outcome: Outcome | None = None) -> None:
     """Raise `DegradedError` where a run ended, but not well; `outcome`: of its graph."""
-    from facts_damping.analysis.releases import by_cause, released_text
+    from facts_damping.analysis.releases import by_cause, joined_text, released_text
 
     flaws = [f"{row['device']} was released {released_text(row)}" for row in result["releases"]]
+    flaws += [f"{row['node']} joined {joined_text(row)}" for row in result["joined"]]
     if outcome is not None:
+        flaws += outcome.fallen
         refused = [
             (cause, count)
             for (_, cause, topic, _), count in outcome.messages_refused.items()
@@ -144,6 +146,7 @@ def run(arguments: argparse.Namespace) -> None:
     record = load(outcome.recording)
     result = summarise(record, outcome.wall_s, str(outcome.recording))
     result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
+    result["nodes_ended"] = outcome.fallen
     counted = f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}"
     _report(arguments, [(name, record)], [result], folder, counted, f"recording: {outcome.recording}")
     check_ended_well(result, outcome)

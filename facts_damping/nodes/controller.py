@@ -11,9 +11,10 @@ from facts_damping.case.names import controller_addresses, identifier_addresses,
 from facts_damping.compiling import specialised
 from facts_damping.control.bank import act, set_estimate
 from facts_damping.nodes.guard import Guard
+from facts_damping.nodes.joining import Joining
 from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates
 from facts_damping.nodes.node import SAYING, graph_prefix, run_node
-from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
+from facts_damping.nodes.parameters import WeightsFile, declare_settings, read_case, read_index, read_options
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
@@ -27,14 +28,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rclpy.node import Node
 
+    from facts_damping.parameters.run import Weights
+
 
 class ControllerNode:
     """One controller of the run."""
 
     def __init__(self, node: Node) -> None:
         """Read parameters, build the controller, wire the topics."""
-        self.case, self.options = read_case(node), read_options(node)
-        self.index, self.save = read_index(node, range(len(self.case.controllers))), read_save(node)
+        self.case, self.options, self.weights = read_case(node), read_options(node), WeightsFile(node)
+        self.index = read_index(node, range(len(self.case.controllers)))
+        self.case = self.weights.start(self.case, self.index)
         self.controller = self.case.controllers[self.index]
         self.bank, self.state, _, _ = build_control(self.case)
         names = [name for name in self.controller.parameters if not name.startswith("identifier_")]
@@ -49,7 +53,8 @@ class ControllerNode:
         self.ticks = UnitDelay(self.options, identifier, self.act)
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", SAYING)
         self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", SAYING)
-        self.guard = Guard(node, self.case, self.options.realtime, graph)
+        self.joining = Joining(node, self.options, self.case.run.frame_rate)
+        self.guard = Guard(node, self.case, self.options, graph)
         delivered = link.topic("pmu/delivered")
         frames = FramesMessage(self.case, seal(by, delivered))
         self.guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read)
@@ -59,28 +64,35 @@ class ControllerNode:
         given, issued = np.zeros(0, DELIVERY), np.zeros(0, SETPOINT)
         self.set_estimate = specialised(set_estimate, self.state, self.index, np.zeros((0, 0)), np.zeros(0), 0)
         self.compute = specialised(act, self.bank, self.state, self.index, 0, given, 0, issued, 0)
+        self.guard.hear_errors()
         self.spinner = Spinner(node, self.guard)
         extra = int(self.options.recorder)
         listeners = {self.to_link: 1 + bool(identifier) + extra, self.to_recorder: extra}
-        self.guard.wait_for_peers(listeners, self.options)
+        self.guard.wait_for_peers(listeners)
 
     def run(self) -> None:
         """Serve until stopped, then save what was learnt."""
         try:
             self.ticks.spin(self.spinner)
         finally:
-            save(self.save, adapted(self.controller, self.index, self.state, None))
+            self.weights.keep(self.learnt, last=True)
+
+    def learnt(self) -> Weights | None:
+        """What it has learnt so far."""
+        return adapted(self.controller, self.index, self.state, None)
 
     def act(self, tick: int, delivered: NDArray[Any], estimates: list[Estimate]) -> None:
-        """One tick: act on what was delivered, answer also when nothing was."""
+        """One tick: act on what was delivered, answer also when nothing was; disarmed, say nothing that acts."""
         c = self.index
         for estimate in estimates:
             self.set_estimate(self.state, c, *estimate)
         start = tick_ns(tick, self.case.run.frame_rate)
         issued = setpoint_buffer(len(self.controller.devices), len(delivered))
         count = self.compute(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)
-        self.to_link.publish(self.setpoints.fill(tick, start, issued[:count], self.name))
+        said = count if self.joining.acts(tick) else 0
+        self.to_link.publish(self.setpoints.fill(tick, start, issued[:said], self.name))
         self.to_recorder.publish(self.inner.fill(tick, start, len(delivered) > 0, self.state))
+        self.weights.keep(self.learnt)
 
 
 def main() -> None:

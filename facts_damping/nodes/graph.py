@@ -56,6 +56,7 @@ class Outcome:
     deadline_misses: int
     messages_lost: int
     messages_refused: Refusals
+    fallen: list[str]  # why nodes ended before the run did, in real time
 
 
 @dataclass
@@ -111,8 +112,10 @@ def start(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[st
         arguments += ["-r", f"{topic}:={other}"]
     for key, value in parameters.items():
         arguments += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
-    output, errors = tempfile.NamedTemporaryFile(), tempfile.NamedTemporaryFile()  # noqa: SIM115 (closed in `graph`)
-    process = forked.start(module, arguments, {**ENVIRONMENT, **os.environ}, output.name, errors.name)
+    output, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in `graph`)
+    # Files without names, which no end of this process can leave behind.
+    names = (f"/proc/{os.getpid()}/fd/{file.fileno()}" for file in (output, errors))
+    process = forked.start(module, arguments, {**ENVIRONMENT, **os.environ}, *names)
     return Process(name, process, output, errors)
 
 
@@ -222,6 +225,7 @@ def run(
     """Run a case as a graph of processes; the recording is `out / "recording"`.
 
     `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that stands in for plant and links.
+    In real time a run that is under way goes on without a link, a controller or an identifier that ends.
 
     Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.
     """
@@ -232,15 +236,16 @@ def run(
         read_keys(Path(case.run.security.keys))
     new_folder(out)
     began = time.monotonic()
-    misses = 0
+    misses, fallen = 0, dict[str, str]()
     with graph(case, mode, out, timeout, view_port, replayed) as running:
         plant = next(running[name] for name in SOURCES if name in running)
-        heard = time.monotonic() + 60.0  # patience with the start, above the nodes' own
+        heard, under_way = time.monotonic() + 60.0, False  # patience with the start, above the nodes' own
         while plant.process.exitcode is None:
             for k, n, late in plant.progress():
                 heard, misses = time.monotonic() if k > 1 else heard, late  # by then all have been heard
+                under_way = k > 1
                 progress(k, n)
-            _check_others(running)
+            _check_others(running, fallen if under_way and mode == "realtime" else None)
             if time.monotonic() - heard > timeout + 5.0:
                 raise RunError(f"{plant.name} is silent: no progress within {timeout + 5.0:g} s")
             time.sleep(POLL_S)
@@ -250,7 +255,8 @@ def run(
         for k, n, late in plant.progress():
             misses = late
             progress(k, n)
-        _check_others(running)  # who ended first knows why: a second graph in the same domain, say
+        # Who ended first knows why: a second graph in the same domain, say.
+        _check_others(running, fallen if mode == "realtime" else None)
         wall = time.monotonic() - began
         _stop(running)
         recorder = running[RECORDER]
@@ -258,7 +264,8 @@ def run(
             raise RunError(recorder.reason())
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
         refused = {how: count for process in running.values() for how, count in process.refused().items()}
-    return Outcome(out / "recording", wall, misses, int(lost.group(1)) if lost else 0, refused)
+    missed = int(lost.group(1)) if lost else 0
+    return Outcome(out / "recording", wall, misses, missed, refused, list(fallen.values()))
 
 
 def check_domain(domain: str) -> None:
@@ -267,9 +274,15 @@ def check_domain(domain: str) -> None:
         raise InputError(f"ROS_DOMAIN_ID: '{domain}' given; allowed: 0 to {MOST_DOMAIN}")
 
 
-def _check_others(running: dict[str, Process]) -> None:
-    """Raise where a node other than the source has ended: one that was killed is the cause of the others' end."""
+def _check_others(running: dict[str, Process], fallen: dict[str, str] | None = None) -> None:
+    """Raise where a node other than the source has ended: one that was killed is the cause of the others' end.
+
+    `fallen`: takes the reasons of those without which the run goes on; a run without a recorder never does.
+    """
     ended = [p for name, p in running.items() if name not in (*SOURCES, VIEW) and p.process.exitcode is not None]
+    if fallen is not None:
+        fallen |= {p.name: p.reason() for p in ended if p.name != RECORDER}
+        ended = [p for p in ended if p.name == RECORDER]
     if ended:
         killed = [p for p in ended if (p.process.exitcode or 0) < 0]
         raise RunError((killed or ended)[0].reason())

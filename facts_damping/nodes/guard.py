@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 TOPIC = "security/refused"  # of every graph: what its nodes have refused
 TELL_S = 1.0  # wall time between two reports at least
 KNOW_S = 0.01  # wall time between two looks at who publishes, at least
+PLANT = "plant/state"  # who publishes it is the plant
 MOST = 200  # counts by topic, cause and source that are kept apart; what comes on top is counted as of others
 OTHERS = b""
 UNKNOWN = "_NODE_NAME_UNKNOWN_"  # what the middleware calls a node that it has not heard of yet
@@ -49,9 +50,10 @@ class Heard:
     use: Callable[..., None]
     begins: Callable[[bytes], bool] | None
     common: bool
+    of: Heard | None = None  # a topic whose publisher's node alone is heard by this one, where all may speak
     publisher: bytes | None = None  # identity of who publishes it in this graph, once that is known
     sequences: dict[bytes, int] = field(default_factory=dict)  # of the newest message, by publisher
-    lost: int = 0  # messages that did not come, by the gaps of those
+    lost: Counter[bytes] = field(default_factory=Counter)  # messages that did not come, by the gaps of those
     tick: int = -1  # of the newest message
     at: float = field(default_factory=time.monotonic)  # when it came
 
@@ -60,18 +62,19 @@ class Guard:
     """Subscribes for a node, and lets through what may act."""
 
     def __init__(
-        self, node: Node, case: Case, realtime: bool, graph: str = "", say: Callable[[bytes], None] | None = None
+        self, node: Node, case: Case, options: Options, graph: str = "", say: Callable[[bytes], None] | None = None
     ) -> None:
         """`graph`: what leads from the node to the topics of its graph (node.py); `say`: takes reports, if not all."""
         self.node, self.heard = node, time.monotonic()  # when something was last let through
         self.over = False  # whether the plant has said that it is lost
-        self._rate, self._realtime = case.run.frame_rate, realtime
+        self._rate, self._ticks, self._options, self._graph = case.run.frame_rate, case.ticks, options, graph
         self._topics: list[Heard] = []
         self._say = say or node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", SAYING).publish
         self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
         self._told: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
         self._sources = {OTHERS: "others"}  # of publishers that were refused: what they were told as
         self._told_at = self._looked_at = 0.0
+        self._heirs: dict[str, bytes] = {}  # by topic: who is alone where its publisher has left
 
     def subscribe(
         self,
@@ -82,14 +85,15 @@ class Guard:
         newest: Callable[[], int] | None = None,
         begins: Callable[[bytes], bool] | None = None,
         common: bool = False,
+        of: Heard | None = None,
     ) -> None:
-        """Listen to a topic; `common`: all nodes of the graph may speak there.
+        """Listen to a topic; `common`: all nodes of the graph may speak there; `of`: that topic's node alone is heard.
 
         `read` makes of a message its tick (none on a topic that all share) and more, or raises `Refused`; `use` is
         called with that; without `read` it gets the bytes and what the middleware knows of them. `newest`: the newest
         tick that it may be of. `begins`: whether a message is the first of a run: its publisher is this graph's.
         """
-        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use, begins, common)
+        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use, begins, common, of)
         self._topics.append(heard)
 
         def take(data: bytes, information: Any) -> bool:
@@ -99,23 +103,34 @@ class Guard:
         self.node.create_subscription(kind, topic, taking, HEARING, raw=True)
 
     def hear_errors(self) -> None:
-        """Repeat what the plant says of errors, a loss of synchronism above all; `over` is true from then on."""
-        self.subscribe(DiagnosticArray, COMMON, self._on_errors, errors, common=True)
+        """Repeat what the plant says of errors, a loss of synchronism above all; `over` is true from then on.
 
-    def _on_errors(self, told: list[str]) -> None:
+        The plant is who publishes its state: that is known then, and not subscribed to.
+        """
+        plant = Heard(self.node.resolve_topic_name(f"{self._graph}{PLANT}"), None, None, _nothing, None, common=False)
+        self._topics.append(plant)
+        self.subscribe(DiagnosticArray, COMMON, self.repeat, errors, common=True, of=plant)
+
+    def repeat(self, told: list[str]) -> None:
+        """Say what the plant says."""
         for text in told:
             self.over = True
             sys.stdout.write(f"{text}\n")
             sys.stdout.flush()
 
-    def wait_for_peers(self, expected: dict[Publisher[Any], int], options: Options) -> None:
+    def wait_for_peers(self, expected: dict[Publisher[Any], int]) -> None:
         """Wait until the graph is there (node.py); whose its topics are is known from then on."""
-        wait_for_peers(self.node, expected, options)
+        heard = [one.topic for one in self._topics if not one.common and one.use is not _nothing]
+        wait_for_peers(self.node, expected, heard, self._options)
         self._know()
 
-    def lost(self) -> dict[str, int]:
-        """How many messages were missed, by topic."""
-        return {heard.topic: heard.lost for heard in self._topics}
+    def lost(self) -> dict[tuple[str, str], int]:
+        """How many messages were missed, by topic and publisher."""
+        counts: Counter[tuple[str, str]] = Counter()
+        for heard in self._topics:
+            for publisher, count in heard.lost.items():
+                counts[heard.topic, self._source(heard.topic, publisher)] += count
+        return counts
 
     def _know(self) -> None:
         """Look who publishes: the only one is this graph's, for good."""
@@ -131,8 +146,14 @@ class Guard:
     def take(self, heard: Heard, data: bytes, information: dict[str, Any]) -> bool:
         """Take a message; whether it was let through."""
         publisher: bytes = information["publisher_gid"]["data"]
+        if heard.of is not None:
+            if heard.of.publisher is None:
+                self._know()
+            if publisher[:NODE] != (heard.of.publisher or b"")[:NODE]:
+                return False  # not for this node: who listens to all says what is nobody's
         try:
-            self._admit(heard, data, publisher, information["publication_sequence_number"])
+            self._admit(heard, data, publisher)
+            self._count(heard, publisher, information["publication_sequence_number"])
             if heard.read is None:
                 message: tuple[Any, ...] = (data, information)
             else:
@@ -142,25 +163,34 @@ class Guard:
         except Refused as refused:
             self.refuse(heard.topic, refused.cause, publisher)
             return False
+        if not heard.common:
+            heard.publisher = publisher  # also a successor's, whose first message is sound
         self.heard = heard.at = time.monotonic()
         heard.use(*message)
         return True
 
-    def _admit(self, heard: Heard, data: bytes, publisher: bytes, sequence: int | None) -> None:
-        """Refuse a message of somebody else's, and one that its publisher sent before one that has come."""
-        if publisher != heard.publisher:
-            if not heard.common:
-                self._recognise(heard, data, publisher)
-            elif publisher[:NODE] not in self._nodes():
-                self._know()
-                if self._complete() and publisher[:NODE] not in self._nodes():
-                    raise Refused("publisher")
-        if sequence is not None:  # not every middleware counts
-            newest = heard.sequences.get(publisher, sequence - 1)
-            if sequence <= newest:
-                raise Refused("sequence")
-            heard.lost += sequence - newest - 1
-            heard.sequences[publisher] = sequence
+    def _admit(self, heard: Heard, data: bytes, publisher: bytes) -> None:
+        """Refuse a message of somebody else's."""
+        if publisher == heard.publisher:
+            return
+        if not heard.common:
+            self._recognise(heard, data, publisher)
+        elif publisher[:NODE] not in self._nodes():
+            self._know()
+            if self._complete() and publisher[:NODE] not in self._nodes() | self._succeeding():
+                raise Refused("publisher")
+
+    def _count(self, heard: Heard, publisher: bytes, sequence: int | None) -> None:
+        """Refuse a message that its publisher sent before one that has come; count those that did not come."""
+        if sequence is None:  # not every middleware counts
+            return
+        newest = heard.sequences.get(publisher, sequence - 1)
+        if sequence <= newest:
+            raise Refused("sequence")
+        if sequence > newest + 1:
+            heard.lost[publisher] += sequence - newest - 1
+            self._source(heard.topic, publisher)  # it may have left when that is told
+        heard.sequences[publisher] = sequence
 
     def _recognise(self, heard: Heard, data: bytes, publisher: bytes) -> None:
         """Whose a topic is, when a message comes before that is known: who begins, else who is alone or first."""
@@ -168,12 +198,23 @@ class Guard:
             self._know()
         if heard.publisher is None and (heard.begins is None or heard.begins(data)):
             heard.publisher = publisher
-        if publisher != heard.publisher:
+        if publisher != heard.publisher and publisher[:NODE] not in self._succeeding(heard):
             raise Refused("publisher")
+
+    def _succeeding(self, heard: Heard | None = None) -> set[bytes]:
+        """Nodes that, in real time, are alone on a topic (on any, if none is given) whose publisher has left."""
+        if self._options.realtime and time.monotonic() - self._looked_at > KNOW_S:
+            self._looked_at = time.monotonic()
+            self._heirs = {}
+            for one in self._topics:
+                there = [bytes(i.endpoint_gid) for i in self.node.get_publishers_info_by_topic(one.topic)]
+                if one.publisher is not None and len(there) == 1 and there[0] != one.publisher:
+                    self._heirs[one.topic] = there[0]
+        return {gid[:NODE] for topic, gid in self._heirs.items() if heard is None or topic == heard.topic}
 
     def _complete(self) -> bool:
         """Whether all nodes are known: until then one that speaks on a common topic first may be this graph's."""
-        return all(heard.publisher is not None for heard in self._topics if not heard.common)
+        return all(h.publisher is not None for h in self._topics if not h.common and h.use is not _nothing)
 
     def _nodes(self) -> set[bytes]:
         return {heard.publisher[:NODE] for heard in self._topics if heard.publisher is not None}
@@ -183,11 +224,11 @@ class Guard:
 
         Who does not begin with tick 0 is of another graph, that was there before: then the publisher is unknown again.
         """
-        if heard.tick < 0 and tick > 0:
+        if heard.tick < 0 and tick > 0 and not self._options.join:
             heard.publisher = None
             raise Refused("publisher")
-        late = int((1.0 + time.monotonic() - heard.at) * self._rate) if self._realtime else 0
-        latest = heard.tick + 1 + late
+        late = int((1.0 + time.monotonic() - heard.at) * self._rate) if self._options.realtime else 0
+        latest = self._ticks - 1 if heard.tick < 0 and self._options.join else heard.tick + 1 + late
         if heard.newest is not None:
             latest = min(latest, heard.newest())
         if not heard.tick < tick <= latest:
@@ -244,3 +285,7 @@ class Guard:
         if not foreign:
             return ""
         return f"; {foreign} messages of others were refused: another graph in this ROS_DOMAIN_ID (0 to 101)?"
+
+
+def _nothing() -> None:
+    """For a topic that nothing is heard of."""

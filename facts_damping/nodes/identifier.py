@@ -11,9 +11,10 @@ from facts_damping.case.names import controller_addresses, controller_names, ide
 from facts_damping.compiling import specialised
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.nodes.guard import Guard
+from facts_damping.nodes.joining import Joining
 from facts_damping.nodes.messages import Estimates
 from facts_damping.nodes.node import SAYING, graph_prefix, run_node
-from facts_damping.nodes.parameters import declare_settings, read_case, read_index, read_options, read_save, save
+from facts_damping.nodes.parameters import WeightsFile, declare_settings, read_case, read_index, read_options
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rclpy.node import Node
 
+    from facts_damping.parameters.run import Weights
+
 
 SHARED = ["clip", "projection", "stale"]  # guards that hold for identifiers too
 
@@ -35,9 +38,10 @@ class IdentifierNode:
 
     def __init__(self, node: Node) -> None:
         """Read parameters, build the identifier, wire the topics."""
-        self.case, self.options = read_case(node), read_options(node)
+        self.case, self.options, self.weights = read_case(node), read_options(node), WeightsFile(node)
         addresses = identifier_addresses(self.case)
-        self.index, self.save = read_index(node, addresses), read_save(node)
+        self.index = read_index(node, addresses)
+        self.case = self.weights.start(self.case, self.index)
         address, link = addresses[self.index], link_addresses(self.case)[self.case.used_links[self.index]]
         graph = graph_prefix(node, address)
         self.controller = self.case.controllers[self.index]
@@ -51,7 +55,8 @@ class IdentifierNode:
         self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
         self.ticks = UnitDelay(self.options, sender, self.learn)
         self.to_controller = node.create_publisher(JacobianEstimate, f"{address.name}/estimate", SAYING)
-        self.guard = Guard(node, self.case, self.options.realtime, graph)
+        self.joining = Joining(node, self.options, self.case.run.frame_rate)
+        self.guard = Guard(node, self.case, self.options, graph)
         by = signing(self.case, self.options.start_timeout)
         delivered, commands = link.topic("pmu/delivered"), f"{sender}/setpoints"
         frames = FramesMessage(self.case, seal(by, delivered))
@@ -63,24 +68,31 @@ class IdentifierNode:
         self.store = specialised(store_setpoints, *learner, np.zeros(0, SETPOINT), 0)
         self.identify = specialised(identify, *learner, np.zeros(0, DELIVERY), 0)
         self.estimate = specialised(write_estimates, *learner, 0, self.rows, 0)
+        self.guard.hear_errors()
         self.spinner = Spinner(node, self.guard)
-        self.guard.wait_for_peers({self.to_controller: 1 + int(self.options.recorder)}, self.options)
+        self.guard.wait_for_peers({self.to_controller: 1 + int(self.options.recorder)})
 
     def run(self) -> None:
         """Serve until stopped, then save what was learnt."""
         try:
             self.ticks.spin(self.spinner)
         finally:
-            save(self.save, adapted(self.controller, self.index, None, (self.own, self.state)))
+            self.weights.keep(self.learnt, last=True)
+
+    def learnt(self) -> Weights | None:
+        """What it has learnt so far."""
+        return adapted(self.controller, self.index, None, (self.own, self.state))
 
     def learn(self, tick: int, delivered: NDArray[Any], setpoints: list[NDArray[Any]]) -> None:
-        """One tick: take in the setpoints of the ticks before, learn from what was delivered, publish."""
+        """One tick: take in the setpoints of the ticks before, learn from what was delivered; tell, if armed."""
         learner = self.identifiers, self.state, self.own
         for rows in setpoints:
             self.store(*learner, rows, len(rows))
         self.identify(*learner, delivered, len(delivered))
         self.estimate(*learner, tick, self.rows, 0)
-        self.to_controller.publish(self.estimates.fill(tick, self.rows, self.state, self.own))
+        if self.joining.acts(tick):
+            self.to_controller.publish(self.estimates.fill(tick, self.rows, self.state, self.own))
+        self.weights.keep(self.learnt)
 
 
 def main() -> None:

@@ -202,8 +202,21 @@ def diagnostics(node: str, mode: str, misses: int, start_ns: int, sound: bool) -
     return message
 
 
+def joined(node: str, joined_ns: int, armed_ns: int, start_ns: int) -> DiagnosticArray:
+    """Message of a node that has joined a graph under way, and whether it is armed: when, or a negative time."""
+    at, armed = joined_ns / NANOSECONDS, armed_ns / NANOSECONDS
+    status = DiagnosticStatus(name=node, level=DiagnosticStatus.WARN, message=f"joined at {at:.3f} s, disarmed")
+    status.values = [KeyValue(key="joined_ns", value=str(joined_ns))]
+    if armed_ns >= 0:
+        status.level, status.message = DiagnosticStatus.OK, f"joined at {at:.3f} s, armed at {armed:.3f} s"
+        status.values = [*status.values, KeyValue(key="armed_ns", value=str(armed_ns))]
+    message = DiagnosticArray(status=[status])
+    set_time(message.header.stamp, start_ns)
+    return message
+
+
 def synchronism_lost(at_ns: int) -> str:
-    """What plant and links say of it."""
+    """What every node says of it."""
     return f"synchronism lost at {at_ns / NANOSECONDS:.3f} s"
 
 

@@ -19,7 +19,7 @@ from facts_damping.errors import FactsDampingError, InputError, RunError
 from facts_damping.nodes.spinning import HEARD_S, Stopped, check_wanted, stop_by_signals
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from rclpy.node import Node
     from rclpy.publisher import Publisher
@@ -51,15 +51,16 @@ def graph_prefix(node: Node, address: Address) -> str:
     return own.removesuffix(address.namespace) if address.namespace else ""
 
 
-def refuse_others(node: Node, topics: Iterable[str]) -> None:
-    """Raise `RunError` where somebody else publishes one of topics, each of which has one publisher in a graph."""
-    shared = next((topic for topic in topics if topic != COMMON and node.count_publishers(topic) > 1), None)
-    if shared is not None:
-        raise RunError(f"another graph publishes {shared} too; set another ROS_DOMAIN_ID (0 to 101)")
+def shared_topic(node: Node, topics: Iterable[str]) -> str | None:
+    """The first of topics, each of which has one publisher in a graph, that somebody else publishes, too."""
+    return next((topic for topic in topics if topic != COMMON and node.count_publishers(topic) > 1), None)
 
 
-def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Options) -> None:
-    """Wait until every publisher has its subscribers and every subscription a publisher; name what is missing."""
+def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], heard: Sequence[str], options: Options) -> None:
+    """Wait until every publisher has its subscribers and every topic that is `heard` a publisher; name what is missing.
+
+    Who joins a graph also waits until the one whose place it takes has left.
+    """
     deadline = time.monotonic() + options.start_timeout
     while True:
         missing = [
@@ -67,16 +68,13 @@ def wait_for_peers(node: Node, expected: dict[Publisher[Any], int], options: Opt
             for publisher, count in expected.items()
             if publisher.get_subscription_count() < count + max(viewers(node, publisher), int(options.view))
         ]
-        missing += [
-            f"a publisher of {subscription.topic_name}"
-            for subscription in node.subscriptions
-            if subscription.topic_name != COMMON and node.count_publishers(subscription.topic_name) < 1
-        ]
-        topics = [s.topic_name for s in node.subscriptions] + [p.topic_name for p in expected]
-        refuse_others(node, topics)
-        if not missing:
+        missing += [f"a publisher of {topic}" for topic in heard if node.count_publishers(topic) < 1]
+        shared, late = shared_topic(node, [*heard, *(p.topic_name for p in expected)]), time.monotonic() > deadline
+        if shared is not None and (late or not options.join):
+            raise RunError(f"another graph publishes {shared} too; set another ROS_DOMAIN_ID (0 to 101)")
+        if not missing and shared is None:
             return
-        if time.monotonic() > deadline:
+        if late:
             raise RunError(f"missing after {options.start_timeout:g} s: {', '.join(missing)}")
         time.sleep(0.01)  # messages that come meanwhile wait in their queues
         check_wanted()

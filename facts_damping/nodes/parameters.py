@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from array import array
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
-from facts_damping.case.controllers import check_parameter
+from facts_damping.case.controllers import check_parameter, with_weights
 from facts_damping.case.loading import load_case
 from facts_damping.control.bank import put
 from facts_damping.control.table import kind
@@ -37,6 +38,7 @@ RUN_FIELDS = ("system", "scenario", "link", "frame_rate", "duration", "seed")
 
 FIXED = ("window", "start", "duration")  # of a link's stage: not to be changed while it runs
 
+SAVE_S = 10.0  # wall time between two writings of what was learnt
 FIRST_ANSWERS = 1  # tick by which every node has been heard: an identifier's first estimate is waited for in tick 1
 
 OPTIONS: dict[str, tuple[Any, str]] = {
@@ -48,6 +50,7 @@ OPTIONS: dict[str, tuple[Any, str]] = {
     "start_timeout": (30.0, "longest wait for the other nodes at the start, s"),
     "recorder": (False, "true: wait for a recorder before starting"),
     "view": (False, "true: wait for a live view before starting"),
+    "join": (False, "true, in real time: take the place of a node that has left a graph under way; disarmed at first"),
 }
 
 
@@ -60,6 +63,7 @@ class Options:
     start_timeout: float
     recorder: bool
     view: bool
+    join: bool = False
 
     @property
     def realtime(self) -> bool:
@@ -109,16 +113,19 @@ def read_case(node: Node) -> Case:
     return load_case(run or None, [*changed, *sets]) if changed else case
 
 
-def read_options(node: Node) -> Options:
-    """Declare and read the options of every node."""
+def read_options(node: Node, joins: bool = True) -> Options:
+    """Declare and read the options of every node; `joins`: whether one of its kind may join a graph under way."""
     limits = {"timeout": (0.05, 3600.0), "start_timeout": (0.05, 3600.0)}
     values = {
         name: node.declare_parameter(name, default, descriptor(text, "", *limits.get(name, ()))).value
         for name, (default, text) in OPTIONS.items()
+        if joins or name != "join"
     }
     options = Options(**values)
     if options.mode not in ("lockstep", "realtime"):
         raise InputError(f"mode: '{options.mode}' given; allowed: lockstep, realtime")
+    if options.join and not options.realtime:
+        raise InputError("join: true given; allowed: with mode realtime")
     return options
 
 
@@ -210,15 +217,33 @@ def read_index(node: Node, allowed: Iterable[int], what: str = "controllers") ->
     return index
 
 
-def read_save(node: Node) -> Path | None:
-    """Declare and read the file for adapted weights."""
-    text = "file that the adapted weights go to at the end; empty: none"
-    name = str(node.declare_parameter("save", "", descriptor(text)).value)
-    check_writable(name or None, "save")
-    return Path(name) if name else None
+class WeightsFile:
+    """The file of what a node has learnt: brought up to date now and then, so that a killed node leaves it, too."""
 
+    def __init__(self, node: Node) -> None:
+        """Declare and read the parameters."""
+        text = "file that the adapted weights go to, every 10 s and at the end; empty: none"
+        name = str(node.declare_parameter("save", "", descriptor(text)).value)
+        text = "true: begin with the weights in the file of `save`, where it is there"
+        resume: Any = node.declare_parameter("resume", False, descriptor(text)).value
+        check_writable(name or None, "save")
+        if resume and not name:
+            raise InputError("resume: true given; allowed: with save")
+        self._path, self._resume = Path(name) if name else None, bool(resume)
+        self._saved = time.monotonic()
 
-def save(path: Path | None, weights: Weights | None) -> None:
-    """Write adapted weights, whole or not at all."""
-    if path is not None and weights is not None:
-        write_whole(path, dump(weights.model_dump()))
+    def start(self, case: Case, index: int) -> Case:
+        """The case whose controller `index` begins with what was saved, if that is wanted and there."""
+        if self._path is None or not self._resume or not self._path.is_file():
+            return case
+        controllers = list(case.controllers)
+        controllers[index] = with_weights(controllers[index], self._path)
+        return replace(case, controllers=controllers)
+
+    def keep(self, learnt: Callable[[], Weights | None], last: bool = False) -> None:
+        """Write what was learnt, whole or not at all, if it is time for that."""
+        if self._path is None or not (last or time.monotonic() - self._saved > SAVE_S):
+            return
+        self._saved = time.monotonic()
+        if (weights := learnt()) is not None:
+            write_whole(self._path, dump(weights.model_dump()))

@@ -43,7 +43,7 @@ class PlantSim:
 
     def __init__(self, node: Node) -> None:
         """Read parameters, build the plant, wire the topics."""
-        self.case, self.options = read_case(node), read_options(node)
+        self.case, self.options = read_case(node), read_options(node, joins=False)
         built = build_plant(self.case)
         self.plant, self.state = built.plant, built.state
         self.work = workspace(self.plant, self.state)
@@ -62,7 +62,7 @@ class PlantSim:
         self.to_recorder = [self.to_all, self.to_events, self.to_diagnostics]
         node.create_service(Trigger, "~/rearm", self.on_rearm)
         self.links, self.tick = link_addresses(self.case), -1
-        self.guard = Guard(node, self.case, self.options.realtime)
+        self.guard = Guard(node, self.case, self.options)
         for i, link in enumerate(self.links):
             topic = link.topic("setpoints/delivered")
             setpoints = SetpointsMessage(self.case, of=served(self.case, i), seal=seal(by, topic))
@@ -82,10 +82,7 @@ class PlantSim:
         self.step = specialised(advance, self.plant, self.state, 0, 0, table, 0, self.work)
         self.spinner = Spinner(node, self.guard)
         extra = int(self.options.recorder)
-        self.guard.wait_for_peers(
-            {self.to_links: len(self.links) + extra, **dict.fromkeys(self.to_recorder, extra)},
-            self.options,
-        )
+        self.guard.wait_for_peers({self.to_links: len(self.links) + extra, **dict.fromkeys(self.to_recorder, extra)})
 
     def on_setpoints(self, link: int, tick: int, rows: NDArray[Any]) -> None:
         """Keep the setpoints that a link delivers in a tick until the plant advances."""

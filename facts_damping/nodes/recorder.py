@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import sys
 import time
+from contextlib import suppress
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
@@ -13,9 +14,11 @@ import facts_damping_msgs.msg as messages
 from diagnostic_msgs.msg import DiagnosticArray
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
+from facts_damping.nodes.cdr import Refused
 from facts_damping.nodes.guard import TOPIC as REFUSED
 from facts_damping.nodes.guard import Guard
-from facts_damping.nodes.node import run_node
+from facts_damping.nodes.messages import errors
+from facts_damping.nodes.node import COMMON, run_node
 from facts_damping.nodes.parameters import descriptor, read_case, read_options
 from facts_damping.nodes.spinning import HEARD_S, Spinner, told_to_stop
 from facts_damping.parameters.yaml_text import dump
@@ -86,12 +89,12 @@ class Recorder:
 
     def __init__(self, node: Node) -> None:
         """Read parameters, open the recording, subscribe."""
-        self.case, self.options = read_case(node), read_options(node)
+        self.case, self.options = read_case(node), read_options(node, joins=False)
         folder: Any = node.declare_parameter("output", "recording", descriptor("folder of the new recording")).value
         self.writer = RecordingWriter(folder, dump(self.case.document()), versions())
         self.taken: list[tuple[int, int, str, bytes]] = []  # source's time, sequence, topic, data
         self.refused = node.resolve_topic_name(REFUSED)
-        self.guard = Guard(node, self.case, self.options.realtime, say=self.on_refused)
+        self.guard = Guard(node, self.case, self.options, say=self.on_refused)
         begins = begins_a_run if self.options.recorder else None  # others wait for it: it hears all from the first on
         for topic, kind in topics(self.case).items():
             name = node.resolve_topic_name(topic)
@@ -107,6 +110,9 @@ class Recorder:
     def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
         """Take one message."""
         self.taken.append((information["source_timestamp"], information["publication_sequence_number"], topic, data))
+        if topic == COMMON:
+            with suppress(Refused):
+                self.guard.repeat(*errors(data))
 
     def take(self) -> bool:
         """Take what has come and write it; whether there may be more."""
@@ -127,8 +133,9 @@ class Recorder:
         finally:
             self.guard.tell(last=True)
             self.write()
-            self.writer.close(self.guard.lost())
-        sys.stdout.write(f"lost {sum(self.guard.lost().values())}\n")
+            lost = {f"{topic} {publisher}": count for (topic, publisher), count in self.guard.lost().items()}
+            self.writer.close(lost)
+        sys.stdout.write(f"lost {sum(lost.values())}\n")
         sys.stdout.flush()
 
     def drain(self) -> None:

@@ -34,7 +34,7 @@ class ReplaySource:
 
     def __init__(self, node: Node) -> None:
         """Read parameters and recording, wire the topics."""
-        self.case, self.options = read_case(node), read_options(node)
+        self.case, self.options = read_case(node), read_options(node, joins=False)
         path: Any = node.declare_parameter("recording", "", descriptor("recording to be replayed")).value
         self.record = fitted(load(path), self.case)
         self.frames, self.setpoints, self.truth = (
@@ -55,7 +55,7 @@ class ReplaySource:
             c: node.create_publisher(VoltageSetpoints, recorded_topic(str(controllers[c])), SAYING) for c in identifiers
         }
         self.tick = -1
-        self.guard = Guard(node, self.case, self.options.realtime)
+        self.guard = Guard(node, self.case, self.options)
         for c, controller in enumerate(controllers):
             # In the place of its link, and of its identifier, which hears the recorded setpoints.
             for i in range(1 + (c in identifiers)):
@@ -70,7 +70,7 @@ class ReplaySource:
         ]
         expected = dict.fromkeys((self.to_all, self.to_state, self.to_events, *self.applied), extra)
         expected |= {self.delivered[i]: count + extra for i, count in enumerate(listeners)}
-        self.guard.wait_for_peers(expected | dict.fromkeys(self.recorded.values(), 1), self.options)
+        self.guard.wait_for_peers(expected | dict.fromkeys(self.recorded.values(), 1))
 
     def on_setpoints(self, controller: str, tick: int, _rows: NDArray[Any]) -> None:
         """A controller has answered: it has the estimates of the tick before."""

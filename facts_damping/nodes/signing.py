@@ -2,7 +2,7 @@
 
 A signature is the number of the key, the session of who signs, and the code over both, the topic and all of the
 message before it: header, tick, entries. Ticks only go on, so nothing of a run can be said twice in it; the session,
-the time at which its node was started, tells the messages of an earlier run.
+the time at which its node was started, tells the messages of an earlier run, and of a node that has been replaced.
 """
 
 from __future__ import annotations
@@ -59,14 +59,21 @@ class Seal:
         head = HEAD.pack(number, self._by.session_ns)
         return head + hmac.digest(key, self._topic + head + body, "sha256")
 
-    def check(self, body: bytes, signature: bytes) -> None:
-        """Raise `Refused` where a message is not signed with one of the keys, or is of another session."""
+    def check(self, body: bytes, signature: bytes, start_ns: int) -> None:
+        """Raise `Refused` where a message is not signed with one of the keys, or is of another session.
+
+        `start_ns`: begin of its tick. A session may be followed by a newer one: that of a node that has joined. None
+        may have begun longer before this node than what was simulated by then and the window allow, nor in the future.
+        """
         head, code = signature[: HEAD.size], signature[HEAD.size :]
         number, session = HEAD.unpack(head)
         key = self._by.keys.get(number)
         if key is None or not hmac.compare_digest(code, hmac.digest(key, self._topic + head + body, "sha256")):
             raise Refused("signature")
-        if self._session is None and abs(session - self._by.session_ns) <= self._by.window_ns:
+        if self._session is None or session > self._session:
+            before, ahead = self._by.session_ns - session, session - time.time_ns()
+            if before > start_ns + self._by.window_ns or ahead > self._by.window_ns:
+                raise Refused("session")
             self._session = session
         if session != self._session:
             raise Refused("session")

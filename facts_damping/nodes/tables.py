@@ -92,9 +92,9 @@ class Shape:
 
     def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
         """Tick and rows of a message that was taken. Raises `Refused` where it is not signed, or not of its tick."""
-        if self._seal is not None:
-            self._seal.check(data[: self._end], data[self._end : self._end + LENGTH])
         tick, rows = self.template.tick(), self._rows.copy()
+        if self._seal is not None:
+            self._seal.check(data[: self._end], data[self._end : self._end + LENGTH], start_of(tick, self._rate))
         if self.template.start_ns() != start_of(tick, self._rate):
             raise Refused("stamp")
         if self._unpack(self._words(rows), *self._columns, *self._come) >= start_of(tick + 1, self._rate):

@@ -14,6 +14,7 @@ from facts_damping.compiling import specialised
 from facts_damping.errors import RunError
 from facts_damping.link.transfer import changed, downlink, uplink
 from facts_damping.nodes.guard import Guard
+from facts_damping.nodes.joining import Joining
 from facts_damping.nodes.messages import link_statistics
 from facts_damping.nodes.node import SAYING, graph_prefix, run_node
 from facts_damping.nodes.parameters import declare_stages, read_case, read_index, read_options
@@ -51,7 +52,8 @@ class WanLink:
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", SAYING)
         self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", SAYING)
         self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", SAYING)
-        self.guard = Guard(node, self.case, self.options.realtime, graph)
+        self.joining = Joining(node, self.options, self.case.run.frame_rate)
+        self.guard = Guard(node, self.case, self.options, graph)
         frames = FramesMessage(self.case, seal(by, "pmu/frames"))
         self.guard.subscribe(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, frames.read)
         for c, (name, place) in zip(own, self.places.items(), strict=True):
@@ -68,8 +70,7 @@ class WanLink:
         extra = int(self.options.recorder)
         listeners = len(own) + sum(c in own for c in identifier_names(self.case))
         self.guard.wait_for_peers(
-            {self.to_controllers: listeners + extra, self.to_plant: 1 + extra, self.to_recorder: extra},
-            self.options,
+            {self.to_controllers: listeners + extra, self.to_plant: 1 + extra, self.to_recorder: extra}
         )
 
     def change(self, way: str, place: int, stage: Any) -> None:
@@ -104,14 +105,15 @@ class WanLink:
                 self.answer()
 
     def answer(self) -> None:
-        """Send the setpoints down, in the order of the controllers, and deliver what arrives in the tick."""
+        """Send the setpoints down, in the order of the controllers; if armed, deliver what arrives in the tick."""
         start, end = self.span(self.tick)
         rows = [row for kept in self.given.values() for row in kept]
         given = np.concatenate(rows) if rows else np.zeros(0, SETPOINT)
         for kept in self.given.values():
             kept.clear()
         count = self.downlink(self.links, self.index, self.tick, end, given, len(given))
-        self.to_plant.publish(self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :count], ""))
+        said = count if self.joining.acts(self.tick) else 0
+        self.to_plant.publish(self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :said], ""))
         self.missing = set()
         lost = int(self.links.up.ring[self.index, 3] + self.links.down.ring[self.index, 3])
         if lost and not self.options.realtime:

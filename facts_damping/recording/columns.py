@@ -37,10 +37,10 @@ class Block(NamedTuple):
     message: Any
 
 
-def blocks(data: Sequence[bytes], fields: Mapping[str, Any], message_type: str) -> list[Block]:
-    """Blocks of messages of one type, in the order in which each first appears.
+def blocks(data: Sequence[bytes], fields: Mapping[str, Any], message_type: str) -> tuple[list[Block], int]:
+    """Blocks of messages of one type, in the order in which each first appears; how many are no such message.
 
-    `fields`: what each type consists of, as `rosbags` has it. Raises ValueError for bytes that are no such message.
+    `fields`: what each type consists of, as `rosbags` has it. Places count without those that are left out.
     """
     lengths = np.array([len(one) for one in data], np.int64)
     found: list[Block] = []
@@ -49,7 +49,13 @@ def blocks(data: Sequence[bytes], fields: Mapping[str, Any], message_type: str) 
         stacked = np.frombuffer(b"".join([data[row] for row in rows.tolist()]), np.uint8).reshape(len(rows), length)
         parts = _alike(stacked, fields, message_type)
         found += [Block(rows[part], Walk(stacked[part], fields).read(message_type)) for part in parts]
-    return sorted(found, key=lambda one: int(one.rows[0]))
+    return counted(sorted(found, key=lambda one: int(one.rows[0]))), len(data) - sum(len(one.rows) for one in found)
+
+
+def counted(found: list[Block]) -> list[Block]:
+    """Blocks whose places count without those that are in none of them."""
+    places = np.sort(np.concatenate([one.rows for one in found])) if found else np.zeros(0, np.int64)
+    return [one._replace(rows=np.searchsorted(places, one.rows)) for one in found]
 
 
 def kept(block: Block, rows: NDArray[np.int64]) -> Block:
@@ -67,26 +73,33 @@ def _kept(value: Any, keep: NDArray[np.bool_]) -> Any:
 
 
 def _alike(stacked: NDArray[np.uint8], fields: Mapping[str, Any], message_type: str) -> Iterator[NDArray[np.int64]]:
-    """Parts of messages of one length (n, length) that have the same layout: their indices."""
+    """Parts of messages of one length (n, length) that have the same layout: their indices; odd ones are in none."""
     left = np.arange(len(stacked))
     for _ in range(PASSES):
         if not len(left):
             return
         shape = _shape(stacked[left[0]], fields, message_type)
+        if shape is None:
+            left = left[1:]
+            continue
         same = np.all(stacked[left][:, shape] == stacked[left[0], shape], axis=1)
         yield left[same]
         left = left[~same]
     layouts: dict[tuple[bytes, bytes], list[int]] = {}
     for row in left.tolist():
         shape = _shape(stacked[row], fields, message_type)
-        layouts.setdefault((shape.tobytes(), stacked[row, shape].tobytes()), []).append(row)
+        if shape is not None:
+            layouts.setdefault((shape.tobytes(), stacked[row, shape].tobytes()), []).append(row)
     yield from map(np.array, layouts.values())
 
 
-def _shape(message: NDArray[np.uint8], fields: Mapping[str, Any], message_type: str) -> NDArray[np.int64]:
-    """Places of the bytes that make out a message's layout: encapsulation, strings and lengths."""
-    walk = Walk(message[np.newaxis], fields)
-    walk.read(message_type)
+def _shape(message: NDArray[np.uint8], fields: Mapping[str, Any], message_type: str) -> NDArray[np.int64] | None:
+    """Places of the bytes that make out a message's layout: encapsulation, strings and lengths; none for an odd one."""
+    try:
+        walk = Walk(message[np.newaxis], fields)
+        walk.read(message_type)
+    except ValueError:
+        return None
     return np.concatenate(walk.shape)
 
 

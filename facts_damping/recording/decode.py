@@ -44,19 +44,21 @@ class Series(NamedTuple):
     blocks: list[Block]
 
 
-def decode(topic: TopicInfo, data: Sequence[bytes]) -> list[Block]:
-    """Messages of a topic by the schema stored with it.
+def decode(topic: TopicInfo, data: Sequence[bytes], notes: list[str]) -> list[Block]:
+    """Messages of a topic by the schema stored with it; those that do not fit it are left out, and told in `notes`.
 
-    Raises RecordingError if the schema cannot be read or has not the fields that are read of our messages, or if a
-    message does not fit it.
+    Raises RecordingError if the schema cannot be read or has not the fields that are read of our messages.
     """
     if not data:  # then an older schema harms nobody
         return []
     store = _store(topic.message_type, topic.schema)
     try:
-        return blocks(data, store.fielddefs, topic.message_type)
-    except (KeyError, ValueError) as error:
-        raise RecordingError(f"{topic.name}: a message is not a {topic.message_type} ({error})") from error
+        found, odd = blocks(data, store.fielddefs, topic.message_type)
+    except KeyError as error:
+        raise RecordingError(f"{topic.name}: the schema of {topic.message_type} lacks {error}") from error
+    if odd:
+        notes.append(f"{topic.name}: {odd} messages that are no {topic.message_type} are left out")
+    return found
 
 
 @lru_cache(maxsize=64)
@@ -72,21 +74,20 @@ def _store(message_type: str, schema: str) -> Typestore:
     return store
 
 
-def series(topic: str, found: Sequence[Block]) -> tuple[Series, int]:
-    """Messages sorted by their tick, the first of each; and how many were there twice.
-
-    Raises RecordingError for a tick that no signed number holds.
-    """
+def series(topic: str, found: Sequence[Block], several: bool = False) -> tuple[Series, int]:
+    """Messages sorted by their tick, the first of each, or all if `several`; and how many are not the first."""
     count = sum(len(block.rows) for block in found)
     ticks = np.zeros(count, np.int64)
     for block in found:
         ticks[block.rows] = block.message.tick
     sorted_ticks, first = np.unique(ticks, return_index=True)
-    if count and sorted_ticks[0] < 0:  # an uint64 that has wrapped round
-        raise RecordingError(f"{topic}: tick {int(sorted_ticks[0]) + 2**64} given; allowed: below 2^63")
+    again = count - len(sorted_ticks)
+    if several and again:
+        first = np.argsort(ticks, kind="stable")
+        sorted_ticks = ticks[first]
     place = np.full(count, -1)
     place[first] = np.arange(len(first))
-    return Series(topic, sorted_ticks, _placed(found, place)), count - len(sorted_ticks)
+    return Series(topic, sorted_ticks, _placed(found, place)), again
 
 
 def select(source: Series, ticks: NDArray[np.int64]) -> Series:
@@ -339,3 +340,16 @@ def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
         {"node": node, "topic": topic, "cause": cause, "source": source, "count": count}
         for (node, topic, cause, source), count in most.items()
     ]
+
+
+def joined(found: Iterable[Block]) -> list[dict[str, Any]]:
+    """Nodes that joined the run under way, by time: `node`, `time_s`, `armed_s` (None: disarmed to the end)."""
+    last: dict[tuple[int, str], float | None] = {}
+    for block in found:
+        for status in block.message.status:
+            said = {value.key: value.value for value in status.values}
+            at, armed = said.get("joined_ns", ""), said.get("armed_ns", "")
+            if at.isdecimal():
+                key = (int(at), status.name)
+                last[key] = last.get(key) or (int(armed) / NANOSECONDS if armed.isdecimal() else None)
+    return [{"node": name, "time_s": at / NANOSECONDS, "armed_s": armed} for (at, name), armed in sorted(last.items())]

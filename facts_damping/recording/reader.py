@@ -16,6 +16,7 @@ from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording import decode
 from facts_damping.recording.scan import scan
+from facts_damping.recording.sifting import expected, named, sender, sift
 from facts_damping.recording.writer import CONFIGURATION
 from facts_damping.signals import NANOSECONDS, Record
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from facts_damping.recording.columns import Block
     from facts_damping.recording.content import Content
     from facts_damping.recording.decode import Series
+    from facts_damping.recording.sifting import Expected
 
 # What is read: name here, type of message, end of the topic's name. Every controller has its `/setpoints`, every link
 # its `/pmu/delivered` and `/setpoints/delivered`.
@@ -41,13 +43,15 @@ KINDS = {
     "state": ("facts_damping_msgs/msg/PlantState", "/plant/state"),
     "events": ("facts_damping_msgs/msg/GridEvent", "/plant/events"),
     "refused": ("facts_damping_msgs/msg/RefusedMessages", "/security/refused"),
+    "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics"),
 }
 REQUIRED = ("frames", "state")  # without these there is no record of a plant
 CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
 OF_LINKS = ("delivered", "applied")  # of these each link has its own
 SEVERAL = (*OF_LINKS, "issued", "estimates", "learning")  # these are of a link, a controller, an identifier
 HEARD = ("delivered", "issued", "estimates")  # what controllers and identifiers hear and say
-UNTIMED = ("events", "refused")  # these are of no tick
+SETPOINTS = ("issued", "applied")  # of these, what several messages of a tick say is all kept
+UNTIMED = ("events", "refused", "diagnostics")  # these are of no tick
 LISTED = 5  # so many lost ticks are named one by one
 
 
@@ -90,9 +94,10 @@ def origin(path: Path | str) -> tuple[dict[str, Any], str]:
 def _assemble(content: Content, configuration: dict[str, Any], notes: list[str]) -> Record:
     """Record of what was read."""
     topics = _topics(content, bool(configuration.get("controllers")))
-    messages = _messages(content, [topic for names in topics.values() for topic in names])
+    messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
+    _set_aside(messages, topics, expected(configuration), notes)
     found = {
-        kind: [_series(topic, messages[topic], notes) for topic in names]
+        kind: [_series(topic, messages[topic], kind in SETPOINTS, notes) for topic in names]
         for kind, names in topics.items()
         if kind not in UNTIMED
     }
@@ -127,6 +132,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         links=len(found["delivered"]),
         events=decode.events(block for topic in topics["events"] for block in messages[topic]),
         refused=decode.refused(block for topic in topics["refused"] for block in messages[topic]),
+        joined=decode.joined(block for topic in topics["diagnostics"] for block in messages[topic]),
         notes=notes,
         gap_tick=_unanswered(found, ticks),
     )
@@ -135,7 +141,10 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
 def _configuration(content: Content) -> tuple[dict[str, Any], list[str]]:
     """Configuration stored in the file, and notes on what is damaged or was lost by the recorder."""
     notes = list(content.notes)
-    notes += [f"{topic}: the recorder lost {count} messages" for topic, count in content.lost.items() if count]
+    for whose, count in content.lost.items():
+        topic, _, publisher = whose.partition(" ")
+        of = f" of {publisher}" if publisher else ""
+        notes += [f"{topic}: the recorder lost {count} messages{of}"] if count else []
     try:
         configuration = parse(content.configuration)
     except UNREADABLE:
@@ -186,20 +195,36 @@ def _link_place(namespace: str, graph: str, issued: Sequence[str]) -> int:
     return max(decode.place(name) for name in [*beside, namespace.rpartition("/")[2]])
 
 
-def _messages(content: Content, topics: Sequence[str]) -> dict[str, list[Block]]:
+def _set_aside(messages: dict[str, list[Block]], topics: dict[str, list[str]], of: Expected, notes: list[str]) -> None:
+    """Leave out messages that are not of the run. Those of the plant first: what they name, the others may name."""
+    for kind in (*REQUIRED, *(one for one in topics if one not in (*REQUIRED, *UNTIMED))):
+        if kind == "issued":
+            senders = {topic: sender(messages[topic], topic) for topic in topics[kind]}
+        for topic in topics[kind]:
+            own = of
+            if kind in SETPOINTS and topics["issued"]:
+                names = [senders[topic]] if kind == "issued" else list(senders.values())
+                own = of._replace(names={**of.names, "controller": names})
+            messages[topic] = sift(kind, topic, messages[topic], own, notes)
+            if kind in REQUIRED:
+                of = of._replace(names={**of.names, **named(kind, messages[topic])})
+
+
+def _messages(content: Content, topics: Sequence[str], notes: list[str]) -> dict[str, list[Block]]:
     """Decoded messages of the given topics, whose places are those in the file. The content gives its messages away."""
     data: dict[str, list[bytes]] = {topic: [] for topic in topics}
     for message in content.messages:
         if message.topic in data:
             data[message.topic].append(message.data)
     content.messages.clear()  # an hour of them is a gigabyte
-    return {topic: decode.decode(content.topics[topic], data.pop(topic)) for topic in topics}
+    return {topic: decode.decode(content.topics[topic], data.pop(topic), notes) for topic in topics}
 
 
-def _series(topic: str, messages: list[Block], notes: list[str]) -> Series:
-    ordered, twice = decode.series(topic, messages)
-    if twice:
-        notes.append(f"{topic}: {twice} messages are there twice")
+def _series(topic: str, messages: list[Block], several: bool, notes: list[str]) -> Series:
+    ordered, again = decode.series(topic, messages, several)
+    if again:
+        kept = "all are kept" if several else "the first counts"
+        notes.append(f"{topic}: {again} messages are not the first of their tick: {kept}")
     return ordered
 
 
@@ -238,7 +263,7 @@ def _gaps(found: dict[str, list[Series]], ticks: NDArray[np.int64]) -> list[str]
     """A note for each topic that lacks ticks before the last one (which nobody need answer)."""
     notes, last = [], int(ticks[-1])
     for one in (series for parts in found.values() for series in parts):
-        there = one.ticks[one.ticks < last]
+        there = np.unique(one.ticks[one.ticks < last])
         if len(there) < last:
             listed = list(islice(_lacking(there, last), LISTED + 1))
             named = ", ".join(map(str, listed[:LISTED])) + (", ..." if len(listed) > LISTED else "")
@@ -277,7 +302,7 @@ def _check_end(
 
 def _controllers(issued: Sequence[Series], applied: Sequence[Series]) -> tuple[list[str], list[Series]]:
     """Names of the controllers and their series, in the order of the run, else of the recording."""
-    named = [(one.blocks[0].message.controller if one.blocks else one.topic.split("/")[-2], one) for one in issued]
+    named = [(sender(one.blocks, one.topic), one) for one in issued]
     named.sort(key=lambda pair: decode.place(pair[0]))
     seen = decode.names_of([block for one in applied for block in one.blocks], "setpoints", "controller")
     return list(dict.fromkeys([name for name, _ in named] + seen)), [one for _, one in named]

@@ -114,7 +114,8 @@ class RecordingWriter:
     def close(self, lost: Mapping[str, int] | None = None) -> None:
         """End the MCAP file, then write `metadata.yaml`, whose presence therefore means: complete.
 
-        `lost`: messages missed, by topic, as the recorder counted them. Closing twice does nothing.
+        `lost`: messages missed, by `topic publisher` (or topic), as the recorder counted them. Closing twice does
+        nothing.
         """
         if self._stream is None:
             return

@@ -50,7 +50,7 @@ def in_chunks(recording: Path, out: Path, sizes: Iterable[int]) -> list[list[tup
     ordered = []
     for place, topic in enumerate(content.topics.values()):
         own = [one for one in content.messages if one.topic == topic.name]
-        for block in decode(topic, [one.data for one in own]):
+        for block in decode(topic, [one.data for one in own], []):
             ticks = getattr(block.message, "tick", np.full(len(block.rows), -1)).tolist()
             ordered += [(tick, place, row, own[row]) for tick, row in zip(ticks, block.rows.tolist(), strict=True)]
     ordered.sort(key=lambda one: one[:3])

@@ -28,6 +28,7 @@ from facts_damping.nodes import graph, recorder
 from facts_damping.nodes.guard import MOST, TELL_S, Guard
 from facts_damping.nodes.messages import Estimates
 from facts_damping.nodes.node import HEARING
+from facts_damping.nodes.parameters import Options
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.signals import DELIVERY, SETPOINT
@@ -67,6 +68,10 @@ def information(publisher: bytes, sequence: int | None) -> dict[str, Any]:
     return {"publisher_gid": {"data": publisher}, "publication_sequence_number": sequence}
 
 
+def options(realtime: bool, join: bool = False) -> Options:
+    return Options("realtime" if realtime else "lockstep", 5.0, 30.0, recorder=False, view=False, join=join)
+
+
 class Listener:
     """A guard with a topic whose publisher it knows, and what it let through."""
 
@@ -75,7 +80,7 @@ class Listener:
     ) -> None:
         self.came: list[Any] = []
         self.told: list[bytes] = []
-        self.guard = Guard(node, CASE, realtime, say=self.told.append)
+        self.guard = Guard(node, CASE, options(realtime), say=self.told.append)
         self.guard.subscribe(PmuDataFrame, "topic", lambda *message: self.came.append(message), read, newest)
         (self.heard,) = self.guard._topics
         self.heard.publisher = OWN

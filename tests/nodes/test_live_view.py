@@ -269,9 +269,9 @@ def test_nodes_do_not_take_a_view_for_a_peer(domain: int) -> None:
             assert time.monotonic() < deadline
             time.sleep(0.01)
         with pytest.raises(RunError, match=r"missing after 0.5 s: a subscriber of /events"):
-            wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, 0.5, recorder=False, view=False))
+            wait_for_peers(node, {publisher: 1}, [], Options("lockstep", 5.0, 0.5, recorder=False, view=False))
         other.create_subscription(GridEvent, "events", lambda _: None, HEARING)
-        wait_for_peers(node, {publisher: 1}, Options("lockstep", 5.0, PATIENCE_S, recorder=False, view=False))
+        wait_for_peers(node, {publisher: 1}, [], Options("lockstep", 5.0, PATIENCE_S, recorder=False, view=False))
     finally:
         other.destroy_node()
         node.destroy_node()

@@ -91,7 +91,16 @@ def test_an_earlier_session_is_refused() -> None:
     near = Signing({1: OLD}, NOW - 29 * 10**9, 30 * 10**9)
     assert reader.read(message(near))[0] == 0
     assert reader.read(message(near, 1))[0] == 1
-    assert cause(reader, message(BY, 2)) == "session"
+    assert reader.read(message(BY, 2))[0] == 2  # a node that has joined in the place of the one before
+    assert cause(reader, message(near, 3)) == "session"
+    assert cause(frames(), message(Signing({1: OLD}, time.time_ns() + 31 * 10**9, 30 * 10**9))) == "session"
+
+
+def test_who_joins_takes_the_session_of_a_graph_under_way_and_none_of_an_earlier_one() -> None:
+    hour = 3600
+    began = Signing({1: OLD}, NOW - hour * 10**9, 30 * 10**9)
+    assert frames().read(message(began, 60 * hour))[0] == 60 * hour
+    assert cause(frames(), message(began, 60 * (hour - 31))) == "session"
 
 
 def test_setpoints_are_signed_too() -> None:

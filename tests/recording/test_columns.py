@@ -89,7 +89,8 @@ def test_messages_of_many_layouts(store: Any, little_endian: bool) -> None:
     random = np.random.default_rng(3)
     sent = [random_message(store, random) for _ in range(1500)]
     data = [bytes(store.serialize_cdr(one, MIXED, little_endian=little_endian)) for one in sent]
-    found = blocks(data, store.fielddefs, MIXED)
+    found, odd = blocks(data, store.fielddefs, MIXED)
+    assert odd == 0
     assert len(found) > 2 * PASSES
     assert len(found) < len(sent) / 2
     assert listed(found, len(sent)) == [plain(one) for one in sent]
@@ -100,7 +101,7 @@ def test_messages_of_many_layouts(store: Any, little_endian: bool) -> None:
 def test_a_number_is_in_the_order_of_this_machine(store: Any) -> None:
     message = random_message(store, np.random.default_rng(4))
     data = bytes(store.serialize_cdr(message, MIXED, little_endian=sys.byteorder != "little"))
-    (block,) = blocks([data, data], store.fielddefs, MIXED)
+    (block,), _ = blocks([data, data], store.fielddefs, MIXED)
     assert block.message.status.dtype.isnative
     assert block.message.status.tolist() == [message.status] * 2
 
@@ -110,19 +111,21 @@ def test_messages_are_left_out_and_moved(store: Any) -> None:
     sent = [random_message(store, random) for _ in range(200)]
     data = [bytes(store.serialize_cdr(one, MIXED)) for one in sent]
     place = np.where(np.arange(200) % 3 == 0, np.arange(200) // 3, -1)
-    moved = [kept(block, place[block.rows]) for block in blocks(data, store.fielddefs, MIXED)]
+    moved = [kept(block, place[block.rows]) for block in blocks(data, store.fielddefs, MIXED)[0]]
     assert listed([block for block in moved if len(block.rows)], 67) == [plain(one) for one in sent[::3]]
 
 
-def test_cut_and_foreign_bytes_are_refused(store: Any) -> None:
+def test_cut_and_foreign_bytes_are_left_out(store: Any) -> None:
     message = random_message(store, np.random.default_rng(6))
     message.last = 1
     whole = bytes(store.serialize_cdr(message, MIXED))
-    for length in range(len(whole.rstrip(b"\0"))):
-        with pytest.raises(ValueError, match=r"a message|a string"):
-            blocks([whole[:length]], store.fielddefs, MIXED)
-    with pytest.raises(ValueError, match="plain CDR"):
-        blocks([b"\x00\x07" + whole[2:]], store.fielddefs, MIXED)
+    cut = [whole[:length] for length in range(len(whole.rstrip(b"\0")))]
+    odd = [*cut, b"\x00\x07" + whole[2:]]
+    assert blocks(odd, store.fielddefs, MIXED) == ([], len(odd))
+    mixed = [one for place, each in enumerate(odd) for one in ([each, whole] if place % 3 == 0 else [each])]
+    found, left = blocks(mixed, store.fielddefs, MIXED)
+    assert left == len(odd)
+    assert listed(found, len(mixed) - left) == [plain(message)] * (len(mixed) - left)
 
 
 @pytest.mark.parametrize("name", sorted({message_type for message_type, _ in KINDS.values()}))

@@ -27,7 +27,7 @@ def test_copy_has_the_same_record_by_the_stamps(
     assert copied.versions == before.versions
     assert sorted(one.data for one in copied.messages) == sorted(one.data for one in before.messages)
     for message in copied.messages:
-        (block,) = decode(copied.topics[message.topic], [message.data])
+        (block,) = decode(copied.topics[message.topic], [message.data], [])
         assert message.log_ns == message.publish_ns == time_ns(block.message.header.stamp)[0]
     times = [message.log_ns for message in copied.messages]
     assert times == sorted(times)

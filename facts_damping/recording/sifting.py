@@ -1,0 +1,103 @@
+"""Messages that are not of the run: set aside, and told. Others may have spoken on a topic that was recorded."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.recording.columns import counted, kept
+from facts_damping.recording.decode import time_ns
+from facts_damping.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping, Sequence
+
+    from facts_damping.recording.columns import Block
+
+# Where names stand in the messages of a kind: whose names, in which list, in which field of its entries (none: itself).
+NAMES: dict[str, list[tuple[str, str, str]]] = {
+    "frames": [("station", "frames", "station")],
+    "state": [("machine", "machines", "machine"), ("device", "devices", "device")],
+    "delivered": [("station", "frames", "station")],
+    "issued": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
+    "applied": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
+    "estimates": [("device", "input_names", "")],
+}
+TIMED = ("frames", "state", "delivered", "issued", "applied")  # the stamp of a message is that of its tick
+MOST_TICKS = 2**53  # where the run does not say how many it has
+SHOWN = 20  # letters of a foreign name
+
+
+class Expected(NamedTuple):
+    """What the messages of a run may say: names by whose they are (those that are not there may be any), and ticks."""
+
+    names: Mapping[str, Collection[str]]
+    frame_rate: int | None
+    ticks: int
+
+
+def expected(configuration: Mapping[str, Any]) -> Expected:
+    """What a run's configuration says of its messages."""
+    system, rate, duration = (configuration.get(key) for key in ("system", "frame_rate", "duration"))
+    names: dict[str, Collection[str]] = {}
+    if isinstance(system, dict):
+        names = {kind: [row["name"] for row in system[f"{kind}s"]] for kind in ("station", "machine")}
+    if configuration.get("devices") is not None:
+        names["device"] = configuration["devices"]
+    ticks = MOST_TICKS
+    if isinstance(rate, int) and isinstance(duration, int | float):
+        ticks = max(1, round(duration * rate))
+    return Expected(names, rate, ticks)
+
+
+def sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: list[str]) -> list[Block]:
+    """Messages of a topic that are of the run; what is set aside is told in `notes`."""
+    own: list[Block] = []
+    unknown: Counter[str] = Counter()
+    odd: Counter[str] = Counter()
+    for block in found:
+        foreign = next(
+            (name for whose, name in _names(kind, block.message) if name not in of.names.get(whose, [name])), None
+        )
+        if foreign is not None:
+            unknown[foreign] += len(block.rows)
+            continue
+        ticks = np.asarray(block.message.tick, np.uint64)
+        later = ticks >= of.ticks
+        wrong = np.zeros(len(ticks), np.bool_)
+        if kind in TIMED and of.frame_rate is not None and hasattr(block.message, "header"):
+            start = np.where(later, 0, ticks).astype(np.int64) * NANOSECONDS // of.frame_rate
+            wrong = ~later & (time_ns(block.message.header.stamp) != start)
+        odd["of ticks that the run has not"] += int(later.sum())
+        odd["with a stamp that is not their tick's"] += int(wrong.sum())
+        own.append(kept(block, np.where(later | wrong, -1, block.rows)))
+    told = [(f"with the unknown name {name[:SHOWN]!r}", count) for name, count in unknown.items()]
+    notes += [f"{topic}: {count} messages {what} are left out" for what, count in (*told, *odd.items()) if count]
+    return counted([block for block in own if len(block.rows)])
+
+
+def _names(kind: str, message: Any) -> Iterator[tuple[str, str]]:
+    """Names in a message: whose they are, and which."""
+    if kind == "issued":
+        yield "controller", message.controller
+    for whose, entries, field in NAMES.get(kind, ()):
+        for entry in getattr(message, entries):
+            yield whose, getattr(entry, field) if field else entry
+
+
+def named(kind: str, found: Sequence[Block]) -> dict[str, list[str]]:
+    """What the messages of a kind name, by whose names these are."""
+    return {
+        whose: list(dict.fromkeys(name for block in found for of, name in _names(kind, block.message) if of == whose))
+        for whose, _, _ in NAMES[kind]
+    }
+
+
+def sender(found: Sequence[Block], topic: str) -> str:
+    """Name of the controller whose setpoints a topic has: what most of its messages say; else the topic's own."""
+    counts: Counter[str] = Counter()
+    for block in found:
+        counts[block.message.controller] += len(block.rows)
+    return counts.most_common(1)[0][0] if counts else topic.split("/")[-2]

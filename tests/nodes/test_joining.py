@@ -1,0 +1,174 @@
+"""Nodes that are started again in real time take the place of dead ones: disarmed, until an operator arms them."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from std_srvs.srv import Trigger
+
+from facts_damping.analysis.summary import summarise
+from facts_damping.case.controllers import with_weights
+from facts_damping.case.loading import load_case
+from facts_damping.errors import InputError
+from facts_damping.nodes import node
+from facts_damping.parameters.files import read_table
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.recording.reader import load
+from facts_damping.simulation import learnt_weights, loop
+from tests.nodes.graphs import PATIENCE_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+RATE = 60
+LEASE = "<leaseDuration><sec>2</sec></leaseDuration>"  # after which a killed node is forgotten: 20 s elsewhere
+
+
+@pytest.fixture
+def soon_forgotten(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Nodes that are forgotten soon after they were killed."""
+    text = Path(node.__file__).with_name("fastdds_this_host.xml").read_text()
+    profile = tmp_path / "profile.xml"
+    profile.write_text(text.replace("<leaseAnnouncement>", f"{LEASE}<leaseAnnouncement>"))
+    assert LEASE in profile.read_text()
+    monkeypatch.setenv(node.PROFILES, str(profile))
+    monkeypatch.setenv(node.RANGE, "SYSTEM_DEFAULT")
+
+
+class Graph:
+    """A graph of nodes that are started one by one, in real time."""
+
+    def __init__(self, start: Callable[..., Any], folder: Path, duration: float, **more: Any) -> None:
+        self.start, self.folder = start, folder
+        self.common = {"scenario": "large", "duration": duration, "mode": "realtime", "recorder": "true", **more}
+        self.common["start_timeout"] = PATIENCE_S
+        self.recorder = start("recorder", output=folder / "bag", **self.common)
+        self.nodes: dict[str, Any] = {}
+
+    def add(self, executable: str, **more: Any) -> Any:
+        self.nodes[executable] = self.start(executable, **self.common, **more)
+        return self.nodes[executable]
+
+    def run_until(self, tick: int) -> None:
+        """Until the plant has told that tick."""
+        plant = self.nodes["plant_sim"]
+        plant.wait(lambda: plant.poll() is not None or ticks(plant) >= tick, PATIENCE_S)
+
+    def finish(self) -> Any:
+        plant = self.nodes["plant_sim"]
+        _, errors = plant.communicate(timeout=PATIENCE_S)
+        assert (plant.returncode, errors) == (0, "")
+        self.recorder.send_signal(signal.SIGTERM)
+        self.recorder.communicate(timeout=PATIENCE_S)
+        return load(self.folder / "bag")
+
+
+def ticks(plant: Any) -> int:
+    lines = [line.split() for line in plant.said()[0].splitlines() if line.startswith("tick ")]
+    return int(lines[-1][1]) if lines else 0
+
+
+@pytest.fixture
+def graph(start: Callable[..., Any], tmp_path: Path, soon_forgotten: None) -> Callable[..., Graph]:
+    return lambda duration, **more: Graph(start, tmp_path, duration, **more)
+
+
+def say(node: Any) -> str:
+    return str(node.said()[0])
+
+
+def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client: Any) -> None:
+    run = graph(16.0)
+    run.add("wan_link", join="true")
+    first = run.add("controller", join="true")
+    run.add("plant_sim")
+    run.run_until(120)
+    first.send_signal(signal.SIGKILL)
+    second = run.add("controller", join="true")
+    second.wait(lambda: "joined at" in say(second), PATIENCE_S)
+    joined = ticks(run.nodes["plant_sim"])
+    assert not client(Trigger, "/wan_link/arm", Trigger.Request()).success
+    run.run_until(joined + 5 * RATE)  # by then the first one is forgotten
+    armed = client(Trigger, "/controller/arm", Trigger.Request())
+    assert (armed.success, armed.message) == (True, "armed")
+    again = client(Trigger, "/controller/arm", Trigger.Request())
+    assert (again.success, again.message) == (False, "it is not disarmed")
+    second.wait(lambda: "armed at" in say(second), PATIENCE_S)
+    assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
+    record = run.finish()
+    summary = summarise(record)
+    (row,) = summary["joined"]
+    assert row["node"] == "/controller"
+    (release,) = summary["releases"]
+    assert release["time_s"] < row["time_s"]
+    assert release["rearmed_s"] > row["armed_s"]
+    issued = record.issued["tick"] / RATE
+    assert not np.any((issued > release["time_s"]) & (issued < row["armed_s"]))
+    assert np.any(issued >= row["armed_s"])
+    reference = record.devices["reference"][:, 0]
+    at_rest = (record.time_s > release["time_s"] + 0.6) & (record.time_s < release["rearmed_s"])
+    assert np.all(reference[at_rest] == 0.0)
+    assert np.any(reference[record.time_s > release["rearmed_s"]] != 0.0)
+
+
+def test_a_link_and_an_identifier_are_joined_too(graph: Any, client: Any, tmp_path: Path) -> None:
+    run = graph(14.0, set="['controllers.0.name=HBsWC','controllers.0.scheme=indirect']")
+    link = run.add("wan_link", join="true")
+    run.add("controller", join="true")
+    weights = tmp_path / "identifier.yaml"
+    identifier = run.add("identifier", join="true", save=weights)
+    run.add("plant_sim")
+    run.run_until(120)
+    for one in (link, identifier):
+        one.terminate()
+        one.communicate(timeout=PATIENCE_S)
+    learnt = read_table(weights)["identifier"]
+    successors = [run.add("identifier", join="true", save=weights, resume="true"), run.add("wan_link", join="true")]
+    for one in successors:
+        one.wait(lambda one=one: "joined at" in say(one), PATIENCE_S)
+    run.run_until(ticks(run.nodes["plant_sim"]) + RATE)
+    for name in ("wan_link", "identifier"):
+        assert client(Trigger, f"/{name}/arm", Trigger.Request()).success
+    for one in successors:
+        one.wait(lambda one=one: "armed at" in say(one), PATIENCE_S)
+    assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
+    record = run.finish()
+    summary = summarise(record)
+    at = {row["node"]: row for row in summary["joined"]}
+    assert set(at) == {"/wan_link", "/identifier"}
+    applied, told = record.applied["tick"] / RATE, record.estimates["tick"] / RATE
+    assert applied.max() > at["/wan_link"]["armed_s"]
+    assert told.max() > at["/identifier"]["armed_s"]
+    assert not np.any((applied > summary["releases"][0]["time_s"]) & (applied < at["/wan_link"]["armed_s"]))
+    assert not np.any((told > at["/identifier"]["time_s"]) & (told < at["/identifier"]["armed_s"]))
+    assert len(read_table(weights)["identifier"]) == len(learnt)
+
+
+@pytest.mark.parametrize(
+    ("executable", "given", "said"),
+    [
+        ("controller", {"join": "true"}, "controller: join: true given; allowed: with mode realtime"),
+        ("controller", {"resume": "true"}, "controller: resume: true given; allowed: with save"),
+    ],
+)
+def test_what_cannot_be_joined_is_refused(start: Any, executable: str, given: dict[str, str], said: str) -> None:
+    node = start(executable, **given)
+    assert node.communicate(timeout=PATIENCE_S) == ("", f"{said}\n")
+    assert node.returncode == 2
+
+
+def test_saved_weights_are_begun_with(tmp_path: Path) -> None:
+    """By a node whose `resume` is true; those of another controller are refused in a line."""
+    case = load_case(None, ["controllers.0.name=HBsWC", "duration=1"])
+    built = loop.build_loop(case)
+    loop.finish(case, built)
+    (weights,) = learnt_weights.all_adapted(case, built).values()
+    file = tmp_path / "weights.yaml"
+    file.write_text(dump(weights.model_dump()))
+    assert with_weights(case.controllers[0], file).weights == weights
+    with pytest.raises(InputError, match=r"weights of HBsWC \(indirect\) given; allowed: those of LLC"):
+        with_weights(load_case(None).controllers[0], file)

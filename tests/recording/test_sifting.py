@@ -1,0 +1,122 @@
+"""Foreign and odd messages in a recording, as `ros2 bag record` keeps them: set aside and told, the rest is read."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from facts_damping.recording import RecordingWriter, load
+from facts_damping.recording.scan import scan
+from facts_damping.signals import NANOSECONDS, SETPOINT
+from tests.nodes.graphs import assert_same
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from facts_damping.signals import Record
+
+RATE = 60
+
+
+@pytest.fixture
+def record(random_record: Callable[..., Record]) -> Record:
+    return random_record(31)
+
+
+@pytest.fixture
+def into(tmp_path: Path, record: Record, written: Any) -> Callable[[str, bytes], Record]:
+    """The recording with one message more, the last or the first of its topic, read."""
+
+    def insert(topic: str, data: bytes, first: bool = False) -> Record:
+        written(record, tmp_path / "own")
+        content = scan(tmp_path / "own")
+        with RecordingWriter(tmp_path / "mixed", content.configuration, content.versions) as writer:
+            for one in content.topics.values():
+                writer.copy_topic(one)
+            for _ in range(first):
+                writer.write(topic, data, 1, 1)
+            for message in content.messages:
+                writer.write(message.topic, message.data, message.log_ns, message.publish_ns, message.sequence)
+            for _ in range(not first):
+                writer.write(topic, data, 1, 1)
+        return load(tmp_path / "mixed")
+
+    return insert
+
+
+def stamp(tick: int) -> int:
+    return tick * NANOSECONDS // RATE
+
+
+def named(record: Record, field: str) -> Record:
+    """The record with other names."""
+    others: Any = {field: [f"{name}_of_others" for name in getattr(record, field)]}
+    return dataclasses.replace(record, **others)
+
+
+def rows(device: int = 0) -> Any:
+    found = np.zeros(1, SETPOINT)
+    found["device"] = device
+    return found
+
+
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize(
+    ("topic", "make", "said"),
+    [
+        ("/plant/state", lambda _m, _r: b"\x00\x01\x00\x00\x07", "that are no facts_damping_msgs/msg/PlantState"),
+        ("/pmu/frames", lambda _m, _r: bytes(range(200)), "that are no facts_damping_msgs/msg/PmuDataFrame"),
+        ("/pmu/frames", lambda m, _: m.cdr(m.frames(stamp(10**9), 10**9, [])), "of ticks that the run has not"),
+        (
+            "/pmu/delivered",
+            lambda m, _: m.cdr(m.frames(2**30 * NANOSECONDS, 7, [])),
+            "with a stamp that is not",
+        ),
+        ("/setpoints/delivered", lambda m, r: m.cdr(m.setpoints(r, 0, 2**64 - 1, "", [])), "of ticks that the run has"),
+        (
+            "/setpoints/delivered",
+            lambda m, r: m.cdr(m.setpoints(named(r, "device_names"), stamp(3), 3, "", rows())),
+            "with the unknown name 'sssc_of_others'",
+        ),
+        (
+            "/controller_2_A/setpoints",
+            lambda m, r: m.cdr(m.setpoints(named(r, "controller_names"), stamp(3), 3, "controller_2_A", rows())),
+            "with the unknown name 'controller_2_A_of_ot'",
+        ),
+        (
+            "/pmu/delivered",
+            lambda m, _: m.cdr(m.frames(stamp(3), 3, [m.frame("x" * 99, 3, 0, 0, np.zeros(5))])),
+            "with the unknown name 'xxxxxxxxxxxxxxxxxxxx'",
+        ),
+    ],
+)
+def test_a_foreign_message_is_set_aside(
+    into: Any, record: Record, messages: Any, topic: str, make: Callable[[Any, Record], bytes], said: str, first: bool
+) -> None:
+    found = into(topic, make(messages, record), first)
+    (note,) = found.notes
+    assert note.startswith(f"{topic}: 1 messages {said}")
+    assert note.endswith(" are left out")
+    assert_same(dataclasses.replace(found, notes=[]), record)
+
+
+def test_several_setpoints_of_a_tick_are_all_kept(into: Any, record: Record, messages: Any) -> None:
+    """What a second publisher said acted, too: `analyze` and `load` show it."""
+    more = rows(1)
+    more["value"], more["tick"] = 0.1, 4
+    found = into("/setpoints/delivered", messages.cdr(messages.setpoints(record, stamp(4), 4, "", more)))
+    assert found.notes == ["/setpoints/delivered: 1 messages are not the first of their tick: all are kept"]
+    at = found.applied[found.applied["tick"] == 4]
+    assert at[-1].tobytes() == more[0].tobytes()
+    assert len(found.applied) == len(record.applied) + 1
+    assert found.frames.tobytes() == record.frames.tobytes()
+
+
+def test_of_several_frames_of_a_tick_the_first_counts(into: Any, record: Record, messages: Any) -> None:
+    found = into("/pmu/frames", messages.cdr(messages.frames(stamp(4), 4, [])))
+    assert found.notes == ["/pmu/frames: 1 messages are not the first of their tick: the first counts"]
+    assert found.frames.tobytes() == record.frames.tobytes()
