@@ -62,6 +62,7 @@ setup(
         "markdown-it-py>=3,<5",  # reproduce: its page as HTML
         "joblib>=1.5,<2",  # which hands an initializer to its processes
         "matplotlib>=3.8,<4",
+        "lz4>=4,<5",
         "mcap>=1.5,<2",
         "numba>=0.60,<1",
         "numpy>=1.26,<2.5",  # the type information of 2.5 rejects a plain array.max()

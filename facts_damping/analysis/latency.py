@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from facts_damping.signals import NANOSECONDS
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -24,17 +26,35 @@ HOPS = {
 
 
 def ages_ms(record: Record) -> NDArray[np.float64]:
-    """Latency of each applied setpoint, ms of simulated time, (setpoints,); see `latency`."""
-    return np.asarray((record.applied["effective_ns"] - record.applied["measured_ns"]) / MILLISECOND)
+    """Latency of each applied setpoint, ms of simulated time, (setpoints,); see `latency`. NaN: one that cannot be.
+
+    That is one that is negative, or longer than the run was old: of a clock that is wrong, or of a forged stamp.
+    """
+    rows = record.applied
+    begins = rows["tick"] * NANOSECONDS // record.frame_rate
+    return _between(rows["measured_ns"], np.maximum(rows["effective_ns"], begins))
+
+
+def _between(measured_ns: NDArray[np.int64], later_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Time from measurements to what came of them, ms; NaN where that cannot be."""
+    sound = (measured_ns >= 0) & (later_ns >= measured_ns)
+    return np.where(sound, (later_ns - measured_ns) / MILLISECOND, np.nan)
 
 
 def latency(record: Record) -> dict[str, float | None]:
     """Mean, median, 99 % quantile and maximum of the applied setpoints' latency, ms of simulated time.
 
-    Latency = time at which the setpoint reaches the device - time of measurement of the newest frame it
-    rests on: the whole way, both links and the wait for alignment. None where nothing was applied.
+    Latency = time at which the setpoint acts on the device - time of measurement of the newest frame it
+    rests on: the whole way, both links and the wait for alignment. It acts when it reaches the device, but not before
+    the tick in which it was delivered: in real time a node may have been late. None where nothing was applied.
     """
-    return statistics(ages_ms(record))
+    ages = ages_ms(record)
+    return statistics(ages[np.isfinite(ages)])
+
+
+def left_out(record: Record) -> int:
+    """How many applied setpoints have a latency that cannot be."""
+    return int(np.count_nonzero(np.isnan(ages_ms(record))))
 
 
 def statistics(values: NDArray[np.float64]) -> dict[str, float | None]:
@@ -70,7 +90,7 @@ def hops_ms(record: Record) -> dict[str, dict[str, NDArray[np.float64]]]:
     Where frames overtake each other or are copied the hops of one setpoint need not add up to the whole. What was never
     delivered has no latency: see `frames_lost`.
     """
-    up = (record.delivered["arrival_ns"] - record.delivered["measured_ns"]) / MILLISECOND
+    up = _between(record.delivered["measured_ns"], record.delivered["arrival_ns"])
     down = (record.applied["effective_ns"] - record.applied["issued_ns"]) / MILLISECOND
     devices = dict(enumerate(record.device_names))
     return {

@@ -10,7 +10,7 @@ from facts_damping import terminal
 from facts_damping.analysis import releases
 from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
-from facts_damping.analysis.latency import frames_lost, latency
+from facts_damping.analysis.latency import frames_lost, latency, left_out
 from facts_damping.analysis.measures import columns, event_times, speed_differences
 from facts_damping.analysis.oscillation import instability, is_damped, is_stable, settling_time
 from facts_damping.analysis.ringdown import METHOD, fit_ringdown
@@ -71,6 +71,7 @@ def summarise(
         "max_injected_voltage_pu": max_injected_voltage(record),
         "saturation_duty": saturation_duty(record),
         "latency_ms": latency(record),
+        "latencies_left_out": left_out(record),
         "frames_lost": frames_lost(record),
         "releases": releases.releases(record),
         "refused_setpoints": releases.refused_setpoints(record),
@@ -89,6 +90,8 @@ def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
 def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
     """Rows of a table of runs that are there only where one of them has something to say, as texts."""
     found = releases.rows(summaries)
+    if any(s.get("latencies_left_out") for s in summaries):
+        found.append(("latencies that cannot be", [str(s.get("latencies_left_out", 0)) for s in summaries]))
     if any(s.get("refused_messages") for s in summaries):
         rows = [s.get("refused_messages") or [] for s in summaries]  # each node counts what it got
         texts = [releases.by_cause((row["cause"], row["count"]) for row in own) for own in rows]

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 def replay(arguments: argparse.Namespace) -> None:
     """A recording's delivered frames, once more into its controllers, or into others."""
+    from facts_damping.analysis import releases
     from facts_damping.recording.reader import load
 
     record = load(arguments.recording)
@@ -41,6 +42,7 @@ def replay(arguments: argparse.Namespace) -> None:
         "identical": found is None and estimated is None,
         "first_difference": None if found is None else found._asdict(),
         "devices": again.beside(case, played, issued),
+        "releases": {"recorded": releases.releases(played), "replayed": releases.releases(again.watched(case, played))},
         "notes": again.notes_on(record, played),
         "replayed": recording,
     }
@@ -58,7 +60,7 @@ def replay(arguments: argparse.Namespace) -> None:
 
 def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str]) -> None:
     """Notes on standard error; verdict, and of other setpoints the table."""
-    from facts_damping.analysis import shadow
+    from facts_damping.analysis import releases, shadow
 
     for note in result["notes"]:
         sys.stderr.write(f"{arguments.recording}: {note}\n")
@@ -70,6 +72,10 @@ def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str
         first = result["first_difference"]
         others = "the same setpoints, other estimates" if first is None else f"others from tick {first['tick']} on"
         say(arguments, f"{counted}: {others}")
+    for which, rows in result["releases"].items():
+        if result["releases"]["recorded"] != result["releases"]["replayed"]:
+            texts = [f"{row['device']} {releases.released_text(row)}" for row in rows]
+            say(arguments, f"released, {which}: {'; '.join(texts) or 'no device'}")
     for line in lines:
         say(arguments, line)
 

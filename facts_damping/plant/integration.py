@@ -99,6 +99,18 @@ def _move_reference(state: PlantState, ramp: NDArray[np.float64], seconds: float
 
 
 @compiled
+def watch(plant: Plant, state: PlantState, start_ns: int, end_ns: int, setpoints: NDArray[Any], count: int) -> None:
+    """What the devices' watchdogs do from `start_ns` to `end_ns`, as in `advance`; nothing else of the plant moves."""
+    now, following = start_ns, 0
+    while now < end_ns:
+        following = _take_setpoints(plant, state, setpoints, following, count, now)
+        end = _let_go(plant, state, end_ns, now)
+        if following < count:
+            end = min(end, setpoints[following].effective_ns)
+        now = end
+
+
+@compiled
 def advance(
     plant: Plant,
     state: PlantState,

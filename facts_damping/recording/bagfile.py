@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import yaml
 
+from facts_damping.parameters.yaml_text import UNREADABLE, parse
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
@@ -78,11 +80,19 @@ def _topic(topic: TopicInfo, count: int) -> dict[str, Any]:
             "name": topic.name,
             "type": topic.message_type,
             "serialization_format": "cdr",
-            "offered_qos_profiles": yaml.load(topic.qos, yaml.CSafeLoader) or [],
+            "offered_qos_profiles": _profiles(topic.qos),
             "type_description_hash": topic.type_hash,
         },
         "message_count": count,
     }
+
+
+def _profiles(text: str) -> Any:
+    """Offered QoS profiles as another recorder wrote them; none where that cannot be read."""
+    try:
+        return parse(text) or []
+    except UNREADABLE:
+        return []
 
 
 def write_atomically(file: Path, text: str) -> None:

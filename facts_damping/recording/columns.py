@@ -112,6 +112,7 @@ class Walk:
 
     def __init__(self, stacked: NDArray[np.uint8], fields: Mapping[str, Any]) -> None:
         self._stacked, self._fields, self.end = stacked, fields, HEADER
+        self._messages = 0  # in it
         self.shape = [np.arange(HEADER)]
         self.places: dict[str, tuple[int, str]] = {}
         if stacked.shape[1] < HEADER or stacked[0, 0] != 0 or stacked[0, 1] > 1:
@@ -121,6 +122,9 @@ class Walk:
 
     def read(self, message_type: str, path: str = "") -> SimpleNamespace:
         """A message of that type, which begins here; `path`: of the field that it is."""
+        self._messages += 1
+        if self._messages > self._stacked.shape[1]:
+            raise ValueError("a message has more parts than bytes")
         return SimpleNamespace(
             **{name: self._value(kind, f"{path}{name}") for name, kind in self._fields[message_type][1]}
         )
@@ -133,6 +137,8 @@ class Walk:
             return self._string() if what[0] == "string" else self._number(FORMATS[what[0]], path)
         item, count = what
         several = self._length() if node == Nodetype.SEQUENCE else count
+        if several > self._stacked.shape[1] - self.end:
+            raise ValueError("a message is shorter than it says")
         return [self._value(item, f"{path}.{i}") for i in range(several)]
 
     def _number(self, form: str, path: str = "") -> NDArray[Any]:

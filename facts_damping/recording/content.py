@@ -31,6 +31,15 @@ class Content:
     complete: bool = True
     notes: list[str] = field(default_factory=list)
 
+    def add_topic(self, topic: TopicInfo) -> bool:
+        """Note a topic; whether it has the type that it had before: messages of another are left out, which is told."""
+        known = self.topics.setdefault(topic.name, topic)
+        same = (known.message_type, known.schema) == (topic.message_type, topic.schema)
+        if not same:
+            types = f"{known.message_type}, {topic.message_type}"
+            self.notes.append(f"{topic.name} has two types: {types}; messages of the second are left out")
+        return same
+
     def refusal(self, reason: str) -> str:
         """Why nothing can be read, in one line: the reason, and the damage that may be behind it."""
         return "; ".join([reason, *self.notes])

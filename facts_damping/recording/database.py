@@ -33,9 +33,8 @@ def read_database(file: Path, content: Content) -> None:
         raise RecordingError(f"{file} is not an SQLite file")
     try:
         with Reader(file) as reader:
-            for connection in reader.connections:
-                _add_topic(connection, content)
-            for connection, log_ns, data in reader.messages():
+            own = [connection for connection in reader.connections if _add_topic(connection, content)]
+            for connection, log_ns, data in reader.messages(own) if own else ():
                 content.messages.append(RawMessage(connection.topic, log_ns, log_ns, 0, bytes(data)))
     except RecordingError:
         raise
@@ -44,7 +43,7 @@ def read_database(file: Path, content: Content) -> None:
         content.notes.append(f"{file.name}: cut or damaged ({' '.join(str(error).split()) or type(error).__name__})")
 
 
-def _add_topic(connection: Any, content: Content) -> None:
+def _add_topic(connection: Any, content: Content) -> bool:
     name = connection.msgtype
     if connection.msgdef.format == MessageDefinitionFormat.MSG:
         text = connection.msgdef.data
@@ -53,7 +52,4 @@ def _add_topic(connection: Any, content: Content) -> None:
             text = schema_text(name)
         except RecordingError:
             text = ""
-    made = TopicInfo(connection.topic, name, text, "", connection.digest)
-    known = content.topics.setdefault(connection.topic, made)
-    if (known.message_type, known.schema) != (made.message_type, made.schema):
-        raise RecordingError(f"topic {connection.topic} has two types: {known.message_type}, {name}")
+    return content.add_topic(TopicInfo(connection.topic, name, text, "", connection.digest))

@@ -66,7 +66,7 @@ def load(path: Path | str) -> Record:
     configuration, notes = _configuration(content)
     try:
         record = _assemble(content, configuration, notes)
-    except (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())
         said = f"{path}: a message has not the fields of this package's messages ({reason})"
         raise RecordingError(content.refusal(said)) from error

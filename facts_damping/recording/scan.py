@@ -8,19 +8,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from zlib import crc32
 
-import yaml
 from mcap.records import Attachment, Channel, Chunk, DataEnd, McapRecord, Message, Metadata, Schema, Statistics
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 
 from facts_damping.errors import RecordingError
+from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.bagfile import FILE_NAME, TopicInfo
+from facts_damping.recording.chunks import Room
 from facts_damping.recording.content import Content, RawMessage
 from facts_damping.recording.database import SQLITE, read_database
 from facts_damping.recording.writer import CONFIGURATION, LOST, VERSIONS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+
+MOST_METADATA = 10_000_000  # characters
 
 
 def scan(path: Path | str) -> Content:
@@ -63,18 +67,10 @@ def bag_files(path: Path) -> list[Path]:
 def _listed_files(metadata: Path) -> list[str]:
     """File names in metadata.yaml; none if it is missing or damaged, for the files tell the same."""
     try:
-        content = yaml.load(metadata.read_text(encoding="utf-8"), yaml.CSafeLoader)
+        with metadata.open(encoding="utf-8") as stream:
+            content = parse(stream.read(MOST_METADATA))
         return [Path(str(name)).name for name in content["rosbag2_bagfile_information"]["relative_file_paths"]]
-    except (
-        OSError,
-        yaml.YAMLError,
-        ArithmeticError,
-        AttributeError,
-        LookupError,
-        RecursionError,
-        TypeError,
-        ValueError,
-    ):
+    except (OSError, *UNREADABLE):
         return []
 
 
@@ -111,9 +107,8 @@ def _scan_file(file: Path, content: Content) -> None:
             notes.append(f"{file.name}: {record.name} is damaged and left out")
         else:
             _add_extra(record, content)
-    for channel in channels.values():
-        _add_topic(channel, schemas.get(channel.schema_id), content)
-    _add_messages(messages, channels, content)
+    own = {i: one for i, one in channels.items() if _add_topic(one, schemas.get(one.schema_id), content)}
+    _add_messages(messages, own, content)
     content.complete = content.complete and complete
 
 
@@ -137,15 +132,16 @@ def _add_messages(messages: list[Message], channels: dict[int, Channel], content
     ]
 
 
-def _add_topic(channel: Channel, schema: Schema | None, content: Content) -> None:
-    """Note a topic; only CDR with a `ros2msg` schema can be decoded, anything else counts as unknown."""
+def _add_topic(channel: Channel, schema: Schema | None, content: Content) -> bool:
+    """Note a topic; only CDR with a `ros2msg` schema can be decoded, anything else counts as unknown.
+
+    Returns whether it is what the topic was before: one has one type.
+    """
     name, text = (schema.name, schema.data.decode(errors="replace")) if schema else ("", "")
     if schema and schema.encoding != "ros2msg":
         name = f"{name} ({schema.encoding})"
     qos, type_hash = (channel.metadata.get(key, "") for key in ("offered_qos_profiles", "topic_type_hash"))
-    known = content.topics.setdefault(channel.topic, TopicInfo(channel.topic, name, text, qos, type_hash))
-    if known.message_type != name or known.schema != text:
-        raise RecordingError(f"topic {channel.topic} has two types: {known.message_type}, {name}")
+    return content.add_topic(TopicInfo(channel.topic, name, text, qos, type_hash))
 
 
 def _add_extra(record: McapRecord, content: Content) -> None:
@@ -168,7 +164,7 @@ def _sound_records(data: bytes, name: str, notes: list[str]) -> Iterator[tuple[i
     stream = BytesIO(data)
     stream.seek(len(MCAP0_MAGIC))
     reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=len(data))
-    records = iter(reader.records)
+    records, room = iter(reader.records), Room(name)
     while True:
         position = stream.tell()
         try:
@@ -178,16 +174,19 @@ def _sound_records(data: bytes, name: str, notes: list[str]) -> Iterator[tuple[i
             return
         if record is None:
             return
-        for one in _unpack(record, f"{name}: chunk at byte {position} is damaged and left out", notes):
+        damage = f"{name}: chunk at byte {position} is damaged and left out"
+        for one in _unpack(record, stream.tell(), room, damage, notes):
             yield position, stream.tell(), one
 
 
-def _unpack(record: McapRecord, damage: str, notes: list[str]) -> list[McapRecord]:
+def _unpack(record: McapRecord, end: int, room: Room, damage: str, notes: list[str]) -> list[McapRecord]:
     """Records inside a chunk, checked against its checksum; any other record as it is."""
     if not isinstance(record, Chunk):
         return [record]
     try:
-        return breakup_chunk(record, validate_crc=True)
+        return room.unpack(record, end)
+    except RecordingError:
+        raise
     except Exception:  # noqa: BLE001 (as in _sound_records)
         notes.append(damage)
         return []

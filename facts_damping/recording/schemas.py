@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
 
 SEPARATOR = "=" * 80
+LONGEST = 100_000  # characters of a schema: those of a graph have less than 10,000
 PRIMITIVES = frozenset(
     ["bool", "byte", "char", "string", "wstring", "float32", "float64"]
     + [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
@@ -60,6 +61,8 @@ def definition_file(message_type: str) -> Path:
 
 def parse_schema(message_type: str, text: str) -> Typesdict:
     """Types that a schema text defines, as rosbags wants them. Raises RecordingError if it cannot be read."""
+    if len(text) > LONGEST:
+        raise RecordingError(f"schema of {message_type}: {len(text)} characters; allowed: at most {LONGEST}")
     try:
         return get_types_from_msg(text, message_type)
     except TypesysError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from facts_damping.errors import RecordingError
@@ -22,31 +23,35 @@ def in_simulated_time(path: Path | str, out: Path | str) -> list[str]:
     """Copy a recording; log and publish time of each message become its header's stamp, in this order.
 
     In lockstep the clock says when a tick was computed, not when it is. A stamp before 0 counts as 0. `path`, `out`,
-    notes and errors as in `recover`; RecordingError too for messages without a header.
+    notes and errors as in `recover`; messages without a header are left out, which is noted.
     """
     content = scan(path)
-    for topic in content.topics.values():
-        _check_header(topic)
-    messages = [
-        message._replace(log_ns=stamp, publish_ns=stamp) for message in content.messages for stamp in [_stamp(message)]
-    ]
+    for topic in list(content.topics.values()):
+        if not _has_header(topic):
+            content.notes.append(f"{topic.name} is left out: {topic.message_type} has no header, so no simulated time")
+            del content.topics[topic.name]
+    stamped = [(_stamp(message), message) for message in content.messages if message.topic in content.topics]
+    cut = Counter(message.topic for stamp, message in stamped if stamp is None)
+    content.notes += [f"{topic}: {count} messages that are cut are left out" for topic, count in cut.items()]
+    messages = [one._replace(log_ns=stamp, publish_ns=stamp) for stamp, one in stamped if stamp is not None]
+    if not messages:
+        raise RecordingError(content.refusal(f"{path} holds no message with a stamp"))
     content.messages = sorted(messages, key=lambda message: message.log_ns)
     return copy(content, out)
 
 
-def _check_header(topic: TopicInfo) -> None:
-    """Refuse a topic whose messages do not begin with a header."""
+def _has_header(topic: TopicInfo) -> bool:
+    """Whether the messages of a topic begin with a header."""
     _, fields = parse_schema(topic.message_type, topic.schema)[topic.message_type]
-    if not fields or fields[0][1][1] != "std_msgs/msg/Header":
-        raise RecordingError(f"{topic.name}: {topic.message_type} has no header, so no simulated time")
+    return bool(fields) and fields[0][1][1] == "std_msgs/msg/Header"
 
 
-def _stamp(message: RawMessage) -> int:
-    """Time in the header of a message, ns."""
+def _stamp(message: RawMessage) -> int | None:
+    """Time in the header of a message, ns; none where it is cut."""
     try:
         return stamp_ns(message.data)
-    except (IndexError, struct.error) as error:
-        raise RecordingError(f"{message.topic}: a message is cut") from error
+    except (IndexError, struct.error):
+        return None
 
 
 def stamp_ns(cdr: bytes) -> int:

@@ -18,9 +18,10 @@ from facts_damping.case.names import controller_names
 from facts_damping.compiling import specialised
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import each_path, parse_set, read_value
-from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
-from facts_damping.simulation.build import build_control, commands
-from facts_damping.simulation.loop import allocate_signals, control_step, setpoint_buffer
+from facts_damping.plant.integration import watch
+from facts_damping.signals import DELIVERY, NANOSECONDS, REFUSED, SETPOINT
+from facts_damping.simulation.build import build_control, build_plant, commands
+from facts_damping.simulation.loop import allocate_signals, control_step, setpoint_buffer, tick_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -177,6 +178,24 @@ def play(
         if at % record.frame_rate == 0 or at + 1 == len(ticks):
             progress(at + 1, len(ticks))
     return kept.issued[: kept.used[2]], kept.estimates[: kept.used[4]]
+
+
+def watched(case: Case, record: Record) -> Record:
+    """The record with what a case's watchdogs do with the setpoints that were applied: releases, refused ones.
+
+    `record`: as `fitted` gives it. What a watchdog does by the wall clock, in real time, and an operator's re-arming
+    are not repeated.
+    """
+    built, devices = build_plant(case), record.devices.copy()
+    plant, state = built.plant, built.state
+    applied, ticks = _by_tick(record.applied, record.ticks), record.ticks.tolist()
+    act = specialised(watch, plant, state, 0, 0, record.applied, 0)
+    for at, tick in enumerate(ticks):
+        for name in ("released", *REFUSED):
+            devices[name][at] = state.watch[name]
+        rows = np.ascontiguousarray(applied[at])
+        act(plant, state, *(tick_ns(k, record.frame_rate) for k in (tick, tick + 1)), rows, len(rows))
+    return replace(record, devices=devices)
 
 
 def _by_tick(rows: NDArray[Any], ticks: NDArray[np.int64]) -> list[NDArray[Any]]:

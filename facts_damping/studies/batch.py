@@ -157,6 +157,7 @@ def figures(record: Record, *, modes: bool) -> dict[str, Any]:
 def _latency(record: Record) -> dict[str, float | None]:
     """Mean and quantiles of the latency from measurement to device."""
     ages = ages_ms(record)
+    ages = ages[np.isfinite(ages)]
     if not len(ages):
         return dict.fromkeys(LATENCIES)
     found = [ages.mean(), *np.percentile(ages, QUANTILES)]

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty, smoothness
-from facts_damping.analysis.latency import ages_ms, cdf, frames_lost, hops_ms, latency
+from facts_damping.analysis.latency import ages_ms, cdf, frames_lost, hops_ms, latency, left_out
 from facts_damping.case.loading import load_case
 from facts_damping.signals import DEVICE_TRUTH, SETPOINT
 from facts_damping.simulation import loop
@@ -70,6 +70,18 @@ def test_latency(swing_record: Callable[..., Record]) -> None:
     assert found == pytest.approx({"mean": 50, "p50": 50, "p99": 99, "max": 100})
     nothing = latency(swing_record(applied=applied[:0]))
     assert nothing == {"mean": None, "p50": None, "p99": None, "max": None}
+
+
+def test_latencies_that_cannot_be_are_left_out(swing_record: Callable[..., Record]) -> None:
+    applied = np.zeros(4, SETPOINT)
+    applied["effective_ns"] = applied["measured_ns"] + 20_000_000
+    applied["measured_ns"][1:3] = [2**60, -5]  # a clock of another year, and of a time before the run
+    record = swing_record(applied=applied)
+    assert latency(record) == pytest.approx({"mean": 20, "p50": 20, "p99": 20, "max": 20})
+    assert left_out(record) == 2
+    applied["tick"][3] = 600  # a node that stood still for ten seconds: its setpoint acts when it comes
+    assert latency(record)["max"] == pytest.approx(1e4)
+    assert hops_ms(record)["whole"]["sssc"].tolist() == pytest.approx([20, 1e4])
 
 
 @given(seed=st.integers(0, 2**32 - 1), lost=st.integers(0, 50))

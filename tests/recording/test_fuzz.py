@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 SETS = ["duration=1", "link=plc", "controllers.0.name=ANFTSC", "scenario=large"]
 PACKAGE = "facts_damping_msgs/msg/"
 FUZZ = settings(max_examples=60, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+FAR = ("/pmu/frames", "/plant/state")
 TABLES = ("delivered", "issued", "applied", "estimates")
 
 
@@ -229,11 +230,25 @@ def test_a_tick_far_away_neither_hangs_nor_fills_the_memory(
     """As a sender of another version, or of another kind, might number them."""
 
     def late(topic: str, message: Any) -> Any:
-        if topic in ("/pmu/frames", "/plant/state") and message.tick == 59:
+        if topic in FAR and message.tick == 59:
             message.tick = 10**14
         return message
 
     written(record, tmp_path / "run", change=late)
+    found = load(tmp_path / "run")
+    assert {f"{topic}: 1 messages of ticks that the run has not are left out" for topic in FAR} <= set(found.notes)
+    assert len(found.time_ns) == 59
+
+
+def test_a_tick_far_away_in_a_bag_without_a_run_does_not_either(
+    tmp_path: Path, record: Record, messages: Any, written: Callable[..., None]
+) -> None:
+    def late(topic: str, message: Any) -> Any:
+        if topic in FAR and message.tick == 59:
+            message.tick = 10**14
+        return message
+
+    written(record, tmp_path / "run", change=late, configuration="none")
     found = load(tmp_path / "run")
     assert any(note.startswith(f"/pmu/delivered: {10**14 - 60} of") for note in found.notes)
     assert found.gap_tick in (59, 60)

@@ -46,14 +46,24 @@ def test_stamp_before_the_start_counts_as_the_start(tmp_path: Path, messages: An
 @pytest.mark.parametrize(
     ("message_type", "data", "said"),
     [
-        ("facts_damping_msgs/msg/MachineState", bytes(100), "/x: facts_damping_msgs/msg/MachineState has no header"),
-        ("facts_damping_msgs/msg/GridEvent", bytes(5), "/x: a message is cut"),
+        ("facts_damping_msgs/msg/MachineState", bytes(100), "/x is left out: facts_damping_msgs/msg/MachineState has"),
+        ("facts_damping_msgs/msg/GridEvent", bytes(5), "/x: 1 messages that are cut are left out"),
     ],
 )
-def test_messages_without_a_stamp_are_refused(tmp_path: Path, message_type: str, data: bytes, said: str) -> None:
-    with RecordingWriter(tmp_path / "a") as writer:
-        writer.add_topic("/x", message_type)
-        writer.write("/x", data, 1, 1)
-    with pytest.raises(RecordingError, match=said):
+def test_messages_without_a_stamp_are_left_out(
+    tmp_path: Path, messages: Any, message_type: str, data: bytes, said: str
+) -> None:
+    for folder in ("a", "c"):
+        with RecordingWriter(tmp_path / folder) as writer:
+            writer.add_topic("/x", message_type)
+            writer.write("/x", data, 1, 1)
+            if folder == "c":
+                event = {"time_ns": 7, "kind": "fault", "element": "a", "value": 0.0, "location": 0.0}
+                writer.add_topic("/plant/events", "facts_damping_msgs/msg/GridEvent")
+                writer.write("/plant/events", messages.cdr(messages.event(event)), 5, 5)
+    with pytest.raises(RecordingError, match=f"holds no message with a stamp; {said}"):
         in_simulated_time(tmp_path / "a", tmp_path / "b")
     assert not (tmp_path / "b").exists()
+    (note,) = in_simulated_time(tmp_path / "c", tmp_path / "b")
+    assert note.startswith(said)
+    assert [one.log_ns for one in scan(tmp_path / "b").messages] == [7]

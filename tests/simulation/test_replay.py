@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from facts_damping.analysis import releases
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import VARIANTS
@@ -209,3 +210,27 @@ def test_a_recording_without_its_run_asks_for_it() -> None:
     case = replay.case_of(bare, "bag", "two_area_small", ["link=plc", "scenario=large"])
     part = replay.fitted(bare, case)
     assert replay.first_difference(part, replay.play(case, part)[0]) is None
+
+
+LOSS = '{"model": "bernoulli", "loss": 1.0, "start": 1.0, "duration": 0.5}'
+CUTS = f'link={{"up": [{LOSS}], "down": [{{"model": "uniform", "low": 0.01, "high": 0.06}}]}}'
+
+
+@pytest.mark.parametrize("more", [[], ["watchdog.good=20"], ["watchdog.max_age=0.05", "watchdog.good=3"]])
+def test_watchdogs_do_the_same_with_what_was_applied(more: list[str]) -> None:
+    record = loop.run(load_case(None, ["scenario=large", "duration=4", CUTS, *more]))
+    case = replay.case_of(record, "recording", None, [])
+    again = replay.watched(case, replay.fitted(record, case))
+    assert again.devices.tobytes() == record.devices.tobytes()
+    assert record.devices["released"].any()
+    assert releases.releases(again) == releases.releases(record)
+
+
+def test_another_watchdog_is_judged_on_what_was_applied() -> None:
+    record = loop.run(load_case(None, ["scenario=large", "duration=4", CUTS]))
+    times = []
+    for sets in ([], ["watchdog.timeout=0.4"], ["watchdog.timeout=0.7"], ["watchdog=null"]):
+        case = replay.case_of(record, "recording", None, sets)
+        times.append([row["time_s"] for row in releases.releases(replay.watched(case, replay.fitted(record, case)))])
+    assert times[1][0] == pytest.approx(times[0][0] + 0.2, abs=1 / 60)
+    assert times[2:] == [[], []]

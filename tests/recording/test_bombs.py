@@ -1,0 +1,122 @@
+"""Files that are small and would fill the memory: one line, at once, whatever is read of them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import lz4.frame
+import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk, Header
+from mcap.writer import MCAP0_MAGIC, Writer
+
+from facts_damping.recording.schemas import schema_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+GIGABYTE = 1 << 30
+MOST_MB = 300
+MOST_S = 2.0  # of processor time for the reading; that of loading libraries is told apart
+STATE, FRAMES = (f"facts_damping_msgs/msg/{name}" for name in ("PlantState", "PmuDataFrame"))
+ALIASES = "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 12))
+
+READ = """
+import sys, time
+from facts_damping.cli.main import main
+import facts_damping.recording.reader, facts_damping.cli.recordings
+from facts_damping.recording.scan import scan
+began = time.process_time()
+status = main(["export", sys.argv[1], "--out", sys.argv[2]])
+took = time.process_time() - began
+most = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+print(status, took, int(most.split()[1]) / 1024)
+"""
+
+
+def chunked(file: Path, *chunks: Chunk) -> None:
+    """A file of chunks, without a summary."""
+    builder = RecordBuilder()
+    for one in (Header("ros2", ""), *chunks):
+        one.write(builder)
+    file.write_bytes(MCAP0_MAGIC + builder.end())  # type: ignore[no-untyped-call]
+
+
+def chunk(compression: str, data: bytes, size: int) -> Chunk:
+    return Chunk(compression, data, 0, 0, 0, size)
+
+
+def zeros(size: int) -> Any:
+    piece = bytes(1 << 20)
+    return (piece for _ in range(size >> 20))
+
+
+def zstd(size: int, told: bool) -> bytes:
+    compressor = zstandard.ZstdCompressor(level=1, write_content_size=told)
+    stream = compressor.compressobj(size=size) if told else compressor.compressobj()
+    return b"".join(stream.compress(piece) for piece in zeros(size)) + stream.flush()
+
+
+def lz(size: int) -> bytes:
+    with lz4.frame.LZ4FrameCompressor() as stream:
+        return bytes(stream.begin() + b"".join(stream.compress(piece) for piece in zeros(size)) + stream.flush())
+
+
+def recorded(file: Path, schema: str, data: bytes, configuration: str = "", qos: str = "") -> None:
+    """A recording of one message each of two topics, with a schema for the first."""
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        if configuration:
+            writer.add_attachment(0, 0, "run.yaml", "application/yaml", configuration.encode())
+        for topic, name, text in (("/plant/state", STATE, schema), ("/pmu/frames", FRAMES, schema_text(FRAMES))):
+            channel = writer.register_channel(
+                topic, "cdr", writer.register_schema(name, "ros2msg", text.encode()), {"offered_qos_profiles": qos}
+            )
+            writer.add_message(channel, 0, data, 0)
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+def nested(levels: int, each: str) -> str:
+    """A schema of types that hold each other."""
+    parts = [schema_text(STATE).rstrip("\n"), "test/A0 more"]
+    for i in range(levels):
+        fields = "\n".join(f"A{i + 1}{each} x{k}" for k in range(2))
+        parts.append(f"{'=' * 80}\nMSG: test/A{i}\n{fields}")
+    parts.append(f"{'=' * 80}\nMSG: test/A{levels}\nuint8 x")
+    head, _, rest = parts[0].partition(f"\n{'=' * 80}\n")
+    return "\n".join([head, parts[1], f"{'=' * 80}\n{rest}", *parts[2:]]) + "\n"
+
+
+BOMBS: dict[str, Callable[[Path], None]] = {
+    "zstd": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, told=True), GIGABYTE)),
+    "zstd that does not say how large": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, told=False), GIGABYTE)),
+    "zstd that lies": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, told=True), 1000)),
+    "zstd that lies and does not say": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, told=False), 1000)),
+    "lz4": lambda file: chunked(file, chunk("lz4", lz(GIGABYTE), GIGABYTE)),
+    "lz4 that lies": lambda file: chunked(file, chunk("lz4", lz(GIGABYTE), 1000)),
+    "many chunks": lambda file: chunked(file, *[chunk("zstd", zstd(8 << 20, told=True), 8 << 20)] * 1000),
+    "aliases": lambda file: recorded(file, schema_text(STATE), bytes(500), ALIASES),
+    "nesting": lambda file: recorded(file, schema_text(STATE), bytes(500), "[" * 100_000),
+    "types": lambda file: recorded(file, nested(30, ""), bytes([0, 1, 0, 0]) + bytes(500)),
+    "types of many": lambda file: recorded(file, nested(8, "[1000000]"), bytes([0, 1, 0, 0]) + bytes(500)),
+    "deep types": lambda file: recorded(file, nested(3000, ""), bytes([0, 1, 0, 0]) + bytes(500)),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_bomb_is_one_line(tmp_path: Path, name: str) -> None:
+    file = tmp_path / "bomb.mcap"
+    BOMBS[name](file)
+    assert file.stat().st_size < 10 << 20
+    command = [sys.executable, "-c", READ, str(file), str(tmp_path / "out.csv")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    status, took, megabytes = map(float, done.stdout.split())
+    assert status == 2
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert megabytes < MOST_MB
+    assert took < MOST_S
