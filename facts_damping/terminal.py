@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import sys
+import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
+
+
+INTERRUPTED = 130  # exit status
+INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM)  # a polite kill is one, too
 
 
 class Progress:
@@ -72,6 +79,45 @@ def naming(target: str) -> Iterator[None]:
         raise OSError(error.errno, error.strerror, target) from error
 
 
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A file beside `path` to write to: whole, it takes its place; else nothing is left. Interruptions wait."""
+    beside = path.with_name(path.name + ".new")
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTIONS)
+    try:
+        with naming(str(path)):
+            yield beside
+            beside.replace(path)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def save_picture(figure: Any, path: Path, **options: Any) -> None:
+    """Write a figure of Matplotlib as PNG, whole or not at all."""
+    with replacing(path) as beside:
+        figure.savefig(beside, format="png", **options)
+
+
+def end_at_once(_number: int, _frame: Any) -> None:
+    """Answer an interruption by the end of the process: as long as there is nothing to clean up.
+
+    An exception is lost where Python itself takes it, in an import above all.
+    """
+    os.write(2, b"facts-damping: interrupted\n")
+    os._exit(INTERRUPTED)
+
+
+def clean_up_first() -> None:
+    """From here on an interruption is an exception: there is something to clean up, or to say."""
+    if threading.current_thread() is threading.main_thread():
+        for number in INTERRUPTIONS:
+            if signal.getsignal(number) is end_at_once:
+                signal.signal(number, signal.default_int_handler)
+
+
 def write_json(target: str | None, content: Any) -> None:
     """Write JSON to a file, or to standard output for `-`."""
     if target is None:
@@ -80,8 +126,13 @@ def write_json(target: str | None, content: Any) -> None:
     if target == "-":
         sys.stdout.write(text)
         return
-    with naming(target):
-        Path(target).write_text(text, encoding="utf-8")
+    path = Path(target)
+    if path.exists() and not path.is_file():  # a device
+        with naming(target):
+            path.write_text(text, encoding="utf-8")
+        return
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8")
 
 
 def finite(content: Any) -> Any:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from facts_damping.analysis.pictures import PICTURES
 from facts_damping.errors import InputError
 from facts_damping.signals import NANOSECONDS
+from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -53,7 +54,7 @@ def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -
         figure = _figure(picture, records)
         if figure is not None:
             path = place / f"{picture.stem}.png"
-            figure.savefig(path, dpi=DPI, pil_kwargs=FAST)
+            save_picture(figure, path, dpi=DPI, pil_kwargs=FAST)
             paths.append(path)
     return paths
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.plots import COLOURS, DPI, MARGIN, PANEL_HEIGHT, WIDTH
+from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,5 +65,5 @@ def plot(
     grid[-1].set_xlabel("t [s]")
     handles, names = grid[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper right", ncols=2, fontsize="small", frameon=False)
-    figure.savefig(path, dpi=DPI)
+    save_picture(figure, path, dpi=DPI)
     return path

@@ -12,6 +12,7 @@ from facts_damping.analysis.plots import COLOURS, DPI, mark_events
 from facts_damping.analysis.recorded import recorded
 from facts_damping.analysis.time_frequency import BAND, LAG, TIME, analyse
 from facts_damping.errors import InputError
+from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -67,7 +68,7 @@ def save(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
     """Write figures as PNG files: their paths."""
     paths = [folder / f"{stem}.png" for stem in figures]
     for path, figure in zip(paths, figures.values(), strict=True):
-        figure.savefig(path, dpi=DPI)
+        save_picture(figure, path, dpi=DPI)
     return paths
 
 

@@ -12,7 +12,7 @@ from facts_damping.bench import grid
 from facts_damping.bench.figures import EQUAL_ERROR, at_equal_error, ratio
 from facts_damping.bench.programs import OURS
 from facts_damping.bench.study import FINER
-from facts_damping.terminal import table
+from facts_damping.terminal import save_picture, table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -138,5 +138,5 @@ def draw(results: Iterable[Result], path: Path) -> Path:
     axes.add_artist(axes.legend(fontsize=9, loc="lower right"))
     kinds = [Line2D([], [], color="black", ls="", marker=marks[step], label=f"{1e3 * step:g} ms") for step in steps]
     axes.legend(handles=kinds, fontsize=9, loc="lower center", title="step")
-    figure.savefig(path, dpi=150)
+    save_picture(figure, path, dpi=150)
     return path

@@ -12,6 +12,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, NoReturn
 
 from facts_damping.errors import DegradedError, FactsDampingError, InputError, RecordingError
+from facts_damping.terminal import INTERRUPTED, INTERRUPTIONS, end_at_once
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     Add = Callable[[str, str, str], argparse.ArgumentParser]
 
-DONE, FAILED, BAD_INPUT, DEGRADED, INTERRUPTED = 0, 1, 2, 3, 130
+DONE, FAILED, BAD_INPUT, DEGRADED = 0, 1, 2, 3
 
 
 class _Parser(argparse.ArgumentParser):
@@ -283,7 +284,18 @@ def _jobs(command: argparse.ArgumentParser) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Entry point: exit status 0 done, 1 the run failed, 2 bad input, 3 degraded, 130 interrupted."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a polite kill is an interruption too
+    before = {number: signal.getsignal(number) for number in INTERRUPTIONS}
+    for number in INTERRUPTIONS:
+        if before[number] != signal.SIG_IGN:
+            signal.signal(number, end_at_once)
+    try:
+        return _main(argv)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _main(argv: list[str] | None) -> int:
     try:
         arguments = parser().parse_args(argv)
         _do(arguments)

@@ -11,7 +11,7 @@ from facts_damping.cli.runs import out_folder, say
 from facts_damping.errors import check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.terminal import Progress, write_json
+from facts_damping.terminal import Progress, clean_up_first, write_json
 
 if TYPE_CHECKING:
     import argparse
@@ -92,6 +92,7 @@ def _carry_out(plan: Plan, folder: Path | None, arguments: argparse.Namespace, s
     from facts_damping.studies import sweep as study
 
     progress = Progress(plan.name, "runs")
+    clean_up_first()
     with TemporaryDirectory() as passing:
         try:
             found = study.run(plan, folder or Path(passing), arguments.jobs, scheduler, progress)
@@ -198,6 +199,7 @@ def bench(arguments: argparse.Namespace) -> None:
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     others, results, rates = [name for name in asked if name != EXCHANGE], [], []
     progress = Progress("bench", "runs")
+    clean_up_first()
     try:
         if others:
             results = study.measure(others, progress)
@@ -222,6 +224,7 @@ def reproduce(arguments: argparse.Namespace) -> None:
     from facts_damping.reproduction.results import gather
 
     folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / "reproduction")
+    clean_up_first()
     try:
         found = gather(arguments.tables, arguments.draws, folder, arguments.jobs)
     except KeyboardInterrupt:

@@ -14,7 +14,7 @@ import os
 import signal
 import sys
 from contextlib import contextmanager
-from multiprocessing import forkserver
+from multiprocessing import forkserver, util
 from threading import Thread
 from typing import TYPE_CHECKING
 
@@ -25,10 +25,12 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
 LOADED = "facts_damping.nodes.loaded"
+FOLDER = "FACTS_DAMPING_FORKED"  # variable that names the folder of the socket by which copies are asked for
 
 
 def load() -> None:
     """Begin to load, in the background; `start` waits for it."""
+    os.environ[FOLDER] = util.get_temp_dir()
     multiprocessing.get_context("forkserver").set_forkserver_preload([LOADED])
     forkserver.ensure_running()
 

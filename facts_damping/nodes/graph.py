@@ -25,6 +25,7 @@ from facts_damping.nodes import forked
 from facts_damping.parameters.files import new_folder, read_table, write_whole
 from facts_damping.parameters.security import read_keys
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.terminal import clean_up_first
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -229,6 +230,7 @@ def run(
 
     Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.
     """
+    clean_up_first()
     check_domain(os.environ.get("ROS_DOMAIN_ID", "0"))
     if (out / "recording").exists():
         raise InputError(f"--out {out}: holds a recording already; allowed: a new folder")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
+import os
+import shutil
 
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import (
@@ -16,7 +19,7 @@ from rcl_interfaces.srv import (
 from rclpy.type_support import check_for_type_support
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes import controller, identifier, plant_sim, recorder, replay_source, wan_link
+from facts_damping.nodes import controller, forked, identifier, plant_sim, recorder, replay_source, wan_link
 from facts_damping.nodes.warmup import PARTS, compile_part
 from facts_damping.recording.schemas import schema_text, type_hash
 
@@ -37,6 +40,10 @@ for name in map(recorder.message_type, MESSAGES):
 # The kernels, out of their cache into this process.
 for part in PARTS:
     compile_part(part)
+
+# This process ends last, also where the one that asked for it was killed and could not remove its folder.
+if forked.FOLDER in os.environ:
+    atexit.register(shutil.rmtree, os.environ[forked.FOLDER], ignore_errors=True)
 
 # What is here stays: a copy need not look through it for garbage, which would copy its memory, too.
 gc.collect()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.errors import InputError
 from facts_damping.parameters.validation import short
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.terminal import naming
+from facts_damping.terminal import replacing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -117,14 +117,8 @@ def check_writable(target: str | None, option: str = "--json", *, standard: bool
 
 def write_whole(path: Path, text: str) -> None:
     """Write a file whole or not at all."""
-    beside = path.with_name(path.name + ".new")
-    with naming(str(path)):
-        try:
-            beside.write_text(text, encoding="utf-8")
-            beside.replace(path)
-        except OSError:
-            beside.unlink(missing_ok=True)
-            raise
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8")
 
 
 FIELD_PATH = r"[A-Za-z_0-9]+(\.([A-Za-z_0-9+-]+|\*))*"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import yaml
 
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
+from facts_damping.terminal import replacing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -97,9 +98,8 @@ def _profiles(text: str) -> Any:
 
 def write_atomically(file: Path, text: str) -> None:
     """Write `text` so that `file` holds all of it or does not exist."""
-    draft = file.with_name(file.name + ".part")
-    draft.write_text(text, encoding="utf-8")
-    draft.replace(file)
+    with replacing(file) as beside:
+        beside.write_text(text, encoding="utf-8")
 
 
 class _PlainDumper(yaml.CSafeDumper):

@@ -9,6 +9,7 @@ from pyarrow import csv, parquet
 
 from facts_damping.errors import RecordingError
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.terminal import replacing
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,12 +31,11 @@ def write(record: Record, path: Path) -> None:
     ]
     schema = pa.schema(fields, metadata={"run.yaml": dump(record.configuration)})
     table = pa.table([pa.array(values) for values in record.arrays.values()], schema=schema)
-    beside = path.with_name(path.name + ".new")
     try:
-        if path.suffix == ".csv":
-            csv.write_csv(table, beside)
-        else:
-            parquet.write_table(table, beside)
-        beside.replace(path)
+        with replacing(path) as beside:
+            if path.suffix == ".csv":
+                csv.write_csv(table, beside)
+            else:
+                parquet.write_table(table, beside)
     except OSError as error:
         raise RecordingError(f"{path} cannot be written: {error.strerror or error}") from error

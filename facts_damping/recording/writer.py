@@ -19,6 +19,7 @@ from facts_damping.recording.bagfile import (
     write_atomically,
 )
 from facts_damping.recording.schemas import schema_text, type_hash
+from facts_damping.terminal import clean_up_first
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -43,6 +44,7 @@ class RecordingWriter:
 
     def __init__(self, folder: Path | str, configuration: str = "", versions: Mapping[str, str] | None = None) -> None:
         """Open a new recording."""
+        clean_up_first()
         self.folder = Path(folder)
         self.file = self.folder / f"{self.folder.resolve().name}_0.mcap"
         self._versions = {name: str(version) for name, version in (versions or {}).items()}

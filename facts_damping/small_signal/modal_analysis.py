@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from facts_damping.plant.build import Built, build
 from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.relative_gains import FREQUENCIES_HZ, Interaction, interactions
-from facts_damping.terminal import table
+from facts_damping.terminal import save_picture, table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -175,7 +175,7 @@ def _plot_shapes(modal: Modal, path: Path) -> Path:
         axes.set_yticklabels([])
         axes.set_title(f"{mode.frequency_hz:.3f} Hz, damping {mode.damping_ratio:.3f}\n{mode.label}", fontsize=9)
     figure.suptitle(f"{modal.system.name}: mode shapes (speeds, relative to the fastest)", fontsize=10)
-    figure.savefig(path, dpi=150)
+    save_picture(figure, path, dpi=150)
     return path
 
 
@@ -197,5 +197,5 @@ def _plot_transfer(modal: Modal, path: Path) -> Path:
     axes[1, 0].set_ylabel("phase [deg]")
     axes[0, -1].legend(fontsize=8)
     figure.suptitle(f"{modal.system.name}: transfer functions to the signals", fontsize=10)
-    figure.savefig(path, dpi=150)
+    save_picture(figure, path, dpi=150)
     return path

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.modal_analysis import figures
+from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -198,7 +199,7 @@ def draw(found: Margin, beside: Beside | None, path: Path) -> Path:
     damping.legend(fontsize=9)
     given = ", ".join(f"{c.name}, {c.signals[0]} to {'+'.join(c.devices)}" for c in found.case.controllers)
     figure.suptitle(f"{found.case.system.name}: {given}, {found.case.run.frame_rate} frames/s", fontsize=11)
-    figure.savefig(path, dpi=DPI, metadata={"Software": None})
+    save_picture(figure, path, dpi=DPI, metadata={"Software": None})
     return path
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.terminal import save_picture
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
@@ -22,4 +24,4 @@ def at(row: Any, path: Sequence[str]) -> Any:
 
 def save(figure: Figure, path: Path) -> None:
     """Write a picture; the same picture gives the same file."""
-    figure.savefig(path, dpi=DPI, metadata={"Software": None})
+    save_picture(figure, path, dpi=DPI, metadata={"Software": None})

@@ -15,6 +15,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
 from facts_damping.errors import InputError, RunError
+from facts_damping.terminal import clean_up_first
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -44,6 +45,7 @@ def workers(jobs: int, scheduler: str | None = None) -> Iterator[Each]:
     `jobs` processes, or the cluster of a Dask scheduler at an address. Raises `InputError` where no scheduler answers,
     `RunError` where a process dies.
     """
+    clean_up_first()
     if scheduler is None:
         yield partial(_in_processes, jobs)
         return
