@@ -19,21 +19,25 @@ ARGUMENTS = {
     "run": ("two_area_small", "name under config/runs, or path of a YAML file"),
     "mode": ("lockstep", "lockstep or realtime"),
     "output": ("recording", "folder of the new recording; empty: no recorder"),
+    "respawn": ("false", "true, in real time: links, controllers and identifiers that end are started again, and join"),
 }
 
 
 def nodes(context: LaunchContext) -> list[Node | RegisterEventHandler]:
     """Plant and recorder, a node for each link that is used, for each controller of the run, for each identifier."""
-    run, mode, output = (LaunchConfiguration(name).perform(context) for name in ARGUMENTS)
+    run, mode, output, respawn = (LaunchConfiguration(name).perform(context) for name in ARGUMENTS)
     common = {"run": run, "mode": mode, "recorder": bool(output)}
+    again = respawn.lower() == "true"
 
     def node(executable: str, address: Address, **parameters: object) -> Node:
+        joins = again and "index" in parameters
         return Node(
             package="facts_damping",
             executable=executable,
             name=address.name,
             namespace=address.namespace or None,
-            parameters=[{**common, **parameters}],
+            parameters=[{**common, **parameters, **({"join": True} if joins else {})}],
+            respawn=joins,
             output="screen",
         )
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from mcap.reader import make_reader
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import RunError
@@ -17,7 +19,7 @@ from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from facts_damping.signals import Record
 
@@ -108,3 +110,13 @@ def assert_named(sets: Sequence[str], folder: Path, started: dict[str, Any], nod
         graph.run(load_case(None, [*sets, "duration=1000"]), "lockstep", folder, strike, SILENCE_S)
     assert time.monotonic() - began < PATIENCE_S
     assert nodes_left(folder) == []
+
+
+def odd_requests(node: Any, names: Iterable[str]) -> None:
+    """Requests that make no sense, to every node; nobody waits for their answers."""
+    for name in names:
+        for kind, end in ((SetParameters, "set_parameters"), (SetParametersAtomically, "set_parameters_atomically")):
+            client: Any = node.create_client(kind, f"/{name}/{end}")
+            if client.wait_for_service(0.5):
+                odd = Parameter(name="gain", value=ParameterValue(type=99))
+                client.call_async(kind.Request(parameters=[odd]))

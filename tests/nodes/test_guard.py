@@ -16,8 +16,6 @@ import numpy as np
 import pytest
 import rclpy
 from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
-from rcl_interfaces.msg import Parameter, ParameterValue
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
@@ -33,7 +31,7 @@ from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.signals import DELIVERY, SETPOINT
 from facts_damping.simulation import loop
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, wait_until_recording
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, odd_requests, wait_until_recording
 from tests.nodes.hostile import hostile
 
 if TYPE_CHECKING:
@@ -202,18 +200,6 @@ class Attack:
         self.publishers = {topic: node.create_publisher(kind, topic, HEARING) for topic, kind in self.kinds}
         self.sent: dict[str, int] = {}
 
-    def requests(self) -> None:
-        """Requests that make no sense, to every node; nobody waits for their answers."""
-        for name in self.started:
-            for kind, end in (
-                (SetParameters, "set_parameters"),
-                (SetParametersAtomically, "set_parameters_atomically"),
-            ):
-                client: Any = self.node.create_client(kind, f"/{name}/{end}")
-                if client.wait_for_service(0.5):
-                    odd = Parameter(name="gain", value=ParameterValue(type=99))
-                    client.call_async(kind.Request(parameters=[odd]))
-
     def batch(self, done: int, of: int) -> None:
         """Some messages more; a lockstep run waits for its controller meanwhile, lest it is over before them all."""
         if self.count() >= ATTACKS:
@@ -226,7 +212,7 @@ class Attack:
             time.sleep(0.01)
         self.pause(signal.SIGSTOP)
         if not self.sent:
-            self.requests()
+            odd_requests(self.node, self.started)
         goal = ATTACKS if done > of // 2 else min(ATTACKS, self.count() + ATTACKS // BATCHES)
         while self.count() < goal:
             topic, kind = self.kinds[self.rng.integers(len(self.kinds))]

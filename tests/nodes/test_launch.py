@@ -116,6 +116,14 @@ def test_a_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: A
     assert all(node.parameters.items() >= common.items() for node in nodes(actions))
 
 
+def test_nodes_that_may_join_are_started_again_where_that_is_wanted(launched: Any) -> None:
+    again = nodes(launched("run.launch.py", run="two_area_decentralised", mode="realtime", respawn="true"))
+    for node in again:
+        joins = node.executable in ("wan_link", "controller", "identifier")
+        assert (node.respawn, node.parameters.get("join", False)) == (joins, joins)
+    assert not any(node.respawn for node in nodes(launched("run.launch.py", run="two_area_decentralised")))
+
+
 def test_the_end_of_the_plant_is_the_end_of_the_launch(launched: Any) -> None:
     actions = launched("run.launch.py")
     (handler,) = (action for action in actions if type(action).__name__ == "RegisterEventHandler")

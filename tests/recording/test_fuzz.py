@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import random
 import struct
 import tempfile
 from pathlib import Path
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
 SETS = ["duration=1", "link=plc", "controllers.0.name=ANFTSC", "scenario=large"]
 PACKAGE = "facts_damping_msgs/msg/"
+RECORDINGS = int(os.environ.get("RECORDINGS", "100"))  # damaged ones
 FUZZ = settings(max_examples=60, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
 FAR = ("/pmu/frames", "/plant/state")
 TABLES = ("delivered", "issued", "applied", "estimates")
@@ -321,3 +324,40 @@ def test_topics_of_other_types_beside_ours_do_no_harm(tmp_path: Path, record: Re
     written(record, tmp_path / "run", more={"/chatter": "std_msgs/msg/String"})
     assert load(tmp_path / "run").notes == []
     assert schema_text("std_msgs/msg/String").startswith("#")
+
+
+def damaged(whole: bytes, dice: random.Random) -> bytes:
+    """A file with a few changes: bits, blocks, length."""
+    data = bytearray(whole)
+    for _ in range(dice.randint(1, 4)):
+        at, length, change = dice.randrange(len(data)), dice.choice([1, 8, 100, 5000]), dice.randrange(7)
+        if change < 3:
+            data[at] ^= 1 << dice.randrange(8)
+        elif change == 3:
+            data[at : at + length] = dice.randbytes(len(data[at : at + length]))
+        elif change == 4:
+            del data[at : at + length]
+        elif change == 5:
+            data[at:at] = data[at : at + length]
+        else:
+            del data[at:]
+        data = data or bytearray(1)
+    return bytes(data)
+
+
+def test_damaged_recordings(tmp_path: Path, whole: bytes, capsys: Any) -> None:
+    """Status 0, or 2 and one line; RECORDINGS=5000 tries more."""
+    dice = random.Random(1)
+    statuses = set()
+    for number in range(RECORDINGS):
+        file = tmp_path / f"{number}.mcap"  # stays, to be looked at, where this fails
+        file.write_bytes(damaged(whole, dice))
+        status = main(["export", str(file), "--out", str(tmp_path / "out.parquet")])
+        errors = capsys.readouterr().err
+        statuses.add(status)
+        assert status in (0, 2), (file, errors)
+        assert "Traceback" not in errors
+        assert status == 0 or errors.count("\n") == 1, (file, errors)
+        assert list(tmp_path.glob("*.new")) == []
+        file.unlink()
+    assert statuses == {0, 2}
