@@ -16,6 +16,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.nodes import node
 from facts_damping.parameters.files import read_table
+from facts_damping.parameters.security import add_key
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.reader import load
 from facts_damping.simulation import learnt_weights, loop
@@ -116,7 +117,10 @@ def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, clien
 
 
 def test_a_link_and_an_identifier_are_joined_too(graph: Any, client: Any, tmp_path: Path) -> None:
-    run = graph(14.0, set="['controllers.0.name=HBsWC','controllers.0.scheme=indirect']")
+    """Also where messages are signed: each signs as a session of its own."""
+    add_key(tmp_path / "keys.yaml")
+    sets = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", f"security.keys={tmp_path / 'keys.yaml'}"]
+    run = graph(14.0, set=str(sets))
     link = run.add("wan_link", join="true")
     run.add("controller", join="true")
     weights = tmp_path / "identifier.yaml"

@@ -13,7 +13,7 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import RunError
-from facts_damping.nodes import graph
+from facts_damping.nodes import forked, graph
 from facts_damping.recording.reader import load
 from tests.nodes.graphs import nodes_left
 from tests.nodes.letting_go import assert_let_go
@@ -35,6 +35,7 @@ def middleware_files() -> set[str]:
 def test_a_killed_node(
     domain: int, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch, node: str, tick: int
 ) -> None:
+    forked.load()  # whose folder is that of the tests
     passing = tmp_path / "tmp"
     passing.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(passing))

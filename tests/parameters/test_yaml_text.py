@@ -31,7 +31,8 @@ def test_plain_words_are_those_of_the_core_schema(text: str, value: Any) -> None
 
 
 @pytest.mark.parametrize(
-    "text", ["{a: 1, a: 2}", "a: 1\nb: 2\na: 3", "[1, 2", "!!python/object:os.system x", "{[1]: 2}"]
+    "text",
+    ["{a: 1, a: 2}", "a: 1\nb: 2\na: 3", "[1, 2", "!!python/object:os.system x", "{[1]: 2}", "1: 2", "a: {~: 1}"],
 )
 def test_what_is_no_such_text_is_refused(text: str) -> None:
     with pytest.raises(UNREADABLE):
