@@ -1,14 +1,12 @@
 """What lost the grid, or the run, before devices let go and messages were checked: each with real nodes.
 
-Elsewhere: a controller that is killed and started again (`test_joining.py`), a foreign message in a recording
-(`tests/recording/test_sifting.py`), readers and recorders that stop reading (`test_outsiders.py`), odd messages of all
-kinds by the thousand (`test_guard.py`), nodes that are killed at any time (`test_kills.py`).
+Elsewhere: a node that is killed at any time (`test_kills.py`), and started again (`test_joining.py`), a controller that
+stands still (`test_watchdog.py`), readers and recorders that stop reading (`test_outsiders.py`), odd messages of all
+kinds by the thousand (`test_guard.py`), a foreign message in a recording (`tests/recording/test_sifting.py`).
 """
 
 from __future__ import annotations
 
-import os
-import signal
 import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any
@@ -27,7 +25,6 @@ from facts_damping.recording.reader import load
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
 from facts_damping.simulation import loop
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, odd_requests
-from tests.nodes.letting_go import assert_let_go
 from tests.nodes.test_guard import HEARD, attacker
 
 if TYPE_CHECKING:
@@ -40,7 +37,6 @@ RATE = 60
 FAR = 10**9  # ticks
 IN_2038 = 2_145_916_800 * NANOSECONDS
 FLOOD_S = 3.0
-END_S = 1.0  # so long a plant waits at the end for readers that do not answer
 
 
 def start_of(tick: int) -> int:
@@ -119,28 +115,6 @@ def test_no_forgery_acts(domain: int, tmp_path: Path, started: dict[str, Any], m
         assert refused[HEARD[topic], f"/{topic}"] == refused["recorder", f"/{topic}"] == count
 
 
-@pytest.mark.parametrize(
-    ("node", "number"),
-    [("controller_0_LLC", signal.SIGKILL), ("wan_link", signal.SIGKILL), ("controller_0_LLC", signal.SIGSTOP)],
-)
-def test_a_dead_or_stopped_node_s_device_lets_go(
-    domain: int, tmp_path: Path, started: dict[str, Any], node: str, number: int
-) -> None:
-    """The run goes on, and says it; a node that goes on after the device has let go finds it latched."""
-    case = load_case(None, ["scenario=small", "duration=6"])
-
-    def strike(done: int, _of: int) -> None:
-        if done > 2 * RATE and node in started:
-            os.kill(started.pop(node).process.pid, number)
-
-    outcome = graph.run(case, "realtime", tmp_path, strike, END_S)
-    record = load(outcome.recording)
-    assert len(record.time_ns) == case.ticks
-    assert_let_go(case, record)
-    assert outcome.fallen == ([f"{node} was killed by SIGKILL"] if number == signal.SIGKILL else [])
-    assert summarise(record)["stable"] is True
-
-
 def test_a_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: Path) -> None:
     """In real time: of one who sends as fast as he can to all that listen to setpoints and frames."""
     case = load_case(None, ["scenario=large", "duration=6"])
@@ -167,7 +141,5 @@ def test_a_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: 
     assert sent > 1000
     assert sum(outcome.messages_refused.values()) > sent / 2
     assert {cause for _, cause, _, _ in outcome.messages_refused} == {"publisher"}
-    assert set(record.issued["value"].tolist()) <= {0.0, *record.issued["value"].tolist()}
-    limit = case.system.device("sssc").v_max
-    assert np.abs(record.applied["value"]).max() <= limit
+    assert set(record.applied["value"].tolist()) <= set(record.issued["value"].tolist())
     assert summarise(record)["stable"] == summarise(computed)["stable"]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 RATE = 60
-LEASE = "<leaseDuration><sec>2</sec></leaseDuration>"  # after which a killed node is forgotten: 20 s elsewhere
+LEASE = "<leaseDuration><sec>1</sec></leaseDuration>"  # after which a killed node is forgotten: 20 s elsewhere
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def say(node: Any) -> str:
 
 
 def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client: Any) -> None:
-    run = graph(16.0)
+    run = graph(12.0)
     run.add("wan_link", join="true")
     first = run.add("controller", join="true")
     run.add("plant_sim")
@@ -93,7 +93,7 @@ def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, clien
     second.wait(lambda: "joined at" in say(second), PATIENCE_S)
     joined = ticks(run.nodes["plant_sim"])
     assert not client(Trigger, "/wan_link/arm", Trigger.Request()).success
-    run.run_until(joined + 5 * RATE)  # by then the first one is forgotten
+    run.run_until(joined + 3 * RATE)  # by then the first one is forgotten
     armed = client(Trigger, "/controller/arm", Trigger.Request())
     assert (armed.success, armed.message) == (True, "armed")
     again = client(Trigger, "/controller/arm", Trigger.Request())
@@ -120,7 +120,7 @@ def test_a_link_and_an_identifier_are_joined_too(graph: Any, client: Any, tmp_pa
     """Also where messages are signed: each signs as a session of its own."""
     add_key(tmp_path / "keys.yaml")
     sets = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", f"security.keys={tmp_path / 'keys.yaml'}"]
-    run = graph(14.0, set=str(sets))
+    run = graph(10.0, set=str(sets))
     link = run.add("wan_link", join="true")
     run.add("controller", join="true")
     weights = tmp_path / "identifier.yaml"

@@ -19,12 +19,12 @@ from tests.nodes.graphs import nodes_left
 from tests.nodes.letting_go import assert_let_go
 
 KILLS = int(os.environ.get("KILLS", "1"))  # of each node
-SETS = ["scenario=small", "duration=4", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
+SETS = ["scenario=small", "duration=3", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
 NODES = ("plant_sim", "wan_link", "controller_0_HBsWC", "identifier_0_ANFGuMoI", "recorder")
 END_S = 1.0  # so long a plant waits at the end for readers that do not answer
 NEEDED = ("plant_sim", "recorder")  # without these a run ends
 RANDOM = np.random.default_rng(1)
-STRIKES = [(node, int(tick)) for node in NODES for tick in RANDOM.integers(60, 200, KILLS)]
+STRIKES = [(node, int(tick)) for node in NODES for tick in RANDOM.integers(60, 130, KILLS)]
 
 
 def middleware_files() -> set[str]:
