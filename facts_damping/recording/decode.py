@@ -289,31 +289,6 @@ def place(name: str) -> int:
     return int(number[1]) if number else 0
 
 
-def events(found: Iterable[Block]) -> list[dict[str, Any]]:
-    """Changes of the grid by time: `time_ns`, `kind`, `element`, `value`, `location` (NaN: not given)."""
-    told = [
-        (
-            int(row),
-            {
-                "time_ns": int(at),
-                "kind": block.message.kind,
-                "element": block.message.element,
-                "value": float(value),
-                "location": float(location),
-            },
-        )
-        for block in found
-        for row, at, value, location in zip(
-            block.rows,
-            time_ns(block.message.header.stamp),
-            block.message.value,
-            block.message.location,
-            strict=True,
-        )
-    ]
-    return [event for _, event in sorted(told, key=lambda one: (one[1]["time_ns"], one[0]))]
-
-
 def _values(entry: Any, fields: Sequence[str]) -> NDArray[np.float64]:
     """Numbers of an entry side by side, (messages, fields)."""
     return np.column_stack([getattr(entry, name) for name in fields]).astype(np.float64)
@@ -327,29 +302,3 @@ def _lookup(index: Mapping[str, int], name: str, topic: str) -> int:
     if name not in index:
         raise RecordingError(f"{topic}: unknown name {name!r}; the recording knows {', '.join(index) or 'none'}")
     return index[name]
-
-
-def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
-    """What each node has refused in all: `node`, `topic`, `cause`, `source`, `count`; its counts only grow."""
-    most: dict[tuple[str, str, str, str], int] = {}
-    for block in found:
-        for entry in block.message.refused:
-            key = (block.message.node, entry.topic, entry.cause, entry.source)
-            most[key] = max(most.get(key, 0), int(np.max(entry.count)))
-    return [
-        {"node": node, "topic": topic, "cause": cause, "source": source, "count": count}
-        for (node, topic, cause, source), count in most.items()
-    ]
-
-
-def joined(found: Iterable[Block]) -> list[dict[str, Any]]:
-    """Nodes that joined the run under way, by time: `node`, `time_s`, `armed_s` (None: disarmed to the end)."""
-    last: dict[tuple[int, str], float | None] = {}
-    for block in found:
-        for status in block.message.status:
-            said = {value.key: value.value for value in status.values}
-            at, armed = said.get("joined_ns", ""), said.get("armed_ns", "")
-            if at.isdecimal():
-                key = (int(at), status.name)
-                last[key] = last.get(key) or (int(armed) / NANOSECONDS if armed.isdecimal() else None)
-    return [{"node": name, "time_s": at / NANOSECONDS, "armed_s": armed} for (at, name), armed in sorted(last.items())]

@@ -14,9 +14,9 @@ from facts_damping.parameters.run import Run
 from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.recording import decode
+from facts_damping.recording import decode, events
 from facts_damping.recording.scan import scan
-from facts_damping.recording.sifting import expected, named, sender, sift
+from facts_damping.recording.sifting import expected, sender, sift
 from facts_damping.recording.writer import CONFIGURATION
 from facts_damping.signals import NANOSECONDS, Record
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from facts_damping.recording.columns import Block
     from facts_damping.recording.content import Content
     from facts_damping.recording.decode import Series
-    from facts_damping.recording.sifting import Expected
 
 # What is read: name here, type of message, end of the topic's name. Every controller has its `/setpoints`, every link
 # its `/pmu/delivered` and `/setpoints/delivered`.
@@ -95,7 +94,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     """Record of what was read."""
     topics = _topics(content, bool(configuration.get("controllers")))
     messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
-    _set_aside(messages, topics, expected(configuration), notes)
+    sift(messages, topics, expected(configuration), notes)
     found = {
         kind: [_series(topic, messages[topic], kind in SETPOINTS, notes) for topic in names]
         for kind, names in topics.items()
@@ -130,9 +129,9 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         learning=decode.learning(cut["learning"], cut["estimates"]),
         in_synchronism=decode.column(state, attrgetter("in_synchronism"), np.bool_),
         links=len(found["delivered"]),
-        events=decode.events(block for topic in topics["events"] for block in messages[topic]),
-        refused=decode.refused(block for topic in topics["refused"] for block in messages[topic]),
-        joined=decode.joined(block for topic in topics["diagnostics"] for block in messages[topic]),
+        events=events.events(block for topic in topics["events"] for block in messages[topic]),
+        refused=events.refused(block for topic in topics["refused"] for block in messages[topic]),
+        joined=events.joined(block for topic in topics["diagnostics"] for block in messages[topic]),
         notes=notes,
         gap_tick=_unanswered(found, ticks),
     )
@@ -193,21 +192,6 @@ def _link_place(namespace: str, graph: str, issued: Sequence[str]) -> int:
         return -1
     beside = [name.rsplit("/", 2)[1] for name in issued if name.rsplit("/", 2)[0] == namespace]
     return max(decode.place(name) for name in [*beside, namespace.rpartition("/")[2]])
-
-
-def _set_aside(messages: dict[str, list[Block]], topics: dict[str, list[str]], of: Expected, notes: list[str]) -> None:
-    """Leave out messages that are not of the run. Those of the plant first: what they name, the others may name."""
-    for kind in (*REQUIRED, *(one for one in topics if one not in (*REQUIRED, *UNTIMED))):
-        if kind == "issued":
-            senders = {topic: sender(messages[topic], topic) for topic in topics[kind]}
-        for topic in topics[kind]:
-            own = of
-            if kind in SETPOINTS and topics["issued"]:
-                names = [senders[topic]] if kind == "issued" else list(senders.values())
-                own = of._replace(names={**of.names, "controller": names})
-            messages[topic] = sift(kind, topic, messages[topic], own, notes)
-            if kind in REQUIRED:
-                of = of._replace(names={**of.names, **named(kind, messages[topic])})
 
 
 def _messages(content: Content, topics: Sequence[str], notes: list[str]) -> dict[str, list[Block]]:

@@ -24,6 +24,7 @@ NAMES: dict[str, list[tuple[str, str, str]]] = {
     "issued": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
     "applied": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
     "estimates": [("device", "input_names", "")],
+    "learning": [],
 }
 TIMED = ("frames", "state", "delivered", "issued", "applied")  # the stamp of a message is that of its tick
 MOST_TICKS = 2**53  # where the run does not say how many it has
@@ -52,7 +53,24 @@ def expected(configuration: Mapping[str, Any]) -> Expected:
     return Expected(names, rate, ticks)
 
 
-def sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: list[str]) -> list[Block]:
+def sift(messages: dict[str, list[Block]], topics: Mapping[str, Sequence[str]], of: Expected, notes: list[str]) -> None:
+    """Leave out messages that are not of the run, which is told in `notes`; `topics`: by kind.
+
+    Those of the plant come first: what they name, the others may name.
+    """
+    senders = {topic: sender(messages[topic], topic) for topic in topics["issued"]}
+    for kind in NAMES:
+        for topic in topics[kind]:
+            own = of
+            if kind in ("issued", "applied") and senders:
+                names = [senders[topic]] if kind == "issued" else list(senders.values())
+                own = of._replace(names={**of.names, "controller": names})
+            messages[topic] = _sift(kind, topic, messages[topic], own, notes)
+            if kind in ("frames", "state"):
+                of = of._replace(names={**of.names, **_named(kind, messages[topic])})
+
+
+def _sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: list[str]) -> list[Block]:
     """Messages of a topic that are of the run; what is set aside is told in `notes`."""
     own: list[Block] = []
     unknown: Counter[str] = Counter()
@@ -87,7 +105,7 @@ def _names(kind: str, message: Any) -> Iterator[tuple[str, str]]:
             yield whose, getattr(entry, field) if field else entry
 
 
-def named(kind: str, found: Sequence[Block]) -> dict[str, list[str]]:
+def _named(kind: str, found: Sequence[Block]) -> dict[str, list[str]]:
     """What the messages of a kind name, by whose names these are."""
     return {
         whose: list(dict.fromkeys(name for block in found for of, name in _names(kind, block.message) if of == whose))
