@@ -67,7 +67,8 @@ class Guard:
         """`graph`: what leads from the node to the topics of its graph (node.py); `say`: takes reports, if not all."""
         self.node, self.heard = node, time.monotonic()  # when something was last let through
         self.over = False  # whether the plant has said that it is lost
-        self._rate, self._ticks, self._options, self._graph = case.run.frame_rate, case.ticks, options, graph
+        self._rate, self._ticks, self._options = case.run.frame_rate, case.ticks, options
+        self._plant = node.resolve_topic_name(f"{graph}{PLANT}")
         self._topics: list[Heard] = []
         self._say = say or node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", SAYING).publish
         self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
@@ -107,7 +108,7 @@ class Guard:
 
         The plant is who publishes its state: that is known then, and not subscribed to.
         """
-        plant = Heard(self.node.resolve_topic_name(f"{self._graph}{PLANT}"), None, None, _nothing, None, common=False)
+        plant = Heard(self._plant, None, None, _nothing, None, common=False)
         self._topics.append(plant)
         self.subscribe(DiagnosticArray, COMMON, self.repeat, errors, common=True, of=plant)
 
@@ -139,9 +140,9 @@ class Guard:
         self._looked_at = time.monotonic()
         for heard in self._topics:
             if heard.publisher is None and heard.begins is None and not heard.common:
-                there = self.node.get_publishers_info_by_topic(heard.topic)
+                there = self._publishers(heard.topic)
                 if len(there) == 1:
-                    heard.publisher = bytes(there[0].endpoint_gid)
+                    heard.publisher = there[0]
 
     def take(self, heard: Heard, data: bytes, information: dict[str, Any]) -> bool:
         """Take a message; whether it was let through."""
@@ -202,15 +203,25 @@ class Guard:
             raise Refused("publisher")
 
     def _succeeding(self, heard: Heard | None = None) -> set[bytes]:
-        """Nodes that, in real time, are alone on a topic (on any, if none is given) whose publisher has left."""
+        """Nodes that, in real time, are alone on a topic (on any, if none is given) whose publisher has left.
+
+        As long as the plant is there: without it the run is over, and it has no successor.
+        """
         if self._options.realtime and time.monotonic() - self._looked_at > KNOW_S:
             self._looked_at = time.monotonic()
-            self._heirs = {}
-            for one in self._topics:
-                there = [bytes(i.endpoint_gid) for i in self.node.get_publishers_info_by_topic(one.topic)]
-                if one.publisher is not None and len(there) == 1 and there[0] != one.publisher:
-                    self._heirs[one.topic] = there[0]
+            there = {one.topic: self._publishers(one.topic) for one in self._topics if one.publisher is not None}
+            known = {one.topic: one.publisher or b"" for one in self._topics if one.topic in there}
+            plant = known.get(self._plant, b"")
+            over = plant not in there.get(self._plant, [plant])
+            self._heirs = {
+                topic: own[0]
+                for topic, own in there.items()
+                if not over and len(own) == 1 and own[0] != known[topic] and known[topic][:NODE] != plant[:NODE]
+            }
         return {gid[:NODE] for topic, gid in self._heirs.items() if heard is None or topic == heard.topic}
+
+    def _publishers(self, topic: str) -> list[bytes]:
+        return [bytes(one.endpoint_gid) for one in self.node.get_publishers_info_by_topic(topic)]
 
     def _complete(self) -> bool:
         """Whether all nodes are known: until then one that speaks on a common topic first may be this graph's."""

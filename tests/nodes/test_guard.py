@@ -18,13 +18,15 @@ import rclpy
 from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.serialization import serialize_message
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import DEGRADED
 from facts_damping.nodes import graph, recorder
-from facts_damping.nodes.guard import MOST, TELL_S, Guard
-from facts_damping.nodes.messages import Estimates
+from facts_damping.nodes.cdr import Refused
+from facts_damping.nodes.guard import KNOW_S, MOST, TELL_S, Guard
+from facts_damping.nodes.messages import Estimates, diagnostics
 from facts_damping.nodes.node import HEARING
 from facts_damping.nodes.parameters import Options
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
@@ -51,6 +53,8 @@ HEARD = {
 CASE = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
 OWN = bytes(range(16))
 FOREIGN = bytes(range(16, 32))
+OTHER = bytes(range(32, 48))
+PLANT = bytes(range(48, 64))
 
 
 @pytest.fixture
@@ -138,6 +142,61 @@ def test_who_publishes_is_known_and_counts_up(node: Node) -> None:
         one.send(b"2", i.to_bytes(16, "big"))
     assert len(one.guard._refused) <= MOST + 1
     assert one.guard._refused.total() == 2 * MOST + 2
+
+
+def sound(data: bytes) -> tuple[int]:
+    if not data.isdigit():
+        raise Refused("format")
+    return (int(data),)
+
+
+@pytest.mark.parametrize(
+    ("realtime", "there", "plant", "succeeds"),
+    [
+        (True, [FOREIGN], [PLANT], True),
+        (True, [OWN, FOREIGN], [PLANT], False),
+        (True, [FOREIGN, OTHER], [PLANT], False),
+        (False, [FOREIGN], [PLANT], False),
+        (True, [FOREIGN], [], False),  # the run is over
+        (True, [FOREIGN], [FOREIGN], False),
+    ],
+)
+def test_the_place_of_one_that_has_left_is_free_in_real_time(
+    node: Node, realtime: bool, there: list[bytes], plant: list[bytes], succeeds: bool
+) -> None:
+    one = Listener(node, sound, realtime)
+    one.guard.hear_errors()
+    one.guard._topics[1].publisher = PLANT
+    one.guard._publishers = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
+    assert one.send(b"0")
+    assert not one.send(b"odd", FOREIGN)
+    time.sleep(2 * KNOW_S)
+    assert one.send(b"1")
+    assert one.send(b"2", FOREIGN) == succeeds
+    assert one.send(b"3" if succeeds else b"2") != succeeds
+    assert one.causes() == ["format" if succeeds else "publisher", "publisher"]
+
+
+def test_nobody_succeeds_the_plant(node: Node) -> None:
+    one = Listener(node, ticks, realtime=True)
+    one.guard.hear_errors()
+    one.guard._topics[1].publisher = OWN[:12] + bytes(4)
+    one.guard._publishers = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
+    assert one.send(b"0")
+    assert not one.send(b"1", FOREIGN)
+
+
+def test_what_others_than_the_plant_say_of_errors_is_passed_over(node: Node, capsys: Any) -> None:
+    one = Listener(node, ticks)
+    one.guard.hear_errors()
+    _, plant, heard = one.guard._topics
+    plant.publisher = PLANT
+    said = serialize_message(diagnostics("plant_sim", "lockstep", 0, 5 * 10**9, sound=False))
+    for publisher, let in ((FOREIGN, False), (PLANT[:12] + bytes(4), True)):
+        assert one.guard.take(heard, said, information(publisher, 1)) == let
+        assert one.guard.over == let
+    assert capsys.readouterr().out == "synchronism lost at 5.000 s\n"
+    assert one.causes() == []
 
 
 def test_reports_come_at_most_once_a_second(node: Node, capsys: Any) -> None:
