@@ -134,19 +134,22 @@ def test_first_answer_is_waited_for_as_long_as_the_start(start: Any, client: Any
     assert (plant.returncode, errors) == (0, "")
 
 
-def test_a_loss_of_synchronism_is_said_by_plant_and_link(start: Any) -> None:
+def test_a_loss_of_synchronism_is_said_by_every_node(start: Any, tmp_path: Path) -> None:
     """And nobody takes the end of the plant for silence."""
-    sets = "['frame_rate=30', 'controllers.0.parameters.gain=-40']"
-    common = {"scenario": "large", "set": sets, "timeout": 0.5, "start_timeout": PATIENCE_S}
-    said = "synchronism lost at 6.000 s"
-    others = [start(name, **common) for name in ("wan_link", "controller")]
+    sets = ["frame_rate=30", "link=satellite", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
+    computed = loop.run(load_case(None, ["scenario=large", *sets]))
+    common = {"scenario": "large", "set": str(sets), "timeout": 0.5, "start_timeout": PATIENCE_S, "recorder": "true"}
+    said = f"synchronism lost at {computed.time_s[-1]:.3f} s"
+    recorder = start("recorder", output=tmp_path / "bag", **common)
+    others = [recorder, *(start(name, **common) for name in ("wan_link", "controller", "identifier"))]
     plant = start("plant_sim", **common)
     output, errors = plant.communicate(timeout=PATIENCE_S)
     assert (plant.returncode, errors) == (0, "")
     assert output.splitlines()[-1] == said
-    others[0].wait(lambda: said in others[0].said()[0].splitlines(), PATIENCE_S)
+    for node in others:
+        node.wait(lambda node=node: said in node.said()[0].splitlines(), PATIENCE_S)
     time.sleep(0.5 + wan_link.PATIENCE_S + 1.0)
-    assert [node.poll() for node in others] == [None, None]
+    assert [node.poll() for node in others] == [None] * 4
 
 
 STUCK = """
