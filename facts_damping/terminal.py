@@ -82,17 +82,43 @@ def naming(target: str) -> Iterator[None]:
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A file beside `path` to write to: whole, it takes its place; else nothing is left. Interruptions wait."""
-    beside = path.with_name(path.name + ".new")
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTIONS)
+    place = path.resolve()  # of what a link leads to
+    beside = place.with_name(place.name + ".new")
+    with _interruptions_held():
+        try:
+            with naming(str(path)):
+                yield beside
+                beside.replace(place)
+        except BaseException:
+            beside.unlink(missing_ok=True)
+            raise
+
+
+@contextmanager
+def _interruptions_held() -> Iterator[None]:
+    """Answer interruptions after the block."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in INTERRUPTIONS}
     try:
-        with naming(str(path)):
-            yield beside
-            beside.replace(path)
-    except BaseException:
-        beside.unlink(missing_ok=True)
-        raise
+        yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        if came:
+            signal.raise_signal(came[0])
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file whole or not at all; a device as it is."""
+    if path.exists() and not path.is_file():
+        with naming(str(path)):
+            path.write_text(text, encoding="utf-8")
+        return
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8")
 
 
 def save_picture(figure: Any, path: Path, **options: Any) -> None:
@@ -126,13 +152,7 @@ def write_json(target: str | None, content: Any) -> None:
     if target == "-":
         sys.stdout.write(text)
         return
-    path = Path(target)
-    if path.exists() and not path.is_file():  # a device
-        with naming(target):
-            path.write_text(text, encoding="utf-8")
-        return
-    with replacing(path) as beside:
-        beside.write_text(text, encoding="utf-8")
+    write_whole(Path(target), text)
 
 
 def finite(content: Any) -> Any:

@@ -13,7 +13,10 @@ from launch_ros.actions import Node
 
 from facts_damping.case.loading import load_case
 from facts_damping.case.names import Address, controller_addresses, identifier_addresses, link_addresses
+from facts_damping.errors import InputError
 from launch import LaunchContext, LaunchDescription
+
+RESPAWN_S = 1.0  # before a node that ended is started again
 
 ARGUMENTS = {
     "run": ("two_area_small", "name under config/runs, or path of a YAML file"),
@@ -28,6 +31,8 @@ def nodes(context: LaunchContext) -> list[Node | RegisterEventHandler]:
     run, mode, output, respawn = (LaunchConfiguration(name).perform(context) for name in ARGUMENTS)
     common = {"run": run, "mode": mode, "recorder": bool(output)}
     again = respawn.lower() == "true"
+    if again and mode != "realtime":
+        raise InputError(f"respawn:=true given with mode:={mode}; allowed: with mode:=realtime")
 
     def node(executable: str, address: Address, **parameters: object) -> Node:
         joins = again and "index" in parameters
@@ -38,6 +43,7 @@ def nodes(context: LaunchContext) -> list[Node | RegisterEventHandler]:
             namespace=address.namespace or None,
             parameters=[{**common, **parameters, **({"join": True} if joins else {})}],
             respawn=joins,
+            respawn_delay=RESPAWN_S if joins else None,
             output="screen",
         )
 

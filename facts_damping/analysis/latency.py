@@ -91,7 +91,7 @@ def hops_ms(record: Record) -> dict[str, dict[str, NDArray[np.float64]]]:
     delivered has no latency: see `frames_lost`.
     """
     up = _between(record.delivered["measured_ns"], record.delivered["arrival_ns"])
-    down = (record.applied["effective_ns"] - record.applied["issued_ns"]) / MILLISECOND
+    down = _between(record.applied["issued_ns"], record.applied["effective_ns"])
     devices = dict(enumerate(record.device_names))
     return {
         "up": _by(up, _ways(record), record.delivered[["station", "link"]]),
@@ -152,7 +152,8 @@ def frames_lost(record: Record) -> int:
     The last ones, measured before the end by no more than the longest latency of their way, may still be under way and
     do not count; where nothing at all came by a way, that of all ways stands for it.
     """
-    rows, late = record.delivered, record.delivered["arrival_ns"] - record.delivered["measured_ns"]
+    rows = record.delivered
+    late = np.where(rows["measured_ns"] < 0, 0, rows["arrival_ns"] - rows["measured_ns"])
     lost, end = 0, int(record.time_ns.max(initial=0))
     for link in range(record.links):
         for station in range(len(record.stations)):

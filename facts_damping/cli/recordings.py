@@ -11,7 +11,7 @@ from facts_damping.errors import InputError, RunError
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.simulation import replay as again
-from facts_damping.terminal import Progress, write_json
+from facts_damping.terminal import Progress, table, write_json
 
 if TYPE_CHECKING:
     import argparse
@@ -42,7 +42,10 @@ def replay(arguments: argparse.Namespace) -> None:
         "identical": found is None and estimated is None,
         "first_difference": None if found is None else found._asdict(),
         "devices": again.beside(case, played, issued),
-        "releases": {"recorded": releases.releases(played), "replayed": releases.releases(again.watched(case, played))},
+        "watchdogs": {
+            which: {"releases": releases.releases(one), "refused_setpoints": releases.refused_setpoints(one)}
+            for which, one in (("recorded", played), ("replayed", again.watched(case, played)))
+        },
         "notes": again.notes_on(record, played),
         "replayed": recording,
     }
@@ -72,10 +75,10 @@ def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str
         first = result["first_difference"]
         others = "the same setpoints, other estimates" if first is None else f"others from tick {first['tick']} on"
         say(arguments, f"{counted}: {others}")
-    for which, rows in result["releases"].items():
-        if result["releases"]["recorded"] != result["releases"]["replayed"]:
-            texts = [f"{row['device']} {releases.released_text(row)}" for row in rows]
-            say(arguments, f"released, {which}: {'; '.join(texts) or 'no device'}")
+    watchdogs = result["watchdogs"]
+    if watchdogs["recorded"] != watchdogs["replayed"]:
+        rows = releases.rows(list(watchdogs.values())) or [("released, refused", ["-", "-"])]
+        lines = [*table(["watchdogs", *watchdogs], [[label, *cells] for label, cells in rows]), *lines]
     for line in lines:
         say(arguments, line)
 

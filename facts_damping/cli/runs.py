@@ -15,7 +15,7 @@ from facts_damping.parameters.run import Run
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import learnt_weights, loop
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress, table, write_json
+from facts_damping.terminal import Progress, table, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -121,7 +121,7 @@ def simulate(arguments: argparse.Namespace) -> None:
         folder = files.new_folder(Path(arguments.out))
         for name, weights in learnt_weights.all_adapted(case, built).items():
             saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
-            files.write_whole(folder / f"{name}.weights.yaml", dump(weights.model_dump()))
+            write_whole(folder / f"{name}.weights.yaml", dump(weights.model_dump()))
     _report(arguments, [(label(case.summary()), record)], [result], folder, *saved)
     check_ended_well(result)
 
@@ -239,7 +239,7 @@ def views(arguments: argparse.Namespace) -> None:
         case, namespace = loading.load_case(arguments.what, arguments.set), "/"
         folder = files.new_folder(out_folder(arguments, "views"))
     for name, text in layouts(case, namespace).items():
-        files.write_whole(folder / name, text)
+        write_whole(folder / name, text)
         say(arguments, f"layout: {folder / name}")
 
 
@@ -277,7 +277,7 @@ def validate(arguments: argparse.Namespace) -> None:
     progress.close()
     write_json(arguments.json, table.document(made))
     if arguments.out is not None:
-        Path(arguments.out).write_text(report.page(made), encoding="utf-8")
+        write_whole(Path(arguments.out), report.page(made))
     for line in (line for one in made for line in [*table.table_text(one), ""]):
         say(arguments, line)
     failed = [row.what for one in made for row in one.rows if not row.passed]
@@ -342,7 +342,7 @@ def import_(arguments: argparse.Namespace) -> None:
     if arguments.out in (None, "-"):
         sys.stdout.write(text)
     else:
-        Path(arguments.out).write_text(text, encoding="utf-8")
+        write_whole(Path(arguments.out), text)
 
 
 def keys(arguments: argparse.Namespace) -> None:

@@ -11,7 +11,7 @@ from facts_damping.cli.runs import out_folder, say
 from facts_damping.errors import check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.terminal import Progress, clean_up_first, write_json
+from facts_damping.terminal import Progress, clean_up_first, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -33,7 +33,7 @@ def tune(arguments: argparse.Namespace) -> None:
         progress.close()
     text = dump(study.document(found))
     if arguments.out is not None:
-        files.write_whole(Path(arguments.out), text)
+        write_whole(Path(arguments.out), text)
     write_json(arguments.json, found.model_dump())
     for row in found.controllers:
         say(arguments, f"{row.name:<10} {row.scheme or '':<9} objective {row.objective:g}")
@@ -60,9 +60,9 @@ def search(arguments: argparse.Namespace) -> None:
     best = next((entry for entry in found if not entry.structure.is_reference), opponent)
     run = pages.run_file(task, command, best)
     if arguments.out is not None:
-        files.write_whole(Path(arguments.out), run)
+        write_whole(Path(arguments.out), run)
     if arguments.lead_lag is not None:
-        files.write_whole(Path(arguments.lead_lag), pages.run_file(task, command, opponent))
+        write_whole(Path(arguments.lead_lag), pages.run_file(task, command, opponent))
     write_json(arguments.json, {"command": command, "ranking": pages.rows(found)})
     for line in pages.search_table(found):
         say(arguments, line)
@@ -111,7 +111,7 @@ def _carry_out(plan: Plan, folder: Path | None, arguments: argparse.Namespace, s
     if folder is None:
         return
     if asked:
-        files.write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
+        write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
         say(arguments, f"tables: {folder / 'tables.md'}")
     for path in results.write(folder, rows, margins, shares):
         say(arguments, f"table: {path}")
@@ -139,7 +139,7 @@ def jacobian(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, rows)
     tables = study.jacobian_tables(rows)
     if folder is not None:
-        files.write_whole(folder / "jacobians.md", "\n".join([*study.HEAD, *tables]).rstrip() + "\n")
+        write_whole(folder / "jacobians.md", "\n".join([*study.HEAD, *tables]).rstrip() + "\n")
     for line in tables:
         say(arguments, line)
 

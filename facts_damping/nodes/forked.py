@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING
 
 from setproctitle import setproctitle
 
+from facts_damping.terminal import INTERRUPTIONS
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from multiprocessing.process import BaseProcess
@@ -32,7 +34,11 @@ def load() -> None:
     """Begin to load, in the background; `start` waits for it."""
     os.environ[FOLDER] = util.get_temp_dir()
     multiprocessing.get_context("forkserver").set_forkserver_preload([LOADED])
-    forkserver.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTIONS)  # these are the caller's to answer
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def start(
@@ -70,6 +76,7 @@ def _end_with(asked: BaseProcess) -> None:
 
 def _be(module: str, arguments: list[str], environment: dict[str, str], output: str, errors: str) -> None:
     """Be a node from now on."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)
     setproctitle(" ".join([f"facts_damping.nodes.{module}", *arguments]))  # before the environment, where it has room
     os.setsid()
     Thread(target=_end_with, args=(multiprocessing.parent_process(),), daemon=True).start()

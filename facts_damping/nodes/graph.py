@@ -22,10 +22,10 @@ from facts_damping.case.names import (
 )
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import forked
-from facts_damping.parameters.files import new_folder, read_table, write_whole
+from facts_damping.parameters.files import new_folder, read_table
 from facts_damping.parameters.security import read_keys
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.terminal import clean_up_first
+from facts_damping.terminal import clean_up_first, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -252,7 +252,7 @@ def run(
                 raise RunError(f"{plant.name} is silent: no progress within {timeout + 5.0:g} s")
             time.sleep(POLL_S)
         if plant.failed():
-            _check_others(running)
+            _check_others(running, fallen if under_way and mode == "realtime" else None)
             raise RunError(plant.reason())
         for k, n, late in plant.progress():
             misses = late

@@ -18,7 +18,7 @@ from rclpy.serialization import serialize_message
 
 from facts_damping.nodes.cdr import Refused
 from facts_damping.nodes.messages import errors, set_time
-from facts_damping.nodes.node import COMMON, HEARING, SAYING, wait_for_peers
+from facts_damping.nodes.node import COMMON, DEPTH, HEARING, SAYING, wait_for_peers
 from facts_damping.nodes.tables import start_of
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ class Heard:
     begins: Callable[[bytes], bool] | None
     common: bool
     of: Heard | None = None  # a topic whose publisher's node alone is heard by this one, where all may speak
+    silent: bool = False  # not subscribed to: only its publisher is known
     publisher: bytes | None = None  # identity of who publishes it in this graph, once that is known
     sequences: dict[bytes, int] = field(default_factory=dict)  # of the newest message, by publisher
     lost: Counter[bytes] = field(default_factory=Counter)  # messages that did not come, by the gaps of those
@@ -68,13 +69,14 @@ class Guard:
         self.node, self.heard = node, time.monotonic()  # when something was last let through
         self.over = False  # whether the plant has said that it is lost
         self._rate, self._ticks, self._options = case.run.frame_rate, case.ticks, options
-        self._plant = node.resolve_topic_name(f"{graph}{PLANT}")
+        self._graph = graph
+        self._plant: Heard | None = None  # a topic that the plant publishes
         self._topics: list[Heard] = []
         self._say = say or node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", SAYING).publish
         self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
         self._told: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
         self._sources = {OTHERS: "others"}  # of publishers that were refused: what they were told as
-        self._told_at = self._looked_at = 0.0
+        self._told_at = self._looked_at = self._sought_at = 0.0
         self._heirs: dict[str, bytes] = {}  # by topic: who is alone where its publisher has left
 
     def subscribe(
@@ -103,27 +105,55 @@ class Guard:
         taking: Any = take  # the spinner wants to know whether a message was let through
         self.node.create_subscription(kind, topic, taking, HEARING, raw=True)
 
-    def hear_errors(self) -> None:
+    def know_plant(self, topic: str = PLANT) -> Heard:
+        """Know the plant by a topic that it publishes, whether that is listened to or not."""
+        name = self.node.resolve_topic_name(f"{self._graph}{topic}")
+        self._plant = next((heard for heard in self._topics if heard.topic == name), None)
+        if self._plant is None:
+            self._plant = Heard(name, None, None, _nothing, None, common=False, silent=True)
+            self._topics.append(self._plant)
+        return self._plant
+
+    def hear_errors(self, topic: str = PLANT) -> None:
         """Repeat what the plant says of errors, a loss of synchronism above all; `over` is true from then on.
 
-        The plant is who publishes its state: that is known then, and not subscribed to.
+        The plant is who publishes `topic`.
         """
-        plant = Heard(self._plant, None, None, _nothing, None, common=False)
-        self._topics.append(plant)
-        self.subscribe(DiagnosticArray, COMMON, self.repeat, errors, common=True, of=plant)
+        self.subscribe(DiagnosticArray, COMMON, self.repeat, errors, common=True, of=self.know_plant(topic))
 
     def repeat(self, told: list[str]) -> None:
-        """Say what the plant says."""
+        """Say what the plant says, a line each."""
         for text in told:
             self.over = True
-            sys.stdout.write(f"{text}\n")
+            sys.stdout.write(f"{' '.join(text.split())}\n")
             sys.stdout.flush()
+
+    def is_plant(self, publisher: bytes) -> bool:
+        """Whether a publisher is of the plant's node."""
+        if self._plant is not None and self._plant.publisher is None:
+            self._know()
+        known = self._plant.publisher if self._plant is not None else None
+        return known is not None and publisher[:NODE] == known[:NODE]
 
     def wait_for_peers(self, expected: dict[Publisher[Any], int]) -> None:
         """Wait until the graph is there (node.py); whose its topics are is known from then on."""
-        heard = [one.topic for one in self._topics if not one.common and one.use is not _nothing]
+        heard = [one.topic for one in self._topics if not one.common and not one.silent]
         wait_for_peers(self.node, expected, heard, self._options)
         self._know()
+        if self._options.join:
+            self._skip()
+
+    def _skip(self) -> None:
+        """Pass over what came while a node waited to join, but for the newest message of each topic."""
+        for subscription in self.node.subscriptions:
+            newest: Any = None
+            for _ in range(DEPTH):
+                taken: Any = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                if taken is None:
+                    break
+                newest = taken
+            if newest is not None:
+                subscription.callback(*newest)
 
     def lost(self) -> dict[tuple[str, str], int]:
         """How many messages were missed, by topic and publisher."""
@@ -147,11 +177,8 @@ class Guard:
     def take(self, heard: Heard, data: bytes, information: dict[str, Any]) -> bool:
         """Take a message; whether it was let through."""
         publisher: bytes = information["publisher_gid"]["data"]
-        if heard.of is not None:
-            if heard.of.publisher is None:
-                self._know()
-            if publisher[:NODE] != (heard.of.publisher or b"")[:NODE]:
-                return False  # not for this node: who listens to all says what is nobody's
+        if heard.of is not None and not self.is_plant(publisher):
+            return False  # not for this node: who listens to all says what is nobody's
         try:
             self._admit(heard, data, publisher)
             self._count(heard, publisher, information["publication_sequence_number"])
@@ -207,16 +234,16 @@ class Guard:
 
         As long as the plant is there: without it the run is over, and it has no successor.
         """
-        if self._options.realtime and time.monotonic() - self._looked_at > KNOW_S:
-            self._looked_at = time.monotonic()
-            there = {one.topic: self._publishers(one.topic) for one in self._topics if one.publisher is not None}
-            known = {one.topic: one.publisher or b"" for one in self._topics if one.topic in there}
-            plant = known.get(self._plant, b"")
-            over = plant not in there.get(self._plant, [plant])
+        if self._options.realtime and time.monotonic() - self._sought_at > KNOW_S:
+            self._sought_at = time.monotonic()
+            known = {one.topic: one.publisher for one in self._topics if one.publisher is not None}
+            there = {topic: self._publishers(topic) for topic in known}
+            plant = self._plant.topic if self._plant is not None else ""
+            over = plant in known and known[plant] not in there[plant]
             self._heirs = {
                 topic: own[0]
                 for topic, own in there.items()
-                if not over and len(own) == 1 and own[0] != known[topic] and known[topic][:NODE] != plant[:NODE]
+                if not over and len(own) == 1 and own[0] != known[topic] and not self.is_plant(known[topic])
             }
         return {gid[:NODE] for topic, gid in self._heirs.items() if heard is None or topic == heard.topic}
 
@@ -225,7 +252,7 @@ class Guard:
 
     def _complete(self) -> bool:
         """Whether all nodes are known: until then one that speaks on a common topic first may be this graph's."""
-        return all(h.publisher is not None for h in self._topics if not h.common and h.use is not _nothing)
+        return all(heard.publisher is not None for heard in self._topics if not heard.common and not heard.silent)
 
     def _nodes(self) -> set[bytes]:
         return {heard.publisher[:NODE] for heard in self._topics if heard.publisher is not None}

@@ -35,7 +35,7 @@ class Joining:
     def on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Arm the node, from the next tick on."""
         response.success = self._joined_ns != NEVER and not self._asked
-        response.message = "armed" if response.success else "it is not disarmed"
+        response.message = "armed" if response.success else "it is armed" if self._began else "it has not begun yet"
         self._asked |= response.success
         return response
 

@@ -16,11 +16,12 @@ from facts_damping.case.controllers import check_parameter, with_weights
 from facts_damping.case.loading import load_case
 from facts_damping.control.bank import put
 from facts_damping.control.table import kind
-from facts_damping.errors import InputError
-from facts_damping.parameters.files import check_writable, write_whole
+from facts_damping.errors import InputError, RunError
+from facts_damping.parameters.files import check_writable
 from facts_damping.parameters.run import Controller, Run, Weights
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -245,5 +246,10 @@ class WeightsFile:
         if self._path is None or not (last or time.monotonic() - self._saved > SAVE_S):
             return
         self._saved = time.monotonic()
-        if (weights := learnt()) is not None:
+        if (weights := learnt()) is None:
+            return
+        try:
             write_whole(self._path, dump(weights.model_dump()))
+        except OSError as error:  # a full disk, say: no reason to stop under way
+            if last:
+                raise RunError(f"save: {self._path}: cannot be written: {error.strerror}") from error

@@ -164,7 +164,7 @@ class PlantSim:
             self.now_ns = end
             if self.options.realtime and self.case.run.watchdog is not None:
                 release_by_clock(self.state.watch, self.heard, time.monotonic(), self.case.run.watchdog.timeout)
-        finish([self.to_links, *self.to_recorder], self.options.timeout)
+        finish([self.to_links, self.to_all, self.to_events], self.options.timeout)
 
 
 def main() -> None:

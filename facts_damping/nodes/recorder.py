@@ -101,6 +101,7 @@ class Recorder:
             self.writer.add_topic(name, message_type(kind))
             use, unticked = partial(self.on_message, name), topic.endswith(UNTICKED)
             self.guard.subscribe(kind, topic, use, begins=None if unticked else begins, common=unticked)
+        self.guard.know_plant()
         self.spinner = Spinner(node, self.guard)
 
     def on_refused(self, data: bytes) -> None:
@@ -110,7 +111,7 @@ class Recorder:
     def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
         """Take one message."""
         self.taken.append((information["source_timestamp"], information["publication_sequence_number"], topic, data))
-        if topic == COMMON:
+        if topic == COMMON and self.guard.is_plant(information["publisher_gid"]["data"]):
             with suppress(Refused):
                 self.guard.repeat(*errors(data))
 

@@ -62,10 +62,11 @@ class WanLink:
             self.guard.subscribe(VoltageSetpoints, f"{graph}{topic}", use, setpoints.read, lambda: self.tick)
         self.tick = -1
         self.missing: set[str] = set()
+        self.answered = dict.fromkeys(self.places, 0)  # the newest tick that a controller has answered
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
         self.uplink = specialised(uplink, self.links, self.index, 0, 0, 0, self.frame)
         self.downlink = specialised(downlink, self.links, self.index, 0, 0, np.zeros(0, SETPOINT), 0)
-        self.guard.hear_errors()
+        self.guard.hear_errors("pmu/frames")
         self.spinner = Spinner(node, self.guard)
         extra = int(self.options.recorder)
         listeners = len(own) + sum(c in own for c in identifier_names(self.case))
@@ -92,13 +93,18 @@ class WanLink:
         self.frame[rows["station"]] = rows["values"]
         count = self.uplink(self.links, self.index, self.tick, start, end, self.frame)
         self.to_controllers.publish(self.frames.fill(self.tick, start, self.links.up.out[self.index], count))
-        self.missing = set(self.places)
+        self.missing = {name for name in self.places if not self.gone(name)}
         if not self.missing:
             self.answer()
+
+    def gone(self, controller: str) -> bool:
+        """Whether, in real time, a controller has not answered for a second: then others do not wait for it."""
+        return self.options.realtime and self.tick - self.answered[controller] > self.case.run.frame_rate
 
     def on_setpoints(self, controller: str, tick: int, rows: NDArray[Any]) -> None:
         """A controller's setpoints; the last one's bring the answer to the plant."""
         self.given[controller].append(rows)
+        self.answered[controller] = tick
         if tick == self.tick and self.missing:
             self.missing.discard(controller)
             if not self.missing:

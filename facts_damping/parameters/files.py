@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.errors import InputError
 from facts_damping.parameters.validation import short
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.terminal import replacing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -110,15 +109,10 @@ def check_writable(target: str | None, option: str = "--json", *, standard: bool
     if target is None or (standard and target == "-"):
         return
     path = Path(str(target))
-    if target == "-" or path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+    device = path.exists() and not path.is_file()
+    if target == "-" or path.is_dir() or not os.access(path if device else path.resolve().parent, os.W_OK):
         also = ", or -" if standard else ""
         raise InputError(f"{option} {path}: cannot be written; allowed: a file in an existing folder{also}")
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    with replacing(path) as beside:
-        beside.write_text(text, encoding="utf-8")
 
 
 FIELD_PATH = r"[A-Za-z_0-9]+(\.([A-Za-z_0-9+-]+|\*))*"

@@ -10,9 +10,10 @@ from pydantic import Field, StringConstraints
 
 from facts_damping.errors import InputError
 from facts_damping.parameters.base import ParameterModel, quantity
-from facts_damping.parameters.files import read_table, write_whole
+from facts_damping.parameters.files import read_table
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import yaml
 
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.terminal import replacing
+from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -98,8 +98,7 @@ def _profiles(text: str) -> Any:
 
 def write_atomically(file: Path, text: str) -> None:
     """Write `text` so that `file` holds all of it or does not exist."""
-    with replacing(file) as beside:
-        beside.write_text(text, encoding="utf-8")
+    write_whole(file, text)
 
 
 class _PlainDumper(yaml.CSafeDumper):

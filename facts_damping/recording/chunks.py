@@ -9,36 +9,33 @@ import lz4.frame
 import zstandard
 from mcap.stream_reader import breakup_chunk
 
-from facts_damping.errors import RecordingError
-
 if TYPE_CHECKING:
     from mcap.records import Chunk, McapRecord
 
 ROOM = 4 << 20  # bytes that the chunks of any file may unpack to,
-RATIO = 100  # and so many for each byte of the file up to them: recordings of a graph take 3 to 10
+RATIO = 30  # and so many for each byte of the file up to them: recordings of a graph take 3 to 10
 
 
 class Room:
     """How many bytes the chunks of a file may unpack to."""
 
-    def __init__(self, name: str) -> None:
-        """`name`: of the file."""
-        self._name, self._taken = name, 0
+    def __init__(self) -> None:
+        self._taken = 0
 
-    def unpack(self, chunk: Chunk, end: int) -> list[McapRecord]:
-        """Records in a chunk, which fits its checksum; `end`: where it ends in the file.
+    def has(self, chunk: Chunk, end: int) -> bool:
+        """Whether there is room for a chunk, which then counts; `end`: where it ends in the file."""
+        fits = self._taken + chunk.uncompressed_size <= ROOM + RATIO * end
+        self._taken += chunk.uncompressed_size if fits else 0
+        return fits
 
-        Raises RecordingError where the chunks so far are too large, anything else where this one is damaged.
-        """
-        self._taken += chunk.uncompressed_size
-        if self._taken > ROOM + RATIO * end:
-            most = f"{RATIO} times as much as it has, and {ROOM} bytes"
-            raise RecordingError(f"{self._name}: unpacks to {self._taken} bytes within {end}; allowed: {most}")
-        return breakup_chunk(replace(chunk, compression="", data=_plain(chunk)), validate_crc=True)
+
+def unpack(chunk: Chunk) -> list[McapRecord]:
+    """Records in a chunk, which fits its checksum. Raises ValueError, or what the libraries have for damage."""
+    return breakup_chunk(replace(chunk, compression="", data=_plain(chunk)), validate_crc=True)
 
 
 def _plain(chunk: Chunk) -> bytes:
-    """The data of a chunk, as large as it says. Raises ValueError, or what the libraries have for damage."""
+    """The data of a chunk, as large as it says. Raises as `unpack` does."""
     size = chunk.uncompressed_size
     if chunk.compression == "zstd":
         told = zstandard.get_frame_parameters(chunk.data).content_size

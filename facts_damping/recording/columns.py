@@ -74,14 +74,13 @@ def _kept(value: Any, keep: NDArray[np.bool_]) -> Any:
 
 def _alike(stacked: NDArray[np.uint8], fields: Mapping[str, Any], message_type: str) -> Iterator[NDArray[np.int64]]:
     """Parts of messages of one length (n, length) that have the same layout: their indices; odd ones are in none."""
-    left = np.arange(len(stacked))
-    for _ in range(PASSES):
-        if not len(left):
-            return
+    left, passes = np.arange(len(stacked)), 0
+    while len(left) and passes < PASSES:
         shape = _shape(stacked[left[0]], fields, message_type)
         if shape is None:
             left = left[1:]
             continue
+        passes += 1
         same = np.all(stacked[left][:, shape] == stacked[left[0], shape], axis=1)
         yield left[same]
         left = left[~same]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from facts_damping.recording.columns import Block
+
+TIME = r"[0-9]{1,18}"  # ns
 
 
 def events(found: Iterable[Block]) -> list[dict[str, Any]]:
@@ -60,7 +63,7 @@ def joined(found: Iterable[Block]) -> list[dict[str, Any]]:
         for status in block.message.status:
             said = {value.key: value.value for value in status.values}
             at, armed = said.get("joined_ns", ""), said.get("armed_ns", "")
-            if at.isdecimal():
+            if re.fullmatch(TIME, at):
                 key = (int(at), status.name)
-                last[key] = last.get(key) or (int(armed) / NANOSECONDS if armed.isdecimal() else None)
+                last[key] = last.get(key) or (int(armed) / NANOSECONDS if re.fullmatch(TIME, armed) else None)
     return [{"node": name, "time_s": at / NANOSECONDS, "armed_s": armed} for (at, name), armed in sorted(last.items())]

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.recording.bagfile import TopicInfo
     from facts_damping.recording.columns import Block
     from facts_damping.recording.content import Content
     from facts_damping.recording.decode import Series
@@ -47,7 +48,13 @@ KINDS = {
 REQUIRED = ("frames", "state")  # without these there is no record of a plant
 CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
 OF_LINKS = ("delivered", "applied")  # of these each link has its own
-SEVERAL = (*OF_LINKS, "issued", "estimates", "learning")  # these are of a link, a controller, an identifier
+SEVERAL = (
+    *OF_LINKS,
+    "issued",
+    "estimates",
+    "learning",
+    "diagnostics",
+)  # of a link, a controller, an identifier, anybody
 HEARD = ("delivered", "issued", "estimates")  # what controllers and identifiers hear and say
 SETPOINTS = ("issued", "applied")  # of these, what several messages of a tick say is all kept
 UNTIMED = ("events", "refused", "diagnostics")  # these are of no tick
@@ -201,7 +208,18 @@ def _messages(content: Content, topics: Sequence[str], notes: list[str]) -> dict
         if message.topic in data:
             data[message.topic].append(message.data)
     content.messages.clear()  # an hour of them is a gigabyte
-    return {topic: decode.decode(content.topics[topic], data.pop(topic), notes) for topic in topics}
+    return {topic: _decoded(content.topics[topic], data.pop(topic), notes) for topic in topics}
+
+
+def _decoded(topic: TopicInfo, data: list[bytes], notes: list[str]) -> list[Block]:
+    """Messages of a topic; of diagnostics, which are anybody's, none where they cannot be decoded."""
+    try:
+        return decode.decode(topic, data, notes)
+    except RecordingError as error:
+        if not topic.message_type.startswith("diagnostic_msgs/"):
+            raise
+        notes.append(f"{topic.name} is left out: {error}")
+        return []
 
 
 def _series(topic: str, messages: list[Block], several: bool, notes: list[str]) -> Series:

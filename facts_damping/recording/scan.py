@@ -15,7 +15,7 @@ from mcap.writer import MCAP0_MAGIC
 from facts_damping.errors import RecordingError
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.bagfile import FILE_NAME, TopicInfo
-from facts_damping.recording.chunks import Room
+from facts_damping.recording.chunks import Room, unpack
 from facts_damping.recording.content import Content, RawMessage
 from facts_damping.recording.database import SQLITE, read_database
 from facts_damping.recording.writer import CONFIGURATION, LOST, VERSIONS
@@ -164,7 +164,7 @@ def _sound_records(data: bytes, name: str, notes: list[str]) -> Iterator[tuple[i
     stream = BytesIO(data)
     stream.seek(len(MCAP0_MAGIC))
     reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=len(data))
-    records, room = iter(reader.records), Room(name)
+    records, room = iter(reader.records), Room()
     while True:
         position = stream.tell()
         try:
@@ -174,19 +174,19 @@ def _sound_records(data: bytes, name: str, notes: list[str]) -> Iterator[tuple[i
             return
         if record is None:
             return
-        damage = f"{name}: chunk at byte {position} is damaged and left out"
-        for one in _unpack(record, stream.tell(), room, damage, notes):
+        for one in _unpack(record, stream.tell(), room, f"{name}: chunk at byte {position}", notes):
             yield position, stream.tell(), one
 
 
-def _unpack(record: McapRecord, end: int, room: Room, damage: str, notes: list[str]) -> list[McapRecord]:
+def _unpack(record: McapRecord, end: int, room: Room, where: str, notes: list[str]) -> list[McapRecord]:
     """Records inside a chunk, checked against its checksum; any other record as it is."""
     if not isinstance(record, Chunk):
         return [record]
+    if not room.has(record, end):
+        notes.append(f"{where} would unpack to {record.uncompressed_size} bytes and is left out")
+        return []
     try:
-        return room.unpack(record, end)
-    except RecordingError:
-        raise
+        return unpack(record)
     except Exception:  # noqa: BLE001 (as in _sound_records)
-        notes.append(damage)
+        notes.append(f"{where} is damaged and left out")
         return []

@@ -29,6 +29,7 @@ NAMES: dict[str, list[tuple[str, str, str]]] = {
 TIMED = ("frames", "state", "delivered", "issued", "applied")  # the stamp of a message is that of its tick
 MOST_TICKS = 2**53  # where the run does not say how many it has
 SHOWN = 20  # letters of a foreign name
+LISTED = 5  # such names
 
 
 class Expected(NamedTuple):
@@ -82,6 +83,9 @@ def _sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: li
         if foreign is not None:
             unknown[foreign] += len(block.rows)
             continue
+        if not _whole(kind, block.message):
+            odd["with lists of other lengths than they say"] += len(block.rows)
+            continue
         ticks = np.asarray(block.message.tick, np.uint64)
         later = ticks >= of.ticks
         wrong = np.zeros(len(ticks), np.bool_)
@@ -91,9 +95,20 @@ def _sift(kind: str, topic: str, found: Sequence[Block], of: Expected, notes: li
         odd["of ticks that the run has not"] += int(later.sum())
         odd["with a stamp that is not their tick's"] += int(wrong.sum())
         own.append(kept(block, np.where(later | wrong, -1, block.rows)))
-    told = [(f"with the unknown name {name[:SHOWN]!r}", count) for name, count in unknown.items()]
+    told = [(f"with the unknown name {name[:SHOWN]!r}", count) for name, count in unknown.most_common(LISTED)]
+    told.append(("with other unknown names", unknown.total() - sum(count for _, count in told)))
     notes += [f"{topic}: {count} messages {what} are left out" for what, count in (*told, *odd.items()) if count]
     return counted([block for block in own if len(block.rows)])
+
+
+def _whole(kind: str, message: Any) -> bool:
+    """Whether the lists of a message fit each other."""
+    if kind == "learning":
+        return bool(message.parameter_groups) or not message.learning_rates
+    if kind == "estimates":
+        signals = {len(getattr(message, name)) for name in ("prediction", "error", "change")}
+        return len(signals) == 1 and len(message.jacobian) == signals.pop() * len(message.input_names)
+    return True
 
 
 def _names(kind: str, message: Any) -> Iterator[tuple[str, str]]:
@@ -114,8 +129,8 @@ def _named(kind: str, found: Sequence[Block]) -> dict[str, list[str]]:
 
 
 def sender(found: Sequence[Block], topic: str) -> str:
-    """Name of the controller whose setpoints a topic has: what most of its messages say; else the topic's own."""
-    counts: Counter[str] = Counter()
+    """Name of the controller whose setpoints a topic has: the topic's own, else what most of its messages say."""
+    own, counts = topic.split("/")[-2], Counter[str]()
     for block in found:
         counts[block.message.controller] += len(block.rows)
-    return counts.most_common(1)[0][0] if counts else topic.split("/")[-2]
+    return own if own in counts or not counts else counts.most_common(1)[0][0]

@@ -42,7 +42,10 @@ def in_simulated_time(path: Path | str, out: Path | str) -> list[str]:
 
 def _has_header(topic: TopicInfo) -> bool:
     """Whether the messages of a topic begin with a header."""
-    _, fields = parse_schema(topic.message_type, topic.schema)[topic.message_type]
+    try:
+        _, fields = parse_schema(topic.message_type, topic.schema)[topic.message_type]
+    except (KeyError, RecordingError):
+        return False
     return bool(fields) and fields[0][1][1] == "std_msgs/msg/Header"
 
 

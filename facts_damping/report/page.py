@@ -13,10 +13,10 @@ from markupsafe import Markup
 
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.errors import InputError
-from facts_damping.parameters import files
 from facts_damping.report.build import MOST_EVENTS, build
 from facts_damping.report.contents import ReportedRun, ReportTable
 from facts_damping.report.drawing import draw
+from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def write(
     ]
     text = page(build(runs, baseline))
     try:
-        files.write_whole(path, text)
+        write_whole(path, text)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; allowed: a file in a folder that can be written") from error
 

@@ -11,7 +11,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 from pyarrow import csv
 
-from facts_damping.parameters import files
 from facts_damping.reproduction import charts, extracts, side_by_side
 from facts_damping.reproduction.agreement import flat, markdown, name
 from facts_damping.reproduction.ensembles import Interval
@@ -19,6 +18,7 @@ from facts_damping.reproduction.printed import LLC
 from facts_damping.reproduction.results import LINK, TITLES
 from facts_damping.studies.pages import save
 from facts_damping.studies.results import table
+from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
@@ -37,9 +37,9 @@ def write(results: Results, findings: Findings, folder: Path) -> list[Path]:
     pictures = [*_charts(results, findings, folder), *results.pictures]
     page = _page(results, findings, command, [path.name for path in pictures])
     tables = "\n".join(side_by_side.page(results, findings, command)).rstrip() + "\n"
-    files.write_whole(folder / PAGE, page)
-    files.write_whole(folder / SIDE, tables)
-    files.write_whole(folder / WEB, _html(f"{page}\n{tables}", folder))
+    write_whole(folder / PAGE, page)
+    write_whole(folder / SIDE, tables)
+    write_whole(folder / WEB, _html(f"{page}\n{tables}", folder))
     return [folder / PAGE, folder / SIDE, folder / WEB, *_csv(results, findings, folder), *pictures]
 
 

@@ -195,7 +195,9 @@ def watched(case: Case, record: Record) -> Record:
             devices[name][at] = state.watch[name]
         rows = np.ascontiguousarray(applied[at])
         act(plant, state, *(tick_ns(k, record.frame_rate) for k in (tick, tick + 1)), rows, len(rows))
-    return replace(record, devices=devices)
+    watchdog = case.run.watchdog
+    told = {**record.configuration, "watchdog": None if watchdog is None else watchdog.model_dump()}
+    return replace(record, devices=devices, configuration=told)
 
 
 def _by_tick(rows: NDArray[Any], ticks: NDArray[np.int64]) -> list[NDArray[Any]]:

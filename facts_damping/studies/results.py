@@ -14,8 +14,9 @@ import pyarrow as pa
 from pyarrow import csv, parquet
 
 from facts_damping import terminal
-from facts_damping.parameters.files import share_folder, write_whole
+from facts_damping.parameters.files import share_folder
 from facts_damping.studies.margins import share
+from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:

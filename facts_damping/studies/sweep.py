@@ -17,6 +17,7 @@ from facts_damping.studies import axes, margins
 from facts_damping.studies.batch import IDENTITY, Base, RunRequest, figure_names, make, one_run
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.pool import workers
+from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Pr
     """
     most = len(made.points) * (margins.most_runs(made.study.margin) if made.study.margin else 1)
     with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, made.fingerprint) as journal:
-        files.write_whole(folder / COPY, made.text)
+        write_whole(folder / COPY, made.text)
         if journal.damaged:
             lines = f"{journal.damaged} damaged line{'s' if journal.damaged > 1 else ''}"
             sys.stderr.write(f"{folder / JOURNAL}: {lines}; what stood there is run again\n")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -166,7 +167,7 @@ def test_the_place_of_one_that_has_left_is_free_in_real_time(
 ) -> None:
     one = Listener(node, sound, realtime)
     one.guard.hear_errors()
-    one.guard._topics[1].publisher = PLANT
+    one.guard.know_plant().publisher = PLANT
     one.guard._publishers = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
     assert one.send(b"0")
     assert not one.send(b"odd", FOREIGN)
@@ -177,10 +178,23 @@ def test_the_place_of_one_that_has_left_is_free_in_real_time(
     assert one.causes() == ["format" if succeeds else "publisher", "publisher"]
 
 
+def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Node) -> None:
+    """As a disarmed identifier does, of which the recording must know."""
+    one = Listener(node, ticks, realtime=True)
+    said: list[bytes] = []
+    one.guard.subscribe(DiagnosticArray, "/diagnostics", lambda data, _: said.append(data), common=True)
+    heard = one.guard._topics[1]
+    for there, data in (([OWN], b"a"), ([FOREIGN], b"b")):
+        one.guard._publishers = lambda _, there=there: there  # type: ignore[method-assign, misc]
+        one.guard.take(heard, data, information(FOREIGN[:12] + bytes(4), len(said) + 1))
+        time.sleep(2 * KNOW_S)
+    assert said == [b"b"]
+
+
 def test_nobody_succeeds_the_plant(node: Node) -> None:
     one = Listener(node, ticks, realtime=True)
     one.guard.hear_errors()
-    one.guard._topics[1].publisher = OWN[:12] + bytes(4)
+    one.guard.know_plant().publisher = OWN[:12] + bytes(4)
     one.guard._publishers = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
     assert one.send(b"0")
     assert not one.send(b"1", FOREIGN)
@@ -328,7 +342,7 @@ def test_hostile_messages_act_on_nothing_and_are_all_counted(
 
 
 def test_a_forged_message_is_told_at_the_end_of_a_command(domain: int, tmp_path: Path) -> None:
-    arguments = ["run", "--mode", "realtime", "--set", "duration=8", "--out", str(tmp_path), "--json", "-"]
+    arguments = ["run", "--mode", "realtime", "--set", "duration=5", "--out", str(tmp_path), "--json", "-"]
     command = [sys.executable, "-m", "facts_damping.cli.main", *arguments]
     with attacker() as node, subprocess.Popen(command, stdout=-1, stderr=-1, text=True) as run:
         wait_until_recording(tmp_path, 10_000)

@@ -97,7 +97,7 @@ def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, clien
     armed = client(Trigger, "/controller/arm", Trigger.Request())
     assert (armed.success, armed.message) == (True, "armed")
     again = client(Trigger, "/controller/arm", Trigger.Request())
-    assert (again.success, again.message) == (False, "it is not disarmed")
+    assert (again.success, again.message) == (False, "it is armed")
     second.wait(lambda: "armed at" in say(second), PATIENCE_S)
     assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
     record = run.finish()

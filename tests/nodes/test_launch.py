@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from facts_damping.case.loading import load_case
+from facts_damping.errors import InputError
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.nodes.graphs import PATIENCE_S, assert_same
@@ -122,6 +123,8 @@ def test_nodes_that_may_join_are_started_again_where_that_is_wanted(launched: An
         joins = node.executable in ("wan_link", "controller", "identifier")
         assert (node.respawn, node.parameters.get("join", False)) == (joins, joins)
     assert not any(node.respawn for node in nodes(launched("run.launch.py", run="two_area_decentralised")))
+    with pytest.raises(InputError, match="respawn:=true given with mode:=lockstep"):
+        launched("run.launch.py", respawn="true")
 
 
 def test_the_end_of_the_plant_is_the_end_of_the_launch(launched: Any) -> None:

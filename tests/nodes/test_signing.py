@@ -85,7 +85,7 @@ def test_what_is_not_signed_with_a_known_key_is_refused() -> None:
 
 
 def test_an_earlier_session_is_refused() -> None:
-    early = Signing({1: OLD}, NOW - 31 * 10**9, 30 * 10**9)
+    early = Signing({1: OLD}, NOW - 91 * 10**9, 30 * 10**9)
     assert cause(frames(), message(early)) == "session"
     reader = frames()
     near = Signing({1: OLD}, NOW - 29 * 10**9, 30 * 10**9)
@@ -100,7 +100,7 @@ def test_who_joins_takes_the_session_of_a_graph_under_way_and_none_of_an_earlier
     hour = 3600
     began = Signing({1: OLD}, NOW - hour * 10**9, 30 * 10**9)
     assert frames().read(message(began, 60 * hour))[0] == 60 * hour
-    assert cause(frames(), message(began, 60 * (hour - 31))) == "session"
+    assert cause(frames(), message(began, 60 * (hour - 91))) == "session"
 
 
 def test_setpoints_are_signed_too() -> None:

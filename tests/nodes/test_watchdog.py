@@ -42,14 +42,14 @@ def test_a_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(
     start: Any, client: Any, tmp_path: Path
 ) -> None:
     """In real time, by the clock; the operator's word is told which devices it re-armed."""
-    common = {"scenario": "large", "duration": 12.0, "mode": "realtime", "recorder": "true", "start_timeout": 60.0}
+    common = {"scenario": "large", "duration": 8.0, "mode": "realtime", "recorder": "true", "start_timeout": 60.0}
     recorder = start("recorder", output=tmp_path / "bag", **common)
     start("wan_link", **common)
     controller = start("controller", **common)
     plant = start("plant_sim", **common)
-    plant.wait(lambda: ticks(plant) > 150, PATIENCE_S)
+    plant.wait(lambda: ticks(plant) > 90, PATIENCE_S)
     controller.send_signal(signal.SIGSTOP)
-    time.sleep(2.0)
+    time.sleep(1.5)
     rearmed = client(Trigger, "/plant_sim/rearm", Trigger.Request())
     assert (rearmed.success, rearmed.message) == (True, "re-armed: sssc")
     plant.communicate(timeout=PATIENCE_S)

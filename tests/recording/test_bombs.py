@@ -10,7 +10,7 @@ import lz4.frame
 import pytest
 import zstandard
 from mcap.data_stream import RecordBuilder
-from mcap.records import Chunk, Header
+from mcap.records import Chunk, Header, Message
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from facts_damping.recording.schemas import schema_text
@@ -48,6 +48,13 @@ def chunked(file: Path, *chunks: Chunk) -> None:
 
 def chunk(compression: str, data: bytes, size: int) -> Chunk:
     return Chunk(compression, data, 0, 0, 0, size)
+
+
+def message(count: int) -> bytes:
+    """So many empty messages, as a chunk has them."""
+    builder = RecordBuilder()
+    Message(1, 0, b"", 0, 0).write(builder)
+    return bytes(builder.end()) * count  # type: ignore[no-untyped-call]
 
 
 def zeros(size: int) -> Any:
@@ -99,6 +106,9 @@ BOMBS: dict[str, Callable[[Path], None]] = {
     "zstd that lies and does not say": lambda file: chunked(file, chunk("zstd", zstd(GIGABYTE, told=False), 1000)),
     "lz4": lambda file: chunked(file, chunk("lz4", lz(GIGABYTE), GIGABYTE)),
     "lz4 that lies": lambda file: chunked(file, chunk("lz4", lz(GIGABYTE), 1000)),
+    "many messages": lambda file: chunked(
+        file, chunk("zstd", zstandard.compress(tiny := message(3_000_000)), len(tiny))
+    ),
     "many chunks": lambda file: chunked(file, *[chunk("zstd", zstd(8 << 20, told=True), 8 << 20)] * 1000),
     "aliases": lambda file: recorded(file, schema_text(STATE), bytes(500), ALIASES),
     "nesting": lambda file: recorded(file, schema_text(STATE), bytes(500), "[" * 100_000),

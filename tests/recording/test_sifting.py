@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from facts_damping.recording import RecordingWriter, load
+from facts_damping.recording import RecordingWriter, events, load
+from facts_damping.recording.columns import Block
 from facts_damping.recording.scan import scan
 from facts_damping.signals import NANOSECONDS, SETPOINT
 from tests.nodes.graphs import assert_same
+from tests.recording.test_fields import with_estimates
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -120,3 +123,61 @@ def test_of_several_frames_of_a_tick_the_first_counts(into: Any, record: Record,
     found = into("/pmu/frames", messages.cdr(messages.frames(stamp(4), 4, [])))
     assert found.notes == ["/pmu/frames: 1 messages are not the first of their tick: the first counts"]
     assert found.frames.tobytes() == record.frames.tobytes()
+
+
+@pytest.mark.parametrize("topic", ["/diagnostics", "/robot/diagnostics"])
+def test_diagnostics_of_others_do_no_harm(tmp_path: Path, record: Record, written: Any, topic: str) -> None:
+    """Several topics of them, foreign texts in them, and types that only sound like it."""
+    for folder, kind in (("a", "diagnostic_msgs/msg/DiagnosticArray"), ("b", "std_msgs/msg/String")):
+        written(record, tmp_path / folder, more={topic: kind, "/other/diagnostics": kind})
+        found = load(tmp_path / folder)
+        assert found.frames.tobytes() == record.frames.tobytes()
+        assert found.joined == []
+
+
+def test_joins_are_read_and_odd_ones_are_not() -> None:
+    def told(joined: str, armed: str) -> Any:
+        values = [SimpleNamespace(key="joined_ns", value=joined), SimpleNamespace(key="armed_ns", value=armed)]
+        return Block(np.arange(1), SimpleNamespace(status=[SimpleNamespace(name="/n", values=values)]))
+
+    odd = [told("9" * 400, ""), told("x", ""), told("-5", ""), told("\u0663", "")]
+    found = events.joined(
+        [*odd, told("2000000000", ""), told("2000000000", "3000000000"), told("1000000000", "9" * 99)]
+    )
+    assert found == [
+        {"node": "/n", "time_s": 1.0, "armed_s": None},
+        {"node": "/n", "time_s": 2.0, "armed_s": 3.0},
+    ]
+
+
+def test_lists_that_do_not_fit_are_set_aside(tmp_path: Path, random_record: Any, written: Any) -> None:
+    record = with_estimates(random_record(33))
+
+    def shorter(topic: str, message: Any) -> Any:
+        if topic.endswith("/estimate") and message.tick in (3, 4):
+            message.jacobian = message.jacobian[:1]
+        return message
+
+    written(record, tmp_path / "run", change=shorter)
+    found = load(tmp_path / "run")
+    said = "2 messages with lists of other lengths than they say are left out"
+    assert f"/identifier_2_X/estimate: {said}" in found.notes
+    assert found.frames.tobytes() == record.frames.tobytes()
+    assert len(found.estimates) == len(record.estimates) - 8
+
+
+def test_a_flood_of_names_is_told_in_a_few_lines(tmp_path: Path, record: Record, messages: Any, written: Any) -> None:
+    written(record, tmp_path / "own")
+    content = scan(tmp_path / "own")
+    with RecordingWriter(tmp_path / "mixed", content.configuration, content.versions) as writer:
+        for one in content.topics.values():
+            writer.copy_topic(one)
+        for i in range(100):  # more than the controller's own
+            data = messages.cdr(messages.setpoints(record, stamp(3), 3, f"forger_{i % 50}", rows()))
+            writer.write("/controller_2_A/setpoints", data, 1, 1)
+        for message in content.messages:
+            writer.write(message.topic, message.data, message.log_ns, message.publish_ns, message.sequence)
+    found = load(tmp_path / "mixed")
+    assert_same(dataclasses.replace(found, notes=[]), record)
+    assert len(found.notes) == 6
+    assert found.notes[-1] == "/controller_2_A/setpoints: 90 messages with other unknown names are left out"
