@@ -55,12 +55,16 @@ def seconds(ticks: int) -> float:
 def test_a_reader_that_stops_reading_holds_nobody_up(reader: subprocess.Popen[str], tmp_path: Path) -> None:
     case = load_case(None, [f"duration={seconds(DEPTH + 3 * MORE)}"])
 
+    stopped: list[int] = []  # at which tick, once: who stands still says nothing any more
+
     def stop(done: int, _of: int) -> None:
-        if 1 < done < MORE and reader.stdout is not None:
+        if done > 1 and not stopped and reader.stdout is not None:
             reader.stdout.readline()
             reader.send_signal(signal.SIGSTOP)
+            stopped.append(done)
 
     outcome = graph.run(case, "lockstep", tmp_path, stop, LOADED_S)
+    assert stopped[0] < 3 * MORE  # so that it lacks more than a publisher keeps
     assert outcome.messages_lost == 0
     assert_same(load(outcome.recording), loop.run(case))
 
