@@ -84,7 +84,7 @@ def replacing(path: Path) -> Iterator[Path]:
     """A file beside `path` to write to: whole, it takes its place; else nothing is left. Interruptions wait."""
     place = path.resolve()  # of what a link leads to
     beside = place.with_name(place.name + ".new")
-    with _interruptions_held():
+    with interruptions_held():
         try:
             with naming(str(path)):
                 yield beside
@@ -95,7 +95,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _interruptions_held() -> Iterator[None]:
+def interruptions_held() -> Iterator[None]:
     """Answer interruptions after the block."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -14,13 +14,13 @@ import os
 import signal
 import sys
 from contextlib import contextmanager
-from multiprocessing import forkserver, util
+from multiprocessing import forkserver, resource_tracker, util
 from threading import Thread
 from typing import TYPE_CHECKING
 
 from setproctitle import setproctitle
 
-from facts_damping.terminal import INTERRUPTIONS
+from facts_damping.terminal import INTERRUPTIONS, interruptions_held
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -34,6 +34,7 @@ def load() -> None:
     """Begin to load, in the background; `start` waits for it."""
     os.environ[FOLDER] = util.get_temp_dir()
     multiprocessing.get_context("forkserver").set_forkserver_preload([LOADED])
+    resource_tracker.ensure_running()  # which lets signals through again when it has begun
     before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTIONS)  # these are the caller's to answer
     try:
         forkserver.ensure_running()
@@ -51,7 +52,7 @@ def start(
     load()
     given = (module, list(arguments), dict(environment), output, errors)
     process = multiprocessing.get_context("forkserver").Process(target=_be, args=given, daemon=True)
-    with _main_apart():
+    with _main_apart(), interruptions_held():  # half a start would say so at length
         process.start()
     return process
 
@@ -76,15 +77,20 @@ def _end_with(asked: BaseProcess) -> None:
 
 def _be(module: str, arguments: list[str], environment: dict[str, str], output: str, errors: str) -> None:
     """Be a node from now on."""
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)
     setproctitle(" ".join([f"facts_damping.nodes.{module}", *arguments]))  # before the environment, where it has room
     os.setsid()
     Thread(target=_end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
     os.environ.clear()
     os.environ.update(environment)
     for stream, name in ((1, output), (2, errors)):
-        file = os.open(name, os.O_WRONLY | os.O_APPEND)
+        try:
+            file = os.open(name, os.O_WRONLY | os.O_APPEND)
+        except OSError:  # whoever asked has ended, and its files with it
+            os._exit(1)
         os.dup2(file, stream)
         os.close(file)
     sys.argv = [module, *arguments]
-    importlib.import_module(f"facts_damping.nodes.{module}").main()
+    own, spinning = (importlib.import_module(f"facts_damping.nodes.{name}") for name in (module, "spinning"))
+    spinning.stop_by_signals()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)
+    own.main()

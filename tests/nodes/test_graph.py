@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -202,6 +203,33 @@ def test_interrupted_command_leaves_no_process_and_a_sound_recording(
     recorded = load(tmp_path / "out" / "recording")
     assert (tmp_path / "out" / "recording" / "metadata.yaml").exists()
     assert len(recorded.time_ns) > 100
+
+
+@pytest.mark.parametrize("after_s", [0.3, 1.6])
+def test_a_command_that_is_interrupted_at_its_start_says_one_line(domain: int, tmp_path: Path, after_s: float) -> None:
+    """By Ctrl-C, which all processes of a terminal get. Nothing is left in the temporary folder, as after a kill."""
+    for number in (signal.SIGINT, signal.SIGKILL):
+        command = [sys.executable, "-m", "facts_damping.cli.main", "run", "--out", str(tmp_path / f"{number}")]
+        popen = subprocess.Popen(
+            command,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "TMPDIR": str(tmp_path)},
+            preexec_fn=_as_at_a_terminal,  # noqa: PLW1509 (no threads here)
+            start_new_session=True,
+        )
+        time.sleep(after_s)
+        (os.killpg if number == signal.SIGINT else os.kill)(popen.pid, number)
+        _, errors = popen.communicate(timeout=PATIENCE_S)
+        if popen.returncode == 130:
+            assert errors.startswith("facts-damping: interrupted")
+            assert errors.count("\n") == 1, errors
+        else:  # before Python itself had begun
+            assert popen.returncode in (-signal.SIGKILL, -signal.SIGINT, 1)
+        deadline = time.monotonic() + PATIENCE_S
+        while left := [path for path in tmp_path.iterdir() if path.name.startswith(("pymp", "tmp"))]:
+            assert time.monotonic() < deadline, left
+            time.sleep(0.05)
 
 
 def test_killed_command_takes_its_nodes_along(command: subprocess.Popen[str], tmp_path: Path) -> None:
