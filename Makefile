@@ -33,12 +33,13 @@ endif
 demo: setup
 	@$(BIN)/python -m facts_damping.cli.demo
 
+# A test more at once than there are processors: those in real time mostly wait.
 test: test-setup
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/python -m pytest -n logical --dist loadgroup
+	$(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadgroup
 
 # Random examples instead of the same ones, until a test fails or the minutes are over: what it prints then goes into the
 # test as an example of its own. MINUTES=60 make explore
