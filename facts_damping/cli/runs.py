@@ -77,7 +77,7 @@ def _report(
         say(arguments, line)
 
 
-def check_ended_well(result: Mapping[str, Any], outcome: Outcome | None = None) -> None:
+def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome | None = None) -> None:
     """Raise `DegradedError` where a run ended, but not well; `outcome`: of its graph."""
     from facts_damping.analysis.releases import by_cause, joined_text, released_text
 
@@ -92,6 +92,7 @@ def check_ended_well(result: Mapping[str, Any], outcome: Outcome | None = None) 
         ]
         flaws += [f"refused messages: {by_cause(refused)}"] if refused else []
         flaws += [f"the recorder lost {outcome.messages_lost} messages"] if outcome.messages_lost else []
+        flaws += [f"of tick {record.gap_tick} not all was recorded"] if record.gap_tick is not None else []
     if flaws:
         raise DegradedError(f"the run ended, but: {'; '.join(flaws)}")
 
@@ -123,7 +124,7 @@ def simulate(arguments: argparse.Namespace) -> None:
             saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
             write_whole(folder / f"{name}.weights.yaml", dump(weights.model_dump()))
     _report(arguments, [(label(case.summary()), record)], [result], folder, *saved)
-    check_ended_well(result)
+    check_ended_well(result, record)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -149,7 +150,7 @@ def run(arguments: argparse.Namespace) -> None:
     result["nodes_ended"] = outcome.fallen
     counted = f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}"
     _report(arguments, [(name, record)], [result], folder, counted, f"recording: {outcome.recording}")
-    check_ended_well(result, outcome)
+    check_ended_well(result, record, outcome)
 
 
 def analyze(arguments: argparse.Namespace) -> None:

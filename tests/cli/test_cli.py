@@ -7,12 +7,19 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from facts_damping.analysis.summary import summarise
+from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.cli.runs import check_ended_well
+from facts_damping.errors import DegradedError
+from facts_damping.nodes.graph import Outcome
+from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -243,3 +250,24 @@ def test_modes_refuses_what_is_not_there(
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert said in err
+
+
+def test_what_did_not_go_well_is_one_line() -> None:
+    record = loop.run(load_case(None, ["duration=0.2"]))
+    result = summarise(record)
+    check_ended_well(result, record)
+    sound = Outcome(Path("recording"), 1.0, 0, 0, {}, [])
+    check_ended_well(result, record, sound)
+    refused = {
+        ("wan_link", "publisher", "/pmu/frames", "/forger"): 3,
+        ("wan_link", "publisher", "/diagnostics", "x"): 9,
+    }
+    bad = replace(sound, messages_lost=2, messages_refused=refused, fallen=["controller_0_LLC was killed by SIGKILL"])
+    said = (
+        "the run ended, but: /n joined at 1.00 s, disarmed; controller_0_LLC was killed by SIGKILL; "
+        "refused messages: 3 by publisher; the recorder lost 2 messages; of tick 7 not all was recorded"
+    )
+    joined = {**result, "joined": [{"node": "/n", "time_s": 1.0, "armed_s": None}]}
+    with pytest.raises(DegradedError) as caught:
+        check_ended_well(joined, replace(record, gap_tick=7), bad)
+    assert str(caught.value) == said
