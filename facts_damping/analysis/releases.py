@@ -11,7 +11,7 @@ from facts_damping.parameters.watchdog import Watchdog
 from facts_damping.signals import REFUSED
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from facts_damping.signals import Record
 
@@ -53,21 +53,23 @@ def timeout(record: Record) -> float:
 
 
 def rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
-    """Rows of a table of runs: a device each that was released or refused setpoints in one of them."""
-    found = []
-    for device in dict.fromkeys(row["device"] for s in summaries for row in s.get("releases") or []):
-        cells = [
-            "; ".join(released_text(row) for row in s.get("releases") or [] if row["device"] == device) or "-"
-            for s in summaries
-        ]
-        found.append((f"{device} released", cells))
+    """Rows of a table of runs: devices that were released or refused setpoints in one of them, nodes that joined."""
+    found = _told(summaries, "releases", "device", "released", released_text)
     for device in dict.fromkeys(name for s in summaries for name in s.get("refused_setpoints") or {}):
         cells = [refused_text((s.get("refused_setpoints") or {}).get(device)) for s in summaries]
         found.append((f"{device} refused setpoints", cells))
-    for node in dict.fromkeys(row["node"] for s in summaries for row in s.get("joined") or []):
-        own = [[joined_text(row) for row in s.get("joined") or [] if row["node"] == node] for s in summaries]
-        found.append((f"{node} joined", ["; ".join(texts) or "-" for texts in own]))
-    return found
+    return found + _told(summaries, "joined", "node", "joined", joined_text)
+
+
+def _told(
+    summaries: Sequence[Mapping[str, Any]], key: str, name: str, label: str, text: Callable[[dict[str, Any]], str]
+) -> list[tuple[str, list[str]]]:
+    """Rows of what the lists at a key of summaries tell of each name, as texts."""
+    lists = [s.get(key) or [] for s in summaries]
+    return [
+        (f"{one} {label}", ["; ".join(text(row) for row in rows if row[name] == one) or "-" for rows in lists])
+        for one in dict.fromkeys(row[name] for rows in lists for row in rows)
+    ]
 
 
 def released_text(row: dict[str, Any]) -> str:

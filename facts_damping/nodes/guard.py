@@ -50,7 +50,7 @@ class Heard:
     use: Callable[..., None]
     begins: Callable[[bytes], bool] | None
     common: bool
-    of: Heard | None = None  # a topic whose publisher's node alone is heard by this one, where all may speak
+    plant: bool = False  # the plant alone is heard, where all may speak
     silent: bool = False  # not subscribed to: only its publisher is known
     publisher: bytes | None = None  # identity of who publishes it in this graph, once that is known
     sequences: dict[bytes, int] = field(default_factory=dict)  # of the newest message, by publisher
@@ -88,15 +88,15 @@ class Guard:
         newest: Callable[[], int] | None = None,
         begins: Callable[[bytes], bool] | None = None,
         common: bool = False,
-        of: Heard | None = None,
+        plant: bool = False,
     ) -> None:
-        """Listen to a topic; `common`: all nodes of the graph may speak there; `of`: that topic's node alone is heard.
+        """Listen to a topic; `common`: all nodes of the graph may speak there; `plant`: it alone is heard.
 
         `read` makes of a message its tick (none on a topic that all share) and more, or raises `Refused`; `use` is
         called with that; without `read` it gets the bytes and what the middleware knows of them. `newest`: the newest
         tick that it may be of. `begins`: whether a message is the first of a run: its publisher is this graph's.
         """
-        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use, begins, common, of)
+        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant)
         self._topics.append(heard)
 
         def take(data: bytes, information: Any) -> bool:
@@ -105,21 +105,21 @@ class Guard:
         taking: Any = take  # the spinner wants to know whether a message was let through
         self.node.create_subscription(kind, topic, taking, HEARING, raw=True)
 
-    def know_plant(self, topic: str = PLANT) -> Heard:
+    def know_plant(self, topic: str = PLANT) -> None:
         """Know the plant by a topic that it publishes, whether that is listened to or not."""
         name = self.node.resolve_topic_name(f"{self._graph}{topic}")
         self._plant = next((heard for heard in self._topics if heard.topic == name), None)
         if self._plant is None:
             self._plant = Heard(name, None, None, _nothing, None, common=False, silent=True)
             self._topics.append(self._plant)
-        return self._plant
 
     def hear_errors(self, topic: str = PLANT) -> None:
         """Repeat what the plant says of errors, a loss of synchronism above all; `over` is true from then on.
 
         The plant is who publishes `topic`.
         """
-        self.subscribe(DiagnosticArray, COMMON, self.repeat, errors, common=True, of=self.know_plant(topic))
+        self.know_plant(topic)
+        self.subscribe(DiagnosticArray, COMMON, self.repeat, errors, common=True, plant=True)
 
     def repeat(self, told: list[str]) -> None:
         """Say what the plant says, a line each."""
@@ -177,7 +177,7 @@ class Guard:
     def take(self, heard: Heard, data: bytes, information: dict[str, Any]) -> bool:
         """Take a message; whether it was let through."""
         publisher: bytes = information["publisher_gid"]["data"]
-        if heard.of is not None and not self.is_plant(publisher):
+        if heard.plant and not self.is_plant(publisher):
             return False  # not for this node: who listens to all says what is nobody's
         try:
             self._admit(heard, data, publisher)

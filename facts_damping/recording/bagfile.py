@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import yaml
 
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
 VERSION = 9
 FILE_NAME = "metadata.yaml"
@@ -94,11 +92,6 @@ def _profiles(text: str) -> Any:
         return parse(text) or []
     except UNREADABLE:
         return []
-
-
-def write_atomically(file: Path, text: str) -> None:
-    """Write `text` so that `file` holds all of it or does not exist."""
-    write_whole(file, text)
 
 
 class _PlainDumper(yaml.CSafeDumper):

@@ -16,10 +16,9 @@ from facts_damping.recording.bagfile import (
     bag_information,
     dump,
     qos_text,
-    write_atomically,
 )
 from facts_damping.recording.schemas import schema_text, type_hash
-from facts_damping.terminal import clean_up_first
+from facts_damping.terminal import clean_up_first, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -129,7 +128,7 @@ class RecordingWriter:
                 self._mcap.add_metadata(LOST, missed)
                 self._mcap.add_metadata("rosbag2", {"serialized_metadata": dump(information)})
                 self._mcap.finish()  # type: ignore[no-untyped-call]
-            write_atomically(self.folder / FILE_NAME, dump({"rosbag2_bagfile_information": information}))
+            write_whole(self.folder / FILE_NAME, dump({"rosbag2_bagfile_information": information}))
         except OSError as error:
             raise _write_error(self.file, error) from error
 

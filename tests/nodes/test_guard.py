@@ -168,7 +168,7 @@ def test_the_place_of_one_that_has_left_is_free_in_real_time(
 ) -> None:
     one = Listener(node, sound, realtime)
     one.guard.hear_errors()
-    one.guard.know_plant().publisher = PLANT
+    one.guard._topics[1].publisher = PLANT
     one.guard._publishers = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
     assert one.send(b"0")
     assert not one.send(b"odd", FOREIGN)
@@ -195,7 +195,7 @@ def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Nod
 def test_nobody_succeeds_the_plant(node: Node) -> None:
     one = Listener(node, ticks, realtime=True)
     one.guard.hear_errors()
-    one.guard.know_plant().publisher = OWN[:12] + bytes(4)
+    one.guard._topics[1].publisher = OWN[:12] + bytes(4)
     one.guard._publishers = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
     assert one.send(b"0")
     assert not one.send(b"1", FOREIGN)

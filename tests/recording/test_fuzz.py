@@ -227,16 +227,17 @@ def test_other_schemas_by_our_names_are_refused(fields: list[tuple[str, str]], d
         assert "\n" not in str(caught.value)
 
 
+def late(topic: str, message: Any) -> Any:
+    """A message, or with a tick far away where it is the last of the plant's."""
+    if topic in FAR and message.tick == 59:
+        message.tick = 10**14
+    return message
+
+
 def test_a_tick_far_away_neither_hangs_nor_fills_the_memory(
     tmp_path: Path, record: Record, messages: Any, written: Callable[..., None]
 ) -> None:
     """As a sender of another version, or of another kind, might number them."""
-
-    def late(topic: str, message: Any) -> Any:
-        if topic in FAR and message.tick == 59:
-            message.tick = 10**14
-        return message
-
     written(record, tmp_path / "run", change=late)
     found = load(tmp_path / "run")
     assert {f"{topic}: 1 messages of ticks that the run has not are left out" for topic in FAR} <= set(found.notes)
@@ -246,11 +247,6 @@ def test_a_tick_far_away_neither_hangs_nor_fills_the_memory(
 def test_a_tick_far_away_in_a_bag_without_a_run_does_not_either(
     tmp_path: Path, record: Record, messages: Any, written: Callable[..., None]
 ) -> None:
-    def late(topic: str, message: Any) -> Any:
-        if topic in FAR and message.tick == 59:
-            message.tick = 10**14
-        return message
-
     written(record, tmp_path / "run", change=late, configuration="none")
     found = load(tmp_path / "run")
     assert any(note.startswith(f"/pmu/delivered: {10**14 - 60} of") for note in found.notes)
