@@ -4,10 +4,14 @@
 # make pages   all tables and pictures that follow from runs, into results/pages, and those that docs quote (an hour)
 # make clean   remove .venv and what builds and tools have left; recordings stay
 # PYTHON=python3.12 make demo   chooses the interpreter (3.10 to 3.13) for a new .venv
+# make demo ROS=jazzy           chooses the distribution of ROS 2 (kilted, jazzy) for a new .venv
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# The distribution of ROS 2 that .venv holds, if any, by the name of its wheel: ros_kilted_rclpy-9.1.2.dist-info.
+HELD := $(word 2,$(subst _, ,$(notdir $(wildcard $(VENV)/lib/python3*/site-packages/ros_*_rclpy-*))))
+ROS ?= $(or $(HELD),kilted)
 # Errors only. They are complete, compiler output included.
 INSTALL := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input install
 # Python compiles a module when it is first imported: most never are.
@@ -15,7 +19,7 @@ export PIP_NO_COMPILE := 1
 SAY := @printf '%s\n'
 
 MESSAGES := msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/pyproject.toml \
-    $(wildcard msg_defs/msg/*.msg msg_defs/packaging/*)
+    $(wildcard msg_defs/msg/*.msg msg_defs/srv/*.srv msg_defs/packaging/*)
 METADATA := setup.py setup.cfg package.xml
 SOURCES := $(shell find facts_damping -name '*.py')
 
@@ -33,11 +37,12 @@ endif
 demo: setup
 	@$(BIN)/python -m facts_damping.cli.demo
 
-# A test more at once than there are processors: those in real time mostly wait.
+# A test more at once than there are processors: those in real time mostly wait. Types are those of Kilted's rclpy: that
+# of Jazzy has few.
 test: test-setup
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy
+	$(if $(filter kilted,$(ROS)),$(BIN)/mypy)
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadgroup
 
@@ -96,7 +101,9 @@ prerequisites:
 	done; \
 	[ ! -x $(BIN)/python ] || [ "$(origin PYTHON)" = file ] || \
 	    [ "$$($(BIN)/python -V)" = "$$($(PYTHON) -V)" ] || \
-	    missing "$(VENV) holds $$($(BIN)/python -V), $(PYTHON) is $$($(PYTHON) -V): make clean first"
+	    missing "$(VENV) holds $$($(BIN)/python -V), $(PYTHON) is $$($(PYTHON) -V): make clean first"; \
+	[ "$(filter $(ROS),kilted jazzy)" ] || missing "ROS=$(ROS): there are wheels of kilted and jazzy"; \
+	[ "$(ROS)" = "$(or $(HELD),$(ROS))" ] || missing "$(VENV) holds ROS 2 $(HELD), ROS=$(ROS) is asked for: make clean first"
 
 # A stamp for each step that is done: it runs again only if what it depends on has changed.
 $(VENV)/.python:
@@ -105,13 +112,13 @@ $(VENV)/.python:
 	@touch $(VENV)/COLCON_IGNORE $@
 
 $(VENV)/.package: $(METADATA) $(VENV)/.python
-	$(SAY) "set-up: libraries, ROS 2 wheels, facts_damping"
-	@$(INSTALL) -e '.[ros]'
+	$(SAY) "set-up: libraries, wheels of ROS 2 $(ROS), facts_damping"
+	@$(INSTALL) -e '.[ros-$(ROS)]'
 	@touch $@
 
-$(VENV)/.messages: $(MESSAGES) | $(VENV)/.package
+$(VENV)/.messages: $(MESSAGES) setup.py | $(VENV)/.package
 	$(SAY) "set-up: messages (compiled here)"
-	@$(INSTALL) ./msg_defs
+	@$(INSTALL) --no-build-isolation ./msg_defs
 	@touch $@
 
 $(VENV)/.warm: $(SOURCES) $(VENV)/.package
@@ -121,7 +128,7 @@ $(VENV)/.warm: $(SOURCES) $(VENV)/.package
 
 $(VENV)/.tools: $(METADATA) $(VENV)/.messages
 	$(SAY) "set-up: test tools"
-	@$(INSTALL) -e '.[ros,test]'
+	@$(INSTALL) -e '.[ros-$(ROS),test]'
 	@touch $@
 
 # The browser of tests/analysis/test_report.py: Debian's, where that may be installed. Elsewhere the tests are skipped.

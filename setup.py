@@ -12,6 +12,48 @@ ROOT = Path(__file__).parent
 NAME = "facts_damping"
 NODES = ("plant_sim", "wan_link", "controller", "identifier", "recorder", "live_view")
 
+# Wheels of ROS 2 by distribution: what runs, then what builds msg_defs, of which several are needed by others without
+# being declared there. They install modules of the same names, so an environment holds one distribution.
+ROS = {
+    "kilted": {
+        "diagnostic-msgs": "5.5.1",
+        "rclpy": "9.1.2",
+        "rmw-fastrtps-cpp": "9.3.3",
+        "std-msgs": "5.5.1",
+        "std-srvs": "5.5.1",
+        "ament-cmake": "2.7.3",
+        "ament-cmake-include-directories": "2.7.3",
+        "ament-cmake-ros-core": "0.14.5",
+        "ament-package": "0.17.2",
+        "rosidl-core-generators": "0.3.1",
+        "rosidl-default-generators": "1.7.1",
+    },
+    "jazzy": {
+        "diagnostic-msgs": "5.3.6",
+        "rclpy": "7.1.6",
+        "rmw-fastrtps-cpp": "8.4.3",
+        "std-msgs": "5.3.6",
+        "std-srvs": "5.3.6",
+        "ament-cmake": "2.5.4",
+        "ament-cmake-gmock": "2.5.4",
+        "ament-cmake-gtest": "2.5.4",
+        "ament-cmake-include-directories": "2.5.4",
+        "ament-cmake-pytest": "2.5.4",
+        "ament-cmake-ros": "0.12.0",
+        "ament-package": "0.16.4",
+        "python-cmake-module": "0.11.1",
+        "rosidl-core-generators": "0.2.0",
+        "rosidl-default-generators": "1.6.0",
+    },
+}
+DEFAULT_ROS = "kilted"
+
+
+def ros(distribution: str) -> list[str]:
+    """What pip installs for a distribution of ROS 2, with the tools that build messages for it."""
+    wheels = [f"ros-{distribution}-{name}=={version}" for name, version in ROS[distribution].items()]
+    return [*wheels, "catkin-pkg>=1,<2", "cmake>=3.24,<5", "ninja>=1.11,<2", "scikit-build-core>=0.10,<2"]
+
 
 def version() -> str:
     """Return `__version__` of the package, without importing it."""
@@ -43,7 +85,7 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         "": ["py.typed"],
-        f"{NAME}.nodes": ["fastdds*.xml"],
+        f"{NAME}.nodes": ["fast*.xml"],
         f"{NAME}.report": ["page.*"],
         f"{NAME}.reproduction": ["*.md", "page.html"],
     },
@@ -76,14 +118,9 @@ setup(
         "zstandard>=0.22,<1",
     ],
     extras_require={
-        # ROS 2 Kilted from wheels; not for an environment that has ROS 2 from apt.
-        "ros": [
-            "ros-kilted-diagnostic-msgs==5.5.1",
-            "ros-kilted-rclpy==9.1.2",
-            "ros-kilted-rmw-fastrtps-cpp==9.3.3",
-            "ros-kilted-std-msgs==5.5.1",
-            "ros-kilted-std-srvs==5.5.1",
-        ],
+        # ROS 2 from wheels; not for an environment that has ROS 2 from apt.
+        "ros": ros(DEFAULT_ROS),
+        **{f"ros-{distribution}": ros(distribution) for distribution in ROS},
         "bench": [  # other programs, for `facts-damping bench`; exact, as their figures are
             'andes==2.0.0; python_version >= "3.11"',
             'andes>=1.9,<2; python_version < "3.11"',
@@ -99,16 +136,7 @@ setup(
         "dask": ["distributed>=2024.1"],  # for `facts-damping sweep --scheduler`; versions are dates
         "matpower": ["matpowercaseframes==2.1.1", "pandas<4"],  # for `facts-damping import`
         "test": [
-            # For the colcon build of tests/test_packaging.py, with the generators of the messages.
-            "cmake>=3.24,<5",
-            "catkin-pkg>=1,<2",
-            "colcon-common-extensions>=0.3,<1",
-            "ros-kilted-ament-cmake==2.7.3",
-            "ros-kilted-ament-cmake-include-directories==2.7.3",
-            "ros-kilted-ament-cmake-ros-core==0.14.5",
-            "ros-kilted-ament-package==0.17.2",
-            "ros-kilted-rosidl-core-generators==0.3.1",
-            "ros-kilted-rosidl-default-generators==1.7.1",
+            "colcon-common-extensions>=0.3,<1",  # tests/test_packaging.py
             "distributed>=2024.1",
             "foxglove-sdk>=0.30,<1",
             "hypothesis>=6.100,<7",
@@ -128,7 +156,7 @@ setup(
     entry_points={
         "console_scripts": [
             f"facts-damping = {NAME}.cli.main:main",
-            *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
+            *(f"{node} = {NAME}.nodes.executables:{node}" for node in NODES),
         ],
     },
 )

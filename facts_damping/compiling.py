@@ -79,7 +79,7 @@ def fingerprint(module: str) -> str:
     return digest.hexdigest()[:16]
 
 
-def _home() -> Path:
+def home() -> Path:
     """The folder that holds all: NUMBA_CACHE_DIR where it is set, or one in the user's cache."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     return Path(given or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / PACKAGE / "numba")
@@ -88,7 +88,7 @@ def _home() -> Path:
 @cache
 def _folder(module: str) -> Path:
     """Where what is compiled from a module lies. Old ones of the same module go when a new one comes."""
-    folder = _home() / f"{module}-{fingerprint(module)}"
+    folder = home() / f"{module}-{fingerprint(module)}"
     if not folder.exists():
         folder.mkdir(parents=True, exist_ok=True)
         by_age = sorted(folder.parent.glob(f"{module}-*"), key=lambda f: f.stat().st_mtime, reverse=True)

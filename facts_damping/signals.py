@@ -131,7 +131,10 @@ class Record:
     and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE), `learning` a row a
     learning rate (LEARNING). `links` is the number of links that deliver, also of those that have not delivered yet.
     `refused` is how many messages each node refused: `node`, `topic`, `cause`, `source`, `count`. `joined` are nodes
-    that joined the run under way: `node`, `time_s`, `armed_s` (None: disarmed to the end).
+    that joined the run under way: `node`, `time_s`, `armed_s` (None: disarmed to the end). `changes` are what was
+    changed under way: `tick` from which it acts, `node`, `role`, `index`, `kind`, `name`, `value` (run_control.md).
+    `absences` are ticks at which a node was not there, before it began (again): `role`, `index`, `first`, `end`.
+    `publishers`: the node that published, by topic and the publisher's identity (GID), in one text.
     `in_synchronism` is false at the tick that ended an unstable run. `notes` says what a damaged
     recording lacks; `gap_tick` is its first tick of which something is missing, none if there is none.
     `arrays` has all of it as one column a quantity, a row a tick, and `units` the unit of each.
@@ -155,7 +158,10 @@ class Record:
     events: list[dict[str, Any]] = field(default_factory=list)
     refused: list[dict[str, Any]] = field(default_factory=list)
     joined: list[dict[str, Any]] = field(default_factory=list)
+    changes: list[dict[str, Any]] = field(default_factory=list)
+    absences: list[dict[str, Any]] = field(default_factory=list)
     links: int = 1
+    publishers: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     gap_tick: int | None = None
 

@@ -1,10 +1,14 @@
-"""All nodes of a run: `ros2 launch facts_damping run.launch.py run:=two_area_small output:=recording`.
+"""All nodes of a run: `ros2 launch facts_damping run.launch.py run:=two_area_small link:=pdci`.
 
 Controllers, identifiers and links are started in the namespaces that the run gives them, below that of the launch.
-The launch ends when the plant has simulated its run; the others are stopped then.
+The launch ends when the plant has simulated its run; a node that fails ends it with a status that is not 0.
 """
 
 from __future__ import annotations
+
+import sys
+import time
+from typing import Any
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, Shutdown
 from launch.event_handlers import OnProcessExit
@@ -14,54 +18,111 @@ from launch_ros.actions import Node
 from facts_damping.case.loading import load_case
 from facts_damping.case.names import Address, controller_addresses, identifier_addresses, link_addresses
 from facts_damping.errors import InputError
+from facts_damping.nodes.warmup import compile_once
+from facts_damping.parameters.files import read_value
 from launch import LaunchContext, LaunchDescription
 
 RESPAWN_S = 1.0  # before a node that ended is started again
+FIELDS = ("system", "scenario", "link", "frame_rate", "duration", "seed")  # of a run; empty: as the run has it
 
 ARGUMENTS = {
     "run": ("two_area_small", "name under config/runs, or path of a YAML file"),
-    "mode": ("lockstep", "lockstep or realtime"),
-    "output": ("recording", "folder of the new recording; empty: no recorder"),
-    "respawn": ("false", "true, in real time: links, controllers and identifiers that end are started again, and join"),
+    "set": ("", "changes to the run: key.path=value, or several in a list, [a=1, b=2]"),
+    **{name: ("", f"{name} of the run; empty: as the run has it") for name in FIELDS},
+    "mode": ("lockstep", "lockstep, realtime or free"),
+    "output": (time.strftime("recording_%Y%m%d_%H%M%S"), "folder of the new recording; none: no recorder"),
+    "namespace": ("", "namespace of the whole graph; empty: none"),
+    "foxglove": ("", "port of a live view for Foxglove, such as 8765; empty: none"),
+    "params_file": ("", "YAML file of parameters, a section a node; empty: none"),
+    "respawn": ("false", "true, unless in lockstep: links, controllers and identifiers that end are started again"),
 }
+NOTHING = ("none", "''", '""')  # for an empty argument, which `ros2 launch` does not take
+CHOICES = {"mode": ["lockstep", "realtime", "free"], "respawn": ["false", "true"]}
+
+
+def check_arguments(given: list[str]) -> None:
+    """Refuse arguments of a command line that are not declared here, which `ros2 launch` passes over."""
+    names = [text.partition(":=")[0] for text in given if ":=" in text]
+    unknown = next((name for name in names if name not in ARGUMENTS), None)
+    if unknown is not None and any(text.endswith("run.launch.py") for text in given):
+        raise InputError(f"{unknown}:= given; allowed: {', '.join(ARGUMENTS)}")
+
+
+def changes(asked: dict[str, str]) -> list[str]:
+    """What the arguments change in the run, as its nodes' parameter `set` has it."""
+    listed = read_value(asked["set"], "set") if asked["set"] else []
+    own = listed if isinstance(listed, list) else [asked["set"]]
+    return [*(f"{name}={asked[name]}" for name in FIELDS if asked[name]), *map(str, own)]
+
+
+def ended(event: Any, context: LaunchContext) -> None:
+    """End the launch, and let it fail, where a node has failed."""
+    if event.returncode != 0 and not context.is_shutdown:
+        raise RuntimeError(f"{event.process_name} ended with status {event.returncode}")
 
 
 def nodes(context: LaunchContext) -> list[Node | RegisterEventHandler]:
     """Plant and recorder, a node for each link that is used, for each controller of the run, for each identifier."""
-    run, mode, output, respawn = (LaunchConfiguration(name).perform(context) for name in ARGUMENTS)
-    common = {"run": run, "mode": mode, "recorder": bool(output)}
-    again = respawn.lower() == "true"
-    if again and mode != "realtime":
-        raise InputError(f"respawn:=true given with mode:={mode}; allowed: with mode:=realtime")
+    check_arguments(sys.argv)
+    asked = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    asked = {name: "" if value in NOTHING else value for name, value in asked.items()}
+    sets, again = changes(asked), asked["respawn"] == "true"
+    if again and asked["mode"] == "lockstep":
+        raise InputError("respawn:=true given with mode:=lockstep; allowed: with mode:=realtime or free")
+    case = load_case(asked["run"], sets)
+    compile_once()
+    common = {"run": asked["run"], "set": sets or [""], "mode": asked["mode"]}
+    common |= {"recorder": bool(asked["output"]), "view": bool(asked["foxglove"])}
 
     def node(executable: str, address: Address, **parameters: object) -> Node:
         joins = again and "index" in parameters
-        return Node(
+        if joins:
+            parameters["join"] = asked["mode"] == "realtime"
+        namespaces = [one for one in (asked["namespace"].strip("/"), address.namespace) if one]
+        made = Node(
             package="facts_damping",
             executable=executable,
             name=address.name,
-            namespace=address.namespace or None,
-            parameters=[{**common, **parameters, **({"join": True} if joins else {})}],
+            namespace="/".join(namespaces) or None,
+            parameters=[{**common, **parameters}, *([asked["params_file"]] if asked["params_file"] else [])],
             respawn=joins,
             respawn_delay=RESPAWN_S if joins else None,
             output="screen",
         )
+        if not joins:
+            watched.append(made)
+        return made
 
-    plant, case = node("plant_sim", Address("", "plant_sim")), load_case(run)
+    watched: list[Node] = []
+    plant = node("plant_sim", Address("", "plant_sim"))
     started = [plant]
     started += [node("wan_link", address, index=i) for i, address in enumerate(link_addresses(case))]
     started += [node("controller", address, index=i) for i, address in enumerate(controller_addresses(case))]
     started += [node("identifier", address, index=i) for i, address in identifier_addresses(case).items()]
-    if output:
-        started.append(node("recorder", Address("", "recorder"), output=output))
+    if asked["output"]:
+        started.append(node("recorder", Address("", "recorder"), output=asked["output"]))
+    if asked["foxglove"]:
+        started.append(view(asked, sets))
+    failures = [RegisterEventHandler(OnProcessExit(target_action=one, on_exit=ended)) for one in watched]
     end = RegisterEventHandler(OnProcessExit(target_action=plant, on_exit=[Shutdown(reason="the run is over")]))
-    return [*started, end]
+    return [*failures, end, *started]
+
+
+def view(asked: dict[str, str], sets: list[str]) -> Node:
+    """The live view."""
+    if not asked["foxglove"].isdecimal():
+        raise InputError(f"foxglove:={asked['foxglove']} given; allowed: a port, such as 8765")
+    own = {"run": asked["run"], "set": sets or [""], "port": int(asked["foxglove"])}
+    namespace = asked["namespace"].strip("/") or None
+    return Node(
+        package="facts_damping", executable="live_view", name="live_view", namespace=namespace, parameters=[own]
+    )
 
 
 def generate_launch_description() -> LaunchDescription:
     """The launch description that `ros2 launch` asks for."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=text)
+        DeclareLaunchArgument(name, default_value=default, description=text, choices=CHOICES.get(name))
         for name, (default, text) in ARGUMENTS.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=nodes)])

@@ -28,7 +28,10 @@ _DOMAINS = itertools.cycle(range(1 + int(_PROCESS), 102, int(_PROCESSES)))
 
 
 # A minute and more each: of those begun last, one would be waited for alone.
-_LONG = ("test_packaging.py", "test_command.py", "test_search.py", "test_sweep.py", "test_reference.py")
+_LONG = (
+    *("test_extensions.py", "test_packaging.py", "test_command.py", "test_search.py", "test_sweep.py"),
+    "test_reference.py",
+)
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups

@@ -47,7 +47,7 @@ def filled(
             f"{where('compensation')}: '{controller.compensation}' given; allowed: {', '.join(COMPENSATIONS)} for "
             f"{controller.name}{f' {scheme}' if scheme else ''}, or an indirect controller, whose identifier predicts"
         )
-    counts = {"signal": len(controller.signals), "device": len(controller.devices)}
+    counts = sizes(controller)
     for name, value in controller.parameters.items():
         check_parameter(where(f"parameters.{name}"), name, value, row.parameters, counts)
     known = tuned(system.name, controller.signals, controller.devices)
@@ -75,6 +75,11 @@ def filled(
         values["down_delay"] = down
     weights = _weights(controller, scheme, values, where)
     return controller.model_copy(update={"scheme": scheme, "parameters": values, "weights": weights})
+
+
+def sizes(controller: Controller) -> dict[str, int]:
+    """How many signals and devices a controller has: of what a parameter may have one each."""
+    return {"signal": len(controller.signals), "device": len(controller.devices)}
 
 
 def check_parameter(where: str, name: str, value: Value, table: dict[str, Parameter], counts: dict[str, int]) -> None:

@@ -23,7 +23,7 @@ def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link
     The run's is first, where a controller has none of its own or there is no controller. Each own link is one by
     itself, also where it bears the same name as another.
     """
-    link = _read(run.link, "link", source, sets)
+    link = read_link(run.link, "link", source, sets)
     links = [link] if not run.controllers or any(c.link is None for c in run.controllers) else []
     used = []
     for i, controller in enumerate(run.controllers):
@@ -31,7 +31,7 @@ def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link
             used.append(0)
         else:
             used.append(len(links))
-            links.append(_read(controller.link, f"controllers.{i}.link", source, sets))
+            links.append(read_link(controller.link, f"controllers.{i}.link", source, sets))
     return link, links, used
 
 
@@ -50,12 +50,24 @@ def with_own(controller: Controller, link: Link) -> Controller:
     return controller if controller.link is None else controller.model_copy(update={"link": link.model_dump()})
 
 
-def _read(given: str | dict[str, Any], field: str, source: str, sets: dict[str, str] | None) -> Link:
+def read_link(given: str | dict[str, Any], field: str, source: str, sets: dict[str, str] | None) -> Link:
     """A link by name or path, or inline in a field of the run."""
     if isinstance(given, str):
         path = find("links", given)
         return with_traces(check(Link, read_table(path), str(path)), str(path))
     return with_traces(check(Link, given, source, sets, field), origin(field, source, sets))
+
+
+def with_number(link: Link, path: str, value: float) -> tuple[str, int, Link]:
+    """A link with a number of a stage changed, `up.0.delay`; which way, and which stage, that is.
+
+    Raises `InputError` for a value that is not allowed.
+    """
+    way, place, name = path.split(".")
+    stages = list(getattr(link, way))
+    old = stages[int(place)]
+    stages[int(place)] = check(type(old), {**old.model_dump(), name: value}, "link", None, f"{way}.{place}")
+    return way, int(place), link.model_copy(update={way: stages})
 
 
 def open_own(content: dict[str, Any], path: str) -> None:

@@ -73,7 +73,7 @@ class Packets(NamedTuple):
     """Entries as they pass a chain, a place a channel; several links have a leading axis."""
 
     now_ns: NDArray[np.int64]  # (copies, channels): when it leaves the stage; LOST
-    stamp_ns: NDArray[np.int64]  # (channels,): its time of measurement
+    stamp_ns: NDArray[np.int64]  # (channels,): its time of measurement; LOST: there is none
     values: NDArray[np.float64]  # (channels, width)
     number: NDArray[np.int64]  # (channels,): how many were sent before
     copied: NDArray[np.bool_]  # (channels,)
@@ -179,6 +179,8 @@ def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
         for channel in range(first, end):
             if not c.concerns[s, channel]:
                 continue
+            if p.stamp_ns[channel] == LOST:  # absent: nothing to be delayed or disturbed
+                continue
             if row.model >= SPOOF:
                 _disturb(c, p, s, channel, sent_ns)
             else:
@@ -264,6 +266,8 @@ def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> 
         elif row.hold == 1 and c.last_ns[s, channel] == 1:
             p.now_ns[0, channel] = leaves
             p.held[channel] = True
+            if p.stamp_ns[channel] == LOST:  # absent, and in its place the last one, as one of now
+                p.stamp_ns[channel] = sent_ns
             for j in range(p.values.shape[1]):
                 p.values[channel, j] = c.kept[s, 0, channel, j]
         else:

@@ -106,6 +106,22 @@ def changed(own: Direction, link: int, place: int, stage: Any, way: DirectionSpe
     return _roomier(own, capacity) if capacity > own.arrival_ns.shape[1] else own
 
 
+def replaced(own: Direction, link: int, given: Sequence[Sequence[Any]], way: DirectionSpec) -> Direction:
+    """A direction with other stages of a link, for what is sent from now on; `given`: those of all links.
+
+    What is under way stays under way; what the link's stages had kept is lost, that of other links is not.
+    """
+    chain, packets = chains(given, way)
+    others = np.arange(len(given)) != link
+    for before, after in zip(own.chain[2:], chain[2:], strict=True):  # what was drawn and what is kept
+        both = tuple(slice(min(sizes)) for sizes in zip(before.shape[1:], after.shape[1:], strict=True))
+        where = (others, *both)
+        after[where] = before[where]
+    packets.number[:] = own.packets.number
+    own, capacity = own._replace(chain=chain, packets=packets), room_for(chain, way)
+    return _roomier(own, capacity) if capacity > own.arrival_ns.shape[1] else own
+
+
 def _roomier(own: Direction, capacity: int) -> Direction:
     """A direction of several links with more room for what is under way, from the ring's beginning on."""
     n, old = own.arrival_ns.shape
@@ -211,15 +227,26 @@ def _count_delivered(way: Direction, channel: int, slot: int) -> None:
 
 
 @inlined
-def uplink(made: Links, link: int, tick: int, start_ns: int, end_ns: int, frame: NDArray[np.float64]) -> int:
-    """Send a frame (stations, channels) measured at `start_ns` up a link; deliver what arrives before `end_ns`.
+def uplink(
+    made: Links,
+    link: int,
+    tick: int,
+    start_ns: int,
+    end_ns: int,
+    frame: NDArray[np.float64],
+    measured_ns: NDArray[np.int64],
+) -> int:
+    """Send a frame (stations, channels) up a link at `start_ns`; deliver what arrives before `end_ns`.
 
-    The delivered entries stand in `made.up.out[link]`, in order of arrival; returns their number.
+    `measured_ns`: when each station measured, (stations,); LOST: it is absent from the frame. The delivered entries
+    stand in `made.up.out[link]`, in order of arrival; returns their number.
     """
     way = view(made.up, link)
     p = way.packets
     for station in range(frame.shape[0]):
-        _put_in(p, station, start_ns, start_ns)
+        _put_in(p, station, start_ns, measured_ns[station])
+        if measured_ns[station] == LOST:
+            p.now_ns[0, station] = LOST
         for i in range(frame.shape[1]):
             p.values[station, i] = frame[station, i]
     traverse(way.chain, p, start_ns, 0, frame.shape[0])
@@ -237,7 +264,8 @@ def uplink(made: Links, link: int, tick: int, start_ns: int, end_ns: int, frame:
                 entry.measured_ns = p.stamp_ns[station]
                 for i in range(frame.shape[1]):
                     entry.values[i] = p.values[station, i]
-        _count_sent(p, way.statistics, station, arriving)
+        if measured_ns[station] != LOST or arriving > 0:
+            _count_sent(p, way.statistics, station, arriving)
     count = 0
     slot = _first_before(way, end_ns)
     while slot >= 0:

@@ -17,6 +17,7 @@ from rclpy.serialization import serialize_message
 
 from facts_damping.compiling import specialised
 from facts_damping.nodes.packing import take
+from facts_damping.nodes.stamps import epoch_ns
 from facts_damping.recording.columns import FORMATS, HEADER, Walk
 from facts_damping.recording.schemas import parse_schema, schema_text
 from facts_damping.signals import NANOSECONDS
@@ -120,7 +121,7 @@ class Template:
     def write_head(self, start_ns: int, tick: int) -> None:
         """Put the stamp of the header and the tick."""
         of = self.sent.of
-        of["i4"][0], of["u4"][1] = divmod(start_ns, NANOSECONDS)
+        of["i4"][0], of["u4"][1] = divmod(start_ns + epoch_ns(), NANOSECONDS)
         of["u8"][self._tick] = tick
 
     def data(self) -> bytes:
@@ -136,9 +137,9 @@ class Template:
         return int(self.come.of["u8"][self._tick])
 
     def start_ns(self) -> int:
-        """Stamp of its header, ns."""
+        """Stamp of its header, ns, simulated."""
         of = self.come.of
-        return int(of["i4"][0]) * NANOSECONDS + int(of["u4"][1])
+        return int(of["i4"][0]) * NANOSECONDS + int(of["u4"][1]) - epoch_ns()
 
     def read(self, field: Field) -> NDArray[Any]:
         """Values of its fields."""

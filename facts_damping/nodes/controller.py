@@ -10,15 +10,15 @@ from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFra
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.compiling import specialised
 from facts_damping.control.bank import act, set_estimate
-from facts_damping.nodes.guard import Guard
-from facts_damping.nodes.joining import Joining
+from facts_damping.nodes.live_parameters import declare_settings
+from facts_damping.nodes.member import CONTROLLER, Member
 from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates
 from facts_damping.nodes.node import SAYING, graph_prefix, run_node
-from facts_damping.nodes.parameters import WeightsFile, declare_settings, read_case, read_index, read_options
+from facts_damping.nodes.parameters import read_case, read_index, read_options
 from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
+from facts_damping.nodes.weights_file import WeightsFile
 from facts_damping.signals import DELIVERY, SETPOINT
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.learnt_weights import adapted
@@ -41,34 +41,37 @@ class ControllerNode:
         self.case = self.weights.start(self.case, self.index)
         self.controller = self.case.controllers[self.index]
         self.bank, self.state, _, _ = build_control(self.case)
-        names = [name for name in self.controller.parameters if not name.startswith("identifier_")]
-        declare_settings(node, self.controller, names, self.bank.settings[self.index], self.bank.mode_shape[self.index])
-        address = controller_addresses(self.case)[self.index]
+        address, hardware = controller_addresses(self.case)[self.index], ", ".join(self.controller.devices)
         self.name, graph = address.name, graph_prefix(node, address)
+        self.member = Member(node, self.case, self.options, CONTROLLER, self.index, graph=graph, hardware=hardware)
+        names = [name for name in self.controller.parameters if not name.startswith("identifier_")]
+        rows, swing = self.bank.settings[self.index], self.bank.mode_shape[self.index]
+        declare_settings(node, self.controller, names, rows, swing, self.member.change)
         link = link_addresses(self.case)[self.case.used_links[self.index]]
         identifier = str(identifier_addresses(self.case).get(self.index, ""))
         by = signing(self.case, self.options.start_timeout)
         self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/setpoints"))
         self.inner = ControllerStateMessage(self.case, self.index)
-        self.ticks = UnitDelay(self.options, identifier, self.act)
+        self.ticks = UnitDelay(self.options, self.case.run.frame_rate, identifier, self.act)
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", SAYING)
         self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", SAYING)
-        self.joining = Joining(node, self.options, self.case.run.frame_rate)
-        self.guard = Guard(node, self.case, self.options, graph)
-        delivered = link.topic("pmu/delivered")
+        guard, delivered = self.member.guard, link.topic("pmu/delivered")
         frames = FramesMessage(self.case, seal(by, delivered))
-        self.guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read)
+        guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
         if identifier:
             estimates = Estimates(self.case, self.index)
-            self.guard.subscribe(JacobianEstimate, f"{graph}{identifier}/estimate", self.ticks.receive, estimates.read)
+            guard.subscribe(JacobianEstimate, f"{graph}{identifier}/estimate", self.ticks.receive, estimates.read)
         given, issued = np.zeros(0, DELIVERY), np.zeros(0, SETPOINT)
         self.set_estimate = specialised(set_estimate, self.state, self.index, np.zeros((0, 0)), np.zeros(0), 0)
         self.compute = specialised(act, self.bank, self.state, self.index, 0, given, 0, issued, 0)
-        self.guard.hear_errors()
-        self.spinner = Spinner(node, self.guard)
+        guard.hear_run()
+        self.spinner = self.member.spin()
         extra = int(self.options.recorder)
-        listeners = {self.to_link: 1 + bool(identifier) + extra, self.to_recorder: extra}
-        self.guard.wait_for_peers(listeners)
+        self.listeners = {self.to_link: 1 + bool(identifier) + extra, self.to_recorder: extra}
+
+    def ready(self) -> None:
+        """Wait for its link, its identifier, and the recorder."""
+        self.member.wait(self.listeners, self.spinner)
 
     def run(self) -> None:
         """Serve until stopped, then save what was learnt."""
@@ -84,20 +87,22 @@ class ControllerNode:
     def act(self, tick: int, delivered: NDArray[Any], estimates: list[Estimate]) -> None:
         """One tick: act on what was delivered, answer also when nothing was; disarmed, say nothing that acts."""
         c = self.index
+        self.member.begin(tick)
         for estimate in estimates:
             self.set_estimate(self.state, c, *estimate)
         start = tick_ns(tick, self.case.run.frame_rate)
         issued = setpoint_buffer(len(self.controller.devices), len(delivered))
         count = self.compute(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)
-        said = count if self.joining.acts(tick) else 0
+        said = count if self.member.joining.acts else 0
         self.to_link.publish(self.setpoints.fill(tick, start, issued[:said], self.name))
         self.to_recorder.publish(self.inner.fill(tick, start, len(delivered) > 0, self.state))
+        self.member.tell(lambda: self.ticks.health("controls", controller=self.controller.name))
         self.weights.keep(self.learnt)
 
 
 def main() -> None:
     """Entry point of `ros2 run facts_damping controller`."""
-    run_node("controller", ControllerNode)
+    run_node("controller", ControllerNode, "One controller of the run: hears PMU frames as delivered, gives setpoints.")
 
 
 if __name__ == "__main__":

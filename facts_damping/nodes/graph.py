@@ -42,6 +42,8 @@ STUCK = -signal.SIGALRM  # exit status of a node with its work done, whose middl
 STOP_S = 15.0  # patience with a node that was told to stop
 MOST_DOMAIN = 232
 
+# What nodes say goes to /rosout, and as lines to this process; no files of ROS 2's logging are left behind.
+QUIET = ("--ros-args", "--disable-stdout-logs", "--disable-external-lib-logs")
 ENVIRONMENT = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}  # unless the user says otherwise
 
 
@@ -107,11 +109,11 @@ class Process:
 def start(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> Process:
     """Start a node, named by its place in the graph, as a process of its own session; `remaps`: of its topics."""
     namespace, _, own = name.rpartition("/")
-    arguments = ["--ros-args", "-r", f"__node:={own}"]
+    arguments = [*QUIET, "-r", f"__node:={own}"]
     arguments += ["-r", f"__ns:=/{namespace}"] if namespace else []
     for topic, other in (remaps or {}).items():
         arguments += ["-r", f"{topic}:={other}"]
-    for key, value in parameters.items():
+    for key, value in {**parameters, "progress": True}.items():
         arguments += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
     output, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in `graph`)
     # Files without names, which no end of this process can leave behind.
@@ -244,7 +246,7 @@ def run(
         heard, under_way = time.monotonic() + 60.0, False  # patience with the start, above the nodes' own
         while plant.process.exitcode is None:
             for k, n, late in plant.progress():
-                heard, misses = time.monotonic() if k > 1 else heard, late  # by then all have been heard
+                heard, misses = time.monotonic() if k > 1 else max(heard, time.monotonic()), late  # all heard by then
                 under_way = k > 1
                 progress(k, n)
             _check_others(running, fallen if under_way and mode == "realtime" else None)

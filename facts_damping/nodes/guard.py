@@ -12,32 +12,42 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from facts_damping_msgs.msg import RefusedCount, RefusedMessages
-from rclpy.serialization import serialize_message
+from facts_damping_msgs.msg import RunState
 
+from facts_damping.nodes import stamps
 from facts_damping.nodes.cdr import Refused
-from facts_damping.nodes.messages import errors, set_time
-from facts_damping.nodes.node import COMMON, DEPTH, HEARING, SAYING, wait_for_peers
+from facts_damping.nodes.messages import run_state
+from facts_damping.nodes.node import (
+    DEPTH,
+    HEARING,
+    HEARING_LATE,
+    NODE,
+    STATE,
+    TOPIC,
+    Voice,
+    rest,
+    wait_for_peers,
+)
+from facts_damping.nodes.refusals import Refusals, node_name
+from facts_damping.nodes.spinning import BeginAgain
 from facts_damping.nodes.tables import start_of
+from facts_damping.nodes.taking import take
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.node import Node
     from rclpy.publisher import Publisher
+    from rclpy.qos import QoSProfile
+    from rclpy.subscription import Subscription
 
     from facts_damping.case.model import Case
     from facts_damping.nodes.parameters import Options
 
-TOPIC = "security/refused"  # of every graph: what its nodes have refused
-TELL_S = 1.0  # wall time between two reports at least
 KNOW_S = 0.01  # wall time between two looks at who publishes, at least
 PLANT = "plant/state"  # who publishes it is the plant
-MOST = 200  # counts by topic, cause and source that are kept apart; what comes on top is counted as of others
-OTHERS = b""
-UNKNOWN = "_NODE_NAME_UNKNOWN_"  # what the middleware calls a node that it has not heard of yet
-NODE = 12  # first bytes of a publisher's identity that all of a node's have: the GUID prefix (RTPS 2.5, 8.2.4.1)
+FOUND_S = 0.5  # wall time in which nodes find each other, if nothing else goes on
+QUIET_S = 0.5  # wall time without a message after which nothing more comes of a run that has ended
 
 
 @dataclass
@@ -51,6 +61,7 @@ class Heard:
     begins: Callable[[bytes], bool] | None
     common: bool
     plant: bool = False  # the plant alone is heard, where all may speak
+    leads: bool = False  # frames: who is new there with an earlier tick begins another run
     silent: bool = False  # not subscribed to: only its publisher is known
     publisher: bytes | None = None  # identity of who publishes it in this graph, once that is known
     sequences: dict[bytes, int] = field(default_factory=dict)  # of the newest message, by publisher
@@ -67,16 +78,17 @@ class Guard:
     ) -> None:
         """`graph`: what leads from the node to the topics of its graph (node.py); `say`: takes reports, if not all."""
         self.node, self.heard = node, time.monotonic()  # when something was last let through
-        self.over = False  # whether the plant has said that it is lost
-        self._rate, self._ticks, self._options = case.run.frame_rate, case.ticks, options
+        self.voice = Voice(node)
+        self.over = False  # whether the plant has said that the run has ended
+        self._rate, self._options = case.run.frame_rate, options
+        self._last = sys.maxsize if options.free else case.ticks - 1  # tick that the run has at most
         self._graph = graph
         self._plant: Heard | None = None  # a topic that the plant publishes
         self._topics: list[Heard] = []
-        self._say = say or node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", SAYING).publish
-        self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
-        self._told: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
-        self._sources = {OTHERS: "others"}  # of publishers that were refused: what they were told as
-        self._told_at = self._looked_at = self._sought_at = 0.0
+        self._own: list[Subscription[Any]] = []  # what was subscribed to here
+        self.refusals = Refusals(node, graph, say)
+        self._names: dict[bytes, str] = {}  # of nodes whose messages were let in, by publisher
+        self._looked_at = self._sought_at = 0.0
         self._heirs: dict[str, bytes] = {}  # by topic: who is alone where its publisher has left
 
     def subscribe(
@@ -89,21 +101,24 @@ class Guard:
         begins: Callable[[bytes], bool] | None = None,
         common: bool = False,
         plant: bool = False,
+        leads: bool = False,
+        qos: QoSProfile = HEARING,
     ) -> None:
         """Listen to a topic; `common`: all nodes of the graph may speak there; `plant`: it alone is heard.
 
         `read` makes of a message its tick (none on a topic that all share) and more, or raises `Refused`; `use` is
         called with that; without `read` it gets the bytes and what the middleware knows of them. `newest`: the newest
         tick that it may be of. `begins`: whether a message is the first of a run: its publisher is this graph's.
+        `leads`: its ticks are the run's.
         """
-        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant)
+        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads)
         self._topics.append(heard)
 
         def take(data: bytes, information: Any) -> bool:
             return self.take(heard, data, information)
 
         taking: Any = take  # the spinner wants to know whether a message was let through
-        self.node.create_subscription(kind, topic, taking, HEARING, raw=True)
+        self._own.append(self.node.create_subscription(kind, topic, taking, qos, raw=True))
 
     def know_plant(self, topic: str = PLANT) -> None:
         """Know the plant by a topic that it publishes, whether that is listened to or not."""
@@ -113,20 +128,31 @@ class Guard:
             self._plant = Heard(name, None, None, _nothing, None, common=False, silent=True)
             self._topics.append(self._plant)
 
-    def hear_errors(self, topic: str = PLANT) -> None:
-        """Repeat what the plant says of errors, a loss of synchronism above all; `over` is true from then on.
+    def hear_run(self, topic: str = PLANT) -> None:
+        """Hear from the plant how the run stands: whether it is over, and why.
 
         The plant is who publishes `topic`.
         """
         self.know_plant(topic)
-        self.subscribe(DiagnosticArray, COMMON, self.repeat, errors, common=True, plant=True)
+        self.subscribe(
+            RunState, f"{self._graph}{STATE}", self.on_run, run_state, common=True, plant=True, qos=HEARING_LATE
+        )
 
-    def repeat(self, told: list[str]) -> None:
-        """Say what the plant says, a line each."""
-        for text in told:
-            self.over = True
-            sys.stdout.write(f"{' '.join(text.split())}\n")
-            sys.stdout.flush()
+    def on_run(self, state: int, in_synchronism: bool, reason: str) -> None:
+        """Say why a run has ended; a pause is told so that nobody takes it for a plant that is silent."""
+        if state != RunState.ENDED or self.over:
+            return
+        self.over, text = True, " ".join(reason.split())
+        if in_synchronism:
+            self.voice.info(f"the run has ended: {text}")
+        else:
+            self.voice.alarm(text)
+
+    def done(self) -> bool:
+        """Whether the run has ended and nothing more comes: then a node ends, if nobody supervises it."""
+        if self._options.free or self.voice.lines or not self.over:
+            return False
+        return time.monotonic() - self.heard > QUIET_S
 
     def is_plant(self, publisher: bytes) -> bool:
         """Whether a publisher is of the plant's node."""
@@ -135,20 +161,29 @@ class Guard:
         known = self._plant.publisher if self._plant is not None else None
         return known is not None and publisher[:NODE] == known[:NODE]
 
-    def wait_for_peers(self, expected: dict[Publisher[Any], int]) -> None:
-        """Wait until the graph is there (node.py); whose its topics are is known from then on."""
-        heard = [one.topic for one in self._topics if not one.common and not one.silent]
-        wait_for_peers(self.node, expected, heard, self._options)
+    def wait_for_peers(self, expected: dict[Publisher[Any], int], serve: Callable[[], None]) -> None:
+        """Wait until the graph is there (node.py); whose its topics are is known from then on.
+
+        Who runs free waits for nobody, only until those who are there can have found it.
+        """
+        if self._options.free:
+            until = time.monotonic() + FOUND_S
+            while time.monotonic() < until:
+                rest(serve)
+        else:
+            heard = [one.topic for one in self._topics if not one.common and not one.silent]
+            peers = f"{self._graph}{TOPIC}"
+            wait_for_peers(self.node, expected, heard, self.node.resolve_topic_name(peers), self._options, serve)
         self._know()
-        if self._options.join:
+        if self._options.late:
             self._skip()
 
     def _skip(self) -> None:
         """Pass over what came while a node waited to join, but for the newest message of each topic."""
-        for subscription in self.node.subscriptions:
+        for subscription in self._own:
             newest: Any = None
             for _ in range(DEPTH):
-                taken: Any = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                taken = take(subscription)
                 if taken is None:
                     break
                 newest = taken
@@ -160,8 +195,28 @@ class Guard:
         counts: Counter[tuple[str, str]] = Counter()
         for heard in self._topics:
             for publisher, count in heard.lost.items():
-                counts[heard.topic, self._source(heard.topic, publisher)] += count
+                counts[heard.topic, self._name(heard.topic, publisher)] += count
         return counts
+
+    def publishers(self) -> dict[str, str]:
+        """Nodes whose messages were let in, by `topic identity`."""
+        return {
+            f"{heard.topic} {publisher.hex()}": self._name(heard.topic, publisher)
+            for heard in self._topics
+            for publisher in heard.sequences
+        }
+
+    def _name(self, topic: str, publisher: bytes) -> str:
+        """The node of a publisher, kept once it is known; until then its identity."""
+        if publisher not in self._names and (name := node_name(self.node, topic, publisher)):
+            self._names[publisher] = name
+        return self._names.get(publisher, publisher.hex())
+
+    def _myself(self) -> set[bytes]:
+        """This node, as others know it: where it hears on a topic on which it speaks."""
+        name, place = self.node.get_name(), self.node.get_namespace()
+        there = self.node.get_publishers_info_by_topic(self.node.resolve_topic_name(f"{self._graph}{TOPIC}"))
+        return {bytes(one.endpoint_gid)[:NODE] for one in there if (one.node_name, one.node_namespace) == (name, place)}
 
     def _know(self) -> None:
         """Look who publishes: the only one is this graph's, for good."""
@@ -179,23 +234,37 @@ class Guard:
         publisher: bytes = information["publisher_gid"]["data"]
         if heard.plant and not self.is_plant(publisher):
             return False  # not for this node: who listens to all says what is nobody's
+        epoch = stamps.epoch_ns()
         try:
             self._admit(heard, data, publisher)
             self._count(heard, publisher, information["publication_sequence_number"])
+            if self._another_plant(heard, publisher):
+                raise BeginAgain
             if heard.read is None:
                 message: tuple[Any, ...] = (data, information)
             else:
                 message = heard.read(data)
                 if not heard.common:
-                    self._check_tick(heard, message[0])
+                    self._check_tick(heard, message[0], publisher)
         except Refused as refused:
-            self.refuse(heard.topic, refused.cause, publisher)
+            stamps.restore(epoch)  # what is refused has taught nothing
+            self.refusals.add(heard.topic, refused.cause, publisher)
             return False
         if not heard.common:
             heard.publisher = publisher  # also a successor's, whose first message is sound
         self.heard = heard.at = time.monotonic()
         heard.use(*message)
         return True
+
+    def _another_plant(self, heard: Heard, publisher: bytes) -> bool:
+        """Whether somebody new speaks where the plant did; or for a link, and the plant is another one by now."""
+        if not self._options.free or heard.common or heard.publisher in (None, publisher) or self._plant is None:
+            return False
+        before = self._plant.publisher
+        if before is None or (heard.publisher or b"")[:NODE] == before[:NODE]:
+            return before is not None
+        there = self._publishers(self._plant.topic)
+        return heard.leads and bool(there) and before not in there
 
     def _admit(self, heard: Heard, data: bytes, publisher: bytes) -> None:
         """Refuse a message of somebody else's."""
@@ -205,19 +274,20 @@ class Guard:
             self._recognise(heard, data, publisher)
         elif publisher[:NODE] not in self._nodes():
             self._know()
-            if self._complete() and publisher[:NODE] not in self._nodes() | self._succeeding():
+            if self._complete() and publisher[:NODE] not in self._nodes() | self._succeeding() | self._myself():
                 raise Refused("publisher")
 
     def _count(self, heard: Heard, publisher: bytes, sequence: int | None) -> None:
         """Refuse a message that its publisher sent before one that has come; count those that did not come."""
         if sequence is None:  # not every middleware counts
             return
+        if publisher not in self._names:
+            self._name(heard.topic, publisher)  # it may have left when it is told
         newest = heard.sequences.get(publisher, sequence - 1)
         if sequence <= newest:
             raise Refused("sequence")
         if sequence > newest + 1:
             heard.lost[publisher] += sequence - newest - 1
-            self._source(heard.topic, publisher)  # it may have left when that is told
         heard.sequences[publisher] = sequence
 
     def _recognise(self, heard: Heard, data: bytes, publisher: bytes) -> None:
@@ -230,11 +300,11 @@ class Guard:
             raise Refused("publisher")
 
     def _succeeding(self, heard: Heard | None = None) -> set[bytes]:
-        """Nodes that, in real time, are alone on a topic (on any, if none is given) whose publisher has left.
+        """Nodes that, unless in lockstep, are alone on a topic (on any, if none is given) whose publisher has left.
 
-        As long as the plant is there: without it the run is over, and it has no successor.
+        In real time as long as the plant is there: without it the run is over, and it has no successor.
         """
-        if self._options.realtime and time.monotonic() - self._sought_at > KNOW_S:
+        if self._options.paced and time.monotonic() - self._sought_at > KNOW_S:
             self._sought_at = time.monotonic()
             known = {one.topic: one.publisher for one in self._topics if one.publisher is not None}
             there = {topic: self._publishers(topic) for topic in known}
@@ -243,7 +313,8 @@ class Guard:
             self._heirs = {
                 topic: own[0]
                 for topic, own in there.items()
-                if not over and len(own) == 1 and own[0] != known[topic] and not self.is_plant(known[topic])
+                if len(own) == 1 and own[0] != known[topic]
+                if self._options.free or not (over or self.is_plant(known[topic]))
             }
         return {gid[:NODE] for topic, gid in self._heirs.items() if heard is None or topic == heard.topic}
 
@@ -257,69 +328,40 @@ class Guard:
     def _nodes(self) -> set[bytes]:
         return {heard.publisher[:NODE] for heard in self._topics if heard.publisher is not None}
 
-    def _check_tick(self, heard: Heard, tick: int) -> None:
-        """Refuse a tick that is not the next one; in real time as many may be missing as the clock allows.
+    def _check_tick(self, heard: Heard, tick: int, publisher: bytes) -> None:
+        """Refuse a tick that is not the next one; by the clock as many may be missing as that allows.
 
         Who does not begin with tick 0 is of another graph, that was there before: then the publisher is unknown again.
+        Where the graph runs free, somebody new with an earlier tick is of a new run, for which the node begins again.
         """
-        if heard.tick < 0 and tick > 0 and not self._options.join:
+        if heard.tick < 0 and tick > 0 and not self._options.late:
             heard.publisher = None
             raise Refused("publisher")
-        late = int((1.0 + time.monotonic() - heard.at) * self._rate) if self._options.realtime else 0
-        latest = self._ticks - 1 if heard.tick < 0 and self._options.join else heard.tick + 1 + late
+        if self._options.free and heard.leads and tick < heard.tick and publisher != heard.publisher:
+            raise BeginAgain
+        late = int((1.0 + time.monotonic() - heard.at) * self._rate) if self._options.paced else 0
+        latest = self._last if heard.tick < 0 and self._options.late else heard.tick + 1 + late
         if heard.newest is not None:
             latest = min(latest, heard.newest())
         if not heard.tick < tick <= latest:
             raise Refused("tick")
         heard.tick = tick
 
-    def refuse(self, topic: str, cause: str, publisher: bytes = OTHERS) -> None:
-        """Count a message or request that was refused."""
-        if not self._refused:
-            self._told_at = time.monotonic()  # who a newcomer is, one hears after what it says
-        if len(self._refused) < MOST or (topic, cause, publisher) in self._refused:
-            self._refused[topic, cause, publisher] += 1
-        else:
-            self._refused[topic, cause, OTHERS] += 1
-
-    def _source(self, topic: str, publisher: bytes) -> str:
-        """How a publisher calls itself, once and for all: its node's full name, else its identity."""
-        if publisher not in self._sources:
-            there = self.node.get_publishers_info_by_topic(topic)
-            one = next((one for one in there if bytes(one.endpoint_gid) == publisher), None)
-            known = one is not None and one.node_name != UNKNOWN
-            name = f"{one.node_namespace.rstrip('/')}/{one.node_name}" if one and known else publisher.hex()
-            self._sources[publisher] = "".join(c if c.isprintable() and not c.isspace() else "?" for c in name)
-        return self._sources[publisher]
+    def refuse(self, topic: str, cause: str) -> None:
+        """Count a request that was refused."""
+        self.refusals.add(topic, cause)
 
     def tell(self, last: bool = False) -> None:
-        """Report what is new: lines `refused N CAUSE TOPIC SOURCE` on standard output, and a message.
+        """Report what was refused, now and then, or for the `last` time."""
+        self.refusals.tell(start_of(self.newest(), self._rate), last)
 
-        At most once in `TELL_S`, unless it is the last time.
-        """
-        if self._told.total() == self._refused.total() or not (last or time.monotonic() - self._told_at > TELL_S):
-            return
-        self._told_at = time.monotonic()
-        counts: Counter[tuple[str, str, str]] = Counter()
-        for (topic, cause, publisher), count in self._refused.items():
-            counts[topic, cause, self._source(topic, publisher)] += count
-        for (topic, cause, source), count in counts.items():
-            if count != self._told[topic, cause, source]:
-                sys.stdout.write(f"refused {count} {cause} {topic} {source}\n")
-        sys.stdout.flush()
-        self._told = counts
-        message = RefusedMessages(node=self.node.get_fully_qualified_name())
-        newest = max((heard.tick for heard in self._topics), default=0)
-        set_time(message.header.stamp, start_of(max(newest, 0), self._rate))
-        message.refused = [
-            RefusedCount(topic=topic, cause=cause, source=source, count=count)
-            for (topic, cause, source), count in counts.items()
-        ]
-        self._say(serialize_message(message))
+    def newest(self) -> int:
+        """The newest tick that the node has heard of; 0 before the first."""
+        return max((heard.tick for heard in self._topics if heard.tick > 0), default=0)
 
     def remark(self) -> str:
         """What to add to an error, where others are at it: a silent node may be one that is not listened to."""
-        foreign = sum(count for (_, cause, _), count in self._refused.items() if cause == "publisher")
+        foreign = self.refusals.foreign()
         if not foreign:
             return ""
         return f"; {foreign} messages of others were refused: another graph in this ROS_DOMAIN_ID (0 to 101)?"

@@ -10,15 +10,15 @@ from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoi
 from facts_damping.case.names import controller_addresses, controller_names, identifier_addresses, link_addresses
 from facts_damping.compiling import specialised
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
-from facts_damping.nodes.guard import Guard
-from facts_damping.nodes.joining import Joining
+from facts_damping.nodes.live_parameters import declare_settings
+from facts_damping.nodes.member import IDENTIFIER, Member
 from facts_damping.nodes.messages import Estimates
 from facts_damping.nodes.node import SAYING, graph_prefix, run_node
-from facts_damping.nodes.parameters import WeightsFile, declare_settings, read_case, read_index, read_options
+from facts_damping.nodes.parameters import read_case, read_index, read_options
 from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
+from facts_damping.nodes.weights_file import WeightsFile
 from facts_damping.signals import DELIVERY, ESTIMATE, SETPOINT
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.learnt_weights import adapted
@@ -47,30 +47,33 @@ class IdentifierNode:
         self.controller = self.case.controllers[self.index]
         self.own = list(addresses).index(self.index)
         bank, _, self.identifiers, self.state = build_control(self.case)
+        hardware = ", ".join(self.controller.devices)
+        self.member = Member(node, self.case, self.options, IDENTIFIER, self.index, graph=graph, hardware=hardware)
         own = [n for n in self.controller.parameters if n.startswith("identifier_")]
         rows, swing = self.identifiers.settings[self.own], bank.mode_shape[self.index]
-        declare_settings(node, self.controller, own + SHARED, rows, swing)
+        declare_settings(node, self.controller, own + SHARED, rows, swing, self.member.change)
         sender = str(controller_addresses(self.case)[self.index])
         self.estimates = Estimates(self.case, self.index)
         self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
-        self.ticks = UnitDelay(self.options, sender, self.learn)
+        self.ticks = UnitDelay(self.options, self.case.run.frame_rate, sender, self.learn)
         self.to_controller = node.create_publisher(JacobianEstimate, f"{address.name}/estimate", SAYING)
-        self.joining = Joining(node, self.options, self.case.run.frame_rate)
-        self.guard = Guard(node, self.case, self.options, graph)
-        by = signing(self.case, self.options.start_timeout)
+        guard, by = self.member.guard, signing(self.case, self.options.start_timeout)
         delivered, commands = link.topic("pmu/delivered"), f"{sender}/setpoints"
         frames = FramesMessage(self.case, seal(by, delivered))
-        self.guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read)
+        guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
         name = controller_names(self.case)[self.index]
         setpoints = SetpointsMessage(self.case, name, [self.index], seal(by, commands))
-        self.guard.subscribe(VoltageSetpoints, f"{graph}{commands}", self.ticks.receive, setpoints.read)
+        guard.subscribe(VoltageSetpoints, f"{graph}{commands}", self.ticks.receive, setpoints.read)
         learner = self.identifiers, self.state, self.own
         self.store = specialised(store_setpoints, *learner, np.zeros(0, SETPOINT), 0)
         self.identify = specialised(identify, *learner, np.zeros(0, DELIVERY), 0)
         self.estimate = specialised(write_estimates, *learner, 0, self.rows, 0)
-        self.guard.hear_errors()
-        self.spinner = Spinner(node, self.guard)
-        self.guard.wait_for_peers({self.to_controller: 1 + int(self.options.recorder)})
+        guard.hear_run()
+        self.spinner = self.member.spin()
+
+    def ready(self) -> None:
+        """Wait for its link, its controller, and the recorder."""
+        self.member.wait({self.to_controller: 1 + int(self.options.recorder)}, self.spinner)
 
     def run(self) -> None:
         """Serve until stopped, then save what was learnt."""
@@ -85,19 +88,21 @@ class IdentifierNode:
 
     def learn(self, tick: int, delivered: NDArray[Any], setpoints: list[NDArray[Any]]) -> None:
         """One tick: take in the setpoints of the ticks before, learn from what was delivered; tell, if armed."""
+        self.member.begin(tick)
         learner = self.identifiers, self.state, self.own
         for rows in setpoints:
             self.store(*learner, rows, len(rows))
         self.identify(*learner, delivered, len(delivered))
         self.estimate(*learner, tick, self.rows, 0)
-        if self.joining.acts(tick):
+        if self.member.joining.acts:
             self.to_controller.publish(self.estimates.fill(tick, self.rows, self.state, self.own))
+        self.member.tell(lambda: self.ticks.health("identifies"))
         self.weights.keep(self.learnt)
 
 
 def main() -> None:
     """Entry point of `ros2 run facts_damping identifier`."""
-    run_node("identifier", IdentifierNode)
+    run_node("identifier", IdentifierNode, "The identifier of a controller of the run: estimates the plant's Jacobian.")
 
 
 if __name__ == "__main__":

@@ -1,16 +1,14 @@
-"""Joining a graph in real time that is under way: what such a node does acts on nothing until an operator arms it."""
+"""Joining a graph under way: what such a node does acts on nothing until an operator arms it."""
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
-from facts_damping.nodes.messages import joined
-from facts_damping.nodes.node import COMMON, SAYING
-from facts_damping.simulation.loop import tick_ns
+from facts_damping.nodes.messages import Health
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -21,16 +19,14 @@ NEVER = -1  # ns, of what has not happened yet
 
 
 class Joining:
-    """Whether a node has joined, and whether what it does may act; it says so once a simulated second."""
+    """Whether a node has joined, and whether what it does may act."""
 
-    def __init__(self, node: Node, options: Options, frame_rate: int) -> None:
-        """Offer the service that arms, and make room for what is said; neither where the node may not join."""
-        self._name, self._rate = node.get_fully_qualified_name(), frame_rate
-        self._began = self._asked = False
+    def __init__(self, node: Node, options: Options) -> None:
+        """Offer the service that arms, where the node may join."""
+        self._joins, self._began, self._asked = options.join, False, False
         self._joined_ns = self._armed_ns = NEVER
         if options.join:
             node.create_service(Trigger, "~/arm", self.on_arm)
-            self._publisher = node.create_publisher(DiagnosticArray, COMMON, SAYING)
 
     def on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Arm the node, from the next tick on."""
@@ -39,20 +35,28 @@ class Joining:
         self._asked |= response.success
         return response
 
-    def acts(self, tick: int) -> bool:
-        """Whether what the node does in a tick may act. To be asked in every tick."""
-        began, self._began = self._began, True
-        if not began and tick > 0:
-            self._joined_ns = tick_ns(tick, self._rate)
-        if self._joined_ns == NEVER:
+    def begin(self, start_ns: int) -> bool:
+        """Begin a tick; whether something has changed: the node has joined, or is armed from here on."""
+        first, self._began = not self._began, True
+        if first and self._joins and start_ns > 0:
+            self._joined_ns = start_ns
             return True
-        new = not began
         if self._asked and self._armed_ns == NEVER:
-            self._armed_ns, new = tick_ns(tick, self._rate), True
-        if new or tick % self._rate == 0:
-            message = joined(self._name, self._joined_ns, self._armed_ns, tick_ns(tick, self._rate))
-            self._publisher.publish(message)
-            if new:
-                sys.stdout.write(f"{message.status[0].message}\n")
-                sys.stdout.flush()
-        return self._armed_ns != NEVER
+            self._armed_ns = start_ns
+            return True
+        return False
+
+    @property
+    def acts(self) -> bool:
+        """Whether what the node does may act."""
+        return self._joined_ns == NEVER or self._armed_ns != NEVER
+
+    def health(self) -> Health | None:
+        """When the node has joined, and whether it is armed; None where it has been there from the beginning."""
+        if self._joined_ns == NEVER:
+            return None
+        values, text = {"joined_ns": self._joined_ns}, f"joined at {self._joined_ns / NANOSECONDS:.3f} s"
+        if self._armed_ns == NEVER:
+            return Health(DiagnosticStatus.WARN, f"{text}, disarmed", values)
+        values["armed_ns"] = self._armed_ns
+        return Health(DiagnosticStatus.OK, f"{text}, armed at {self._armed_ns / NANOSECONDS:.3f} s", values)

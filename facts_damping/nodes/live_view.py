@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 
 from facts_damping.errors import InputError
-from facts_damping.nodes.node import run_node
-from facts_damping.nodes.parameters import descriptor, read_case
+from facts_damping.nodes.node import Voice, run_node
+from facts_damping.nodes.parameters import declare, descriptor, read_case
 from facts_damping.nodes.recorder import message_type, topics
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.recording.schemas import schema_text
@@ -30,11 +29,11 @@ class LiveView:
     """Subscribes to everything and hands it on as it is, at the time of its stamp."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters, start the server, advertise the topics, subscribe."""
+        """Read parameters, advertise the topics, subscribe."""
         case = read_case(node)
-        host: Any = node.declare_parameter("host", HOST, descriptor("address that the server listens at")).value
-        port: Any = node.declare_parameter("port", PORT, descriptor("its port; 0: a free one", "", 0, 65535)).value
-        sdk = library()
+        self.host: str = declare(node, "host", HOST, descriptor("address that the server listens at"))
+        self.port: int = declare(node, "port", PORT, descriptor("its port; 0: a free one", "", 0, 65535))
+        self.sdk = sdk = library()
         schemas: dict[Any, Any] = {}
         clock = node.resolve_topic_name(CLOCK)
         for topic, kind in topics(case).items():
@@ -44,14 +43,16 @@ class LiveView:
             channel = sdk.Channel(name, schema=schemas[of], message_encoding="cdr")
             take = partial(self.on_message, channel, name == clock)
             node.create_subscription(kind, topic, take, LISTENING, raw=True)
+        self.voice, self.spinner = Voice(node), Spinner(node)
+
+    def ready(self) -> None:
+        """Start the server."""
+        host, port, time = self.host, self.port, self.sdk.Capability.Time
         try:
-            self.server = sdk.start_server(
-                name="facts_damping", host=host, port=port, capabilities=[sdk.Capability.Time]
-            )
+            self.server = self.sdk.start_server(name="facts_damping", host=host, port=port, capabilities=[time])
         except (RuntimeError, ValueError, OSError) as error:
             raise InputError(f"host, port: {host}, {port} given: {error}; allowed: ones that are free here") from error
         self.address = f"ws://{host}:{self.server.port}"
-        self.spinner = Spinner(node)
 
     def on_message(self, channel: Any, tells_time: bool, data: bytes) -> None:
         """Hand on one message."""
@@ -62,8 +63,8 @@ class LiveView:
 
     def run(self) -> None:
         """Serve until stopped."""
-        sys.stdout.write(f"{self.address}\n")
-        sys.stdout.flush()
+        self.voice.line(self.address)
+        self.voice.info(f"open in Foxglove: {self.address}")
         try:
             while True:
                 self.spinner.spin_once(0.1)
@@ -82,7 +83,7 @@ def library() -> Any:
 
 def main() -> None:
     """Entry point of `ros2 run facts_damping live_view`."""
-    run_node("live_view", LiveView)
+    run_node("live_view", LiveView, "A running graph in Foxglove, by WebSocket; it only listens.")
 
 
 if __name__ == "__main__":

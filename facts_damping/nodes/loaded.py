@@ -7,6 +7,7 @@ import gc
 import os
 import shutil
 
+from facts_damping_msgs.srv import Apply, Step
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -17,6 +18,8 @@ from rcl_interfaces.srv import (
     SetParametersAtomically,
 )
 from rclpy.type_support import check_for_type_support
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
 
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import controller, forked, identifier, plant_sim, recorder, replay_source, wan_link
@@ -28,11 +31,12 @@ NODES = (controller, identifier, plant_sim, recorder, replay_source, wan_link)
 SERVICES = (
     *(DescribeParameters, GetParameters, GetParameterTypes),
     *(ListParameters, SetParameters, SetParametersAtomically),
+    *(Apply, Step, Trigger),
 )
 CASE = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
 MESSAGES = set(recorder.topics(CASE).values())
 
-for kind in (ParameterEvent, *SERVICES, *MESSAGES):
+for kind in (Clock, ParameterEvent, *SERVICES, *MESSAGES):
     check_for_type_support(kind)
 for name in map(recorder.message_type, MESSAGES):
     type_hash(name, schema_text(name))

@@ -16,12 +16,16 @@ from facts_damping_msgs.msg import (
     LinkStatistics,
     MachineState,
     PlantState,
+    RunChange,
+    RunState,
 )
 
 from facts_damping.case.names import controller_names, identifier_names
 from facts_damping.control.bank import controller_network
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.nodes.cdr import Refused, Template, content
+from facts_damping.nodes.stamps import epoch_ns
+from facts_damping.nodes.tables import start_of
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, truth_field
 from facts_damping.simulation.build import identifier_network
 
@@ -134,6 +138,7 @@ class Estimates:
     def __init__(self, case: Case, index: int) -> None:
         """Lay out the signals and devices of the controller that it serves."""
         controller = case.controllers[index]
+        self._rate = case.run.frame_rate
         self._shape = p, q = len(controller.signals), len(controller.devices)
         names = groups(identifier_network(controller)) if controller.scheme == "indirect" else []
         self._groups = len(names)
@@ -174,13 +179,15 @@ class Estimates:
         if not t.take(data):
             content(data, JacobianEstimate)
             raise Refused("names")
+        if t.start_ns() >= start_of(t.tick() + 1, self._rate):
+            raise Refused("stamp")
         jacobian = t.read(self._jacobian).reshape(self._shape)
         return t.tick(), Estimate(jacobian, t.read(self._by_signal["change"]), t.start_ns())
 
 
 def set_time(time: Time, nanoseconds: int) -> None:
-    """Write integer nanoseconds into a time message."""
-    time.sec, time.nanosec = divmod(int(nanoseconds), NANOSECONDS)
+    """Write simulated time, ns, into a time message."""
+    time.sec, time.nanosec = divmod(int(nanoseconds) + epoch_ns(), NANOSECONDS)
 
 
 def grid_event(event: dict[str, Any]) -> GridEvent:
@@ -190,40 +197,54 @@ def grid_event(event: dict[str, Any]) -> GridEvent:
     return message
 
 
-def diagnostics(node: str, mode: str, misses: int, start_ns: int, sound: bool) -> DiagnosticArray:
-    """Message of how a node keeps time, and whether its plant is in synchronism."""
-    status = DiagnosticStatus(name=node, level=DiagnosticStatus.WARN if misses else DiagnosticStatus.OK)
-    status.message = f"{misses} deadline misses" if misses else "on time"
-    if not sound:
-        status.level, status.message = DiagnosticStatus.ERROR, synchronism_lost(start_ns)
-    status.values = [KeyValue(key="deadline_misses", value=str(misses)), KeyValue(key="mode", value=mode)]
+class Health(NamedTuple):
+    """How a node is: what `/diagnostics` has of it."""
+
+    level: bytes  # DiagnosticStatus.OK, WARN or ERROR
+    message: str
+    values: dict[str, Any]
+
+
+def diagnostics(node: str, hardware: str, health: Health, start_ns: int) -> DiagnosticArray:
+    """Message of how a node is at a time; `hardware`: what it stands for or commands."""
+    values = [KeyValue(key=key, value=str(value)) for key, value in health.values.items()]
+    status = DiagnosticStatus(name=node, hardware_id=hardware, level=health.level, message=health.message)
+    status.values = values
     message = DiagnosticArray(status=[status])
     set_time(message.header.stamp, start_ns)
     return message
 
 
-def joined(node: str, joined_ns: int, armed_ns: int, start_ns: int) -> DiagnosticArray:
-    """Message of a node that has joined a graph under way, and whether it is armed: when, or a negative time."""
-    at, armed = joined_ns / NANOSECONDS, armed_ns / NANOSECONDS
-    status = DiagnosticStatus(name=node, level=DiagnosticStatus.WARN, message=f"joined at {at:.3f} s, disarmed")
-    status.values = [KeyValue(key="joined_ns", value=str(joined_ns))]
-    if armed_ns >= 0:
-        status.level, status.message = DiagnosticStatus.OK, f"joined at {at:.3f} s, armed at {armed:.3f} s"
-        status.values = [*status.values, KeyValue(key="armed_ns", value=str(armed_ns))]
-    message = DiagnosticArray(status=[status])
+def run_change(
+    node: str, role: str, index: int, kind: str, name: str, value: str, tick: int, start_ns: int
+) -> RunChange:
+    """Message of what is changed from a tick on."""
+    message = RunChange(node=node, role=role, index=index, kind=kind, name=name, value=value, tick=tick)
     set_time(message.header.stamp, start_ns)
     return message
+
+
+def state_message(state: int, tick: int, start_ns: int, reason: str = "", sound: bool = True) -> RunState:
+    """Message of how the run stands."""
+    message = RunState(state=state, tick=tick, reason=reason, in_synchronism=sound)
+    set_time(message.header.stamp, start_ns)
+    return message
+
+
+def run_state(data: bytes) -> tuple[int, bool, str]:
+    """State, whether in synchronism, and the reason, of such a message. Raises `Refused` where it is none."""
+    found = content(data, RunState)
+    return found.state, bool(found.in_synchronism), found.reason
+
+
+def run_done(tick: int, frame_rate: int) -> str:
+    """What a plant says after its last tick."""
+    return f"done: {start_of(tick + 1, frame_rate) / NANOSECONDS:g} s"
 
 
 def synchronism_lost(at_ns: int) -> str:
     """What every node says of it."""
     return f"synchronism lost at {at_ns / NANOSECONDS:.3f} s"
-
-
-def errors(data: bytes) -> tuple[list[str]]:
-    """What a message of diagnostics says of errors. Raises `Refused` where it is none."""
-    told = content(data, DiagnosticArray).status
-    return ([status.message for status in told if status.level[0] == DiagnosticStatus.ERROR[0]],)
 
 
 def link_statistics(

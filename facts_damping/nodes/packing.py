@@ -30,11 +30,15 @@ def pack(
     seconds: NDArray[np.int32],
     nanoseconds: NDArray[np.uint32],
     numbers: NDArray[np.int64],
+    epoch_ns: int,
 ) -> None:
-    """Put rows into a message: `words`, (rows, columns), into the stream's numbers of three formats."""
+    """Put rows into a message: `words`, (rows, columns), into the stream's numbers of three formats.
+
+    `epoch_ns` is added to their times.
+    """
     for i in range(places.shape[0]):
         for j in range(times):
-            time = words[i, first + j]
+            time = words[i, first + j] + epoch_ns
             whole = time // NANOSECONDS
             seconds[places[i, 2 * j]] = whole
             nanoseconds[places[i, 2 * j + 1]] = time - whole * NANOSECONDS
@@ -51,6 +55,7 @@ def unpack(
     seconds: NDArray[np.int32],
     nanoseconds: NDArray[np.uint32],
     numbers: NDArray[np.int64],
+    epoch_ns: int,
 ) -> int:
     """Take rows out of a message, the same way back.
 
@@ -59,7 +64,7 @@ def unpack(
     latest = 0
     for i in range(places.shape[0]):
         for j in range(times):
-            time = seconds[places[i, 2 * j]] * NANOSECONDS + nanoseconds[places[i, 2 * j + 1]]
+            time = seconds[places[i, 2 * j]] * NANOSECONDS + nanoseconds[places[i, 2 * j + 1]] - epoch_ns
             words[i, first + j] = time
             latest = max(latest, time if j > 0 else 0)
         for j in range(places.shape[1] - 2 * times):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-import sys
 import time
 from contextlib import suppress
 from functools import partial
@@ -11,16 +10,17 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import facts_damping_msgs.msg as messages
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.nodes.cdr import Refused
-from facts_damping.nodes.guard import TOPIC as REFUSED
-from facts_damping.nodes.guard import Guard
-from facts_damping.nodes.messages import errors
-from facts_damping.nodes.node import COMMON, run_node
-from facts_damping.nodes.parameters import descriptor, read_case, read_options
-from facts_damping.nodes.spinning import HEARD_S, Spinner, told_to_stop
+from facts_damping.nodes.guard import PLANT
+from facts_damping.nodes.member import RECORDER, Member
+from facts_damping.nodes.messages import Health, run_state
+from facts_damping.nodes.node import CHANGES, HEARING, HEARING_LATE, STATE, run_node
+from facts_damping.nodes.node import TOPIC as REFUSED
+from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.spinning import HEARD_S, BeginAgain, told_to_stop
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.simulated import stamp_ns
 from facts_damping.recording.writer import RecordingWriter
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 FLUSH_S = 0.5  # wall time after which the chunk in progress goes to disk: the most that a kill can cost
 QUIET_S = 0.2  # wall time without a message after which a stopped recorder is done
+REPORT_S = 1.0  # wall time between two reports of how it goes
 POLL_S = 0.01  # wall time between two looks at the queues
 
 TOPICS = {
@@ -41,6 +42,8 @@ TOPICS = {
     "plant/events": messages.GridEvent,
     "/diagnostics": DiagnosticArray,
     REFUSED: messages.RefusedMessages,
+    CHANGES: messages.RunChange,
+    STATE: messages.RunState,
 }
 OF_A_LINK = {
     "pmu/delivered": messages.PmuDataFrame,
@@ -50,13 +53,15 @@ OF_A_LINK = {
 OF_A_CONTROLLER = {"setpoints": messages.VoltageSetpoints, "state": messages.ControllerState}
 
 
-STAMP_END = 12  # bytes that a message has at least
-UNTICKED = ("plant/events", "link/statistics", "/diagnostics", REFUSED)  # not begun at tick 0
+STAMP_END, TICK_END = 12, 20  # where in a message that of the header ends, and its frame_id, which is empty
+NO_FRAME = b"\1\0\0\0\0\0\0\0"
+UNTICKED = ("plant/events", "link/statistics", "/diagnostics", REFUSED, CHANGES, STATE)  # not begun at tick 0
+LATE = (CHANGES, STATE)  # what was said before it came is heard, too
 
 
 def begins_a_run(data: bytes) -> bool:
-    """Whether a message is of tick 0, or of what was measured until then."""
-    return len(data) >= STAMP_END and stamp_ns(data) <= 0
+    """Whether a message, of those that begin with header and tick, is of tick 0."""
+    return data[STAMP_END:TICK_END] == NO_FRAME and int.from_bytes(data[TICK_END : TICK_END + 8], "little") == 0
 
 
 def topics(case: Case) -> dict[str, Any]:
@@ -88,21 +93,31 @@ class Recorder:
     """Subscribes to everything and writes it."""
 
     def __init__(self, node: Node) -> None:
-        """Read parameters, open the recording, subscribe."""
+        """Read parameters, subscribe."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
-        folder: Any = node.declare_parameter("output", "recording", descriptor("folder of the new recording")).value
-        self.writer = RecordingWriter(folder, dump(self.case.document()), versions())
+        self.folder: str = declare(node, "output", "recording", descriptor("folder of the new recording"))
         self.taken: list[tuple[int, int, str, bytes]] = []  # source's time, sequence, topic, data
-        self.refused = node.resolve_topic_name(REFUSED)
-        self.guard = Guard(node, self.case, self.options, say=self.on_refused)
-        begins = begins_a_run if self.options.recorder else None  # others wait for it: it hears all from the first on
+        self.refused, self.run_state = (node.resolve_topic_name(name) for name in (REFUSED, STATE))
+        self.member = Member(node, self.case, self.options, RECORDER, hardware=self.folder, say=self.on_refused)
+        self.guard, self.clock = self.member.guard, node.resolve_topic_name(PLANT)
+        waited = self.options.recorder and not self.options.free  # others wait for it: it hears all from the first on
+        self.topics: dict[str, str] = {}
         for topic, kind in topics(self.case).items():
-            name = node.resolve_topic_name(topic)
-            self.writer.add_topic(name, message_type(kind))
-            use, unticked = partial(self.on_message, name), topic.endswith(UNTICKED)
-            self.guard.subscribe(kind, topic, use, begins=None if unticked else begins, common=unticked)
+            name, unticked = node.resolve_topic_name(topic), topic.endswith(UNTICKED)
+            self.topics[name] = message_type(kind)
+            begins = begins_a_run if waited and not unticked else None
+            qos = HEARING_LATE if topic in LATE else HEARING
+            self.guard.subscribe(kind, topic, partial(self.on_message, name), begins=begins, common=unticked, qos=qos)
         self.guard.know_plant()
-        self.spinner = Spinner(node, self.guard)
+        self.written = 0
+        self.spinner = self.member.spin()
+
+    def ready(self) -> None:
+        """Open the recording."""
+        endless = {"duration": None} if self.options.free and self.case.run.duration is None else {}
+        self.writer = RecordingWriter(self.folder, dump(self.case.document() | endless), versions())
+        for name, kind in self.topics.items():
+            self.writer.add_topic(name, kind)
 
     def on_refused(self, data: bytes) -> None:
         """Keep what the recorder itself has refused."""
@@ -110,10 +125,13 @@ class Recorder:
 
     def on_message(self, topic: str, data: bytes, information: dict[str, Any]) -> None:
         """Take one message."""
-        self.taken.append((information["source_timestamp"], information["publication_sequence_number"], topic, data))
-        if topic == COMMON and self.guard.is_plant(information["publisher_gid"]["data"]):
+        sequence = information["publication_sequence_number"] or 0  # not every middleware counts
+        self.taken.append((information["source_timestamp"], sequence, topic, data))
+        if topic == self.clock and len(data) >= STAMP_END:
+            self.member.at_ns = stamp_ns(data)
+        if topic == self.run_state and self.guard.is_plant(information["publisher_gid"]["data"]):
             with suppress(Refused):
-                self.guard.repeat(*errors(data))
+                self.guard.on_run(*run_state(data))
 
     def take(self) -> bool:
         """Take what has come and write it; whether there may be more."""
@@ -125,39 +143,54 @@ class Recorder:
         """Write what was taken, in the order in which it was published."""
         for source_ns, sequence, topic, data in sorted(self.taken):
             self.writer.write(topic, data, time.time_ns(), source_ns, sequence)
+        self.written += len(self.taken)
         self.taken.clear()
 
+    def health(self) -> Health:
+        """How much was written, and lost."""
+        lost = sum(self.guard.lost().values())
+        text = f"{self.written} messages written" + (f", {lost} lost" if lost else "")
+        values = {"mode": self.options.mode, "written": self.written, "lost": lost}
+        return Health(DiagnosticStatus.WARN if lost else DiagnosticStatus.OK, text, values)
+
     def run(self) -> None:
-        """Record until a signal, and then until nothing more comes; what was published by then is written."""
+        """Record until a signal, or the run's end, and then until nothing more comes; what was published is written."""
         try:
             self.drain()
+        except BeginAgain:
+            self.guard.voice.warn("another plant has begun: the recording ends here")
         finally:
             self.guard.tell(last=True)
             self.write()
             lost = {f"{topic} {publisher}": count for (topic, publisher), count in self.guard.lost().items()}
-            self.writer.close(lost)
-        sys.stdout.write(f"lost {sum(lost.values())}\n")
-        sys.stdout.flush()
+            self.writer.close(lost, self.guard.publishers())
+        self.guard.voice.line(f"lost {sum(lost.values())}")
+        self.guard.voice.info(f"{self.folder}: {self.health().message}")
 
     def drain(self) -> None:
         """Empty the queues, rest, and flush by the clock; told to stop, until nothing comes, for a while at most."""
-        flushed = told = time.monotonic()
+        flushed = reported = told = time.monotonic()
         while not told_to_stop() or (
             time.monotonic() - self.guard.heard < QUIET_S and time.monotonic() - told < HEARD_S
         ):
-            more = self.take()
-            if time.monotonic() - flushed > FLUSH_S:
+            more, now = self.take(), time.monotonic()
+            if now - flushed > FLUSH_S:
                 self.writer.flush()
-                flushed = time.monotonic()
+                flushed = now
+            if now - reported > REPORT_S:
+                self.member.publish(self.health())
+                reported = now
             if not told_to_stop():
-                told = time.monotonic()
+                told = now
+            if self.guard.done():
+                break
             if not more:
                 time.sleep(POLL_S)
 
 
 def main() -> None:
     """Entry point of `ros2 run facts_damping recorder`."""
-    run_node("recorder", Recorder)
+    run_node("recorder", Recorder, "The recorder: writes every topic of the graph as it is, raw CDR, to MCAP.")
 
 
 if __name__ == "__main__":

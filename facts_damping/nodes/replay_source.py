@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, VoltageSetpoints
+from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, VoltageSetpoints
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses, recorded_topic
 from facts_damping.errors import RunError
-from facts_damping.nodes.guard import Guard
-from facts_damping.nodes.messages import PlantStateMessage, grid_event
-from facts_damping.nodes.node import SAYING, finish, run_node
-from facts_damping.nodes.parameters import descriptor, read_case, read_options
-from facts_damping.nodes.spinning import Spinner, check_wanted
+from facts_damping.nodes.member import PLANT, Member
+from facts_damping.nodes.messages import PlantStateMessage, grid_event, run_done, state_message, synchronism_lost
+from facts_damping.nodes.node import LATCHED, SAYING, STATE, finish, run_node
+from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.spinning import check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.signals import DELIVERY
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rclpy.node import Node
 
-PROGRESS_S = 0.2  # wall time between two lines of progress on standard output
+PROGRESS_S = 0.2  # wall time between two lines of progress
 
 
 class ReplaySource:
@@ -35,7 +34,7 @@ class ReplaySource:
     def __init__(self, node: Node) -> None:
         """Read parameters and recording, wire the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
-        path: Any = node.declare_parameter("recording", "", descriptor("recording to be replayed")).value
+        path: str = declare(node, "recording", "", descriptor("recording to be replayed"))
         self.record = fitted(load(path), self.case)
         self.frames, self.setpoints, self.truth = (
             FramesMessage(self.case),
@@ -55,22 +54,27 @@ class ReplaySource:
             c: node.create_publisher(VoltageSetpoints, recorded_topic(str(controllers[c])), SAYING) for c in identifiers
         }
         self.tick = -1
-        self.guard = Guard(node, self.case, self.options)
+        self.member = Member(node, self.case, self.options, PLANT, hardware=path)
+        self.state = node.create_publisher(RunState, STATE, LATCHED)
         for c, controller in enumerate(controllers):
             # In the place of its link, and of its identifier, which hears the recorded setpoints.
             for i in range(1 + (c in identifiers)):
                 use = partial(self.on_setpoints, str(controller)) if i == 0 else _nothing
                 setpoints = SetpointsMessage(self.case, controller.name, [c])
                 topic = f"{controller}/setpoints"
-                self.guard.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.tick)
+                self.member.guard.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.tick)
         self.answered = dict.fromkeys(map(str, controllers), -1)
-        self.spinner = Spinner(node, self.guard)
+        self.spinner = self.member.spin()
         listeners = [
             sum(link == i for link in used) + sum(used[c] == i for c in identifiers) for i in range(len(links))
         ]
-        expected = dict.fromkeys((self.to_all, self.to_state, self.to_events, *self.applied), extra)
-        expected |= {self.delivered[i]: count + extra for i, count in enumerate(listeners)}
-        self.guard.wait_for_peers(expected | dict.fromkeys(self.recorded.values(), 1))
+        self.expected = dict.fromkeys((self.to_all, self.to_state, self.to_events, *self.applied), extra)
+        self.expected |= {self.delivered[i]: count + extra for i, count in enumerate(listeners)}
+        self.expected |= dict.fromkeys(self.recorded.values(), 1)
+
+    def ready(self) -> None:
+        """Wait for controllers and identifiers."""
+        self.member.wait(self.expected, self.spinner)
 
     def on_setpoints(self, controller: str, tick: int, _rows: NDArray[Any]) -> None:
         """A controller has answered: it has the estimates of the tick before."""
@@ -100,17 +104,26 @@ class ReplaySource:
     def run(self) -> None:
         """All ticks that can be replayed, each when all controllers have answered the one before."""
         events, ticks, told = list(self.record.events), self.record.ticks.tolist(), -PROGRESS_S
+        self.tell(RunState.RUNNING, 0, "begins")
         for at, (tick, start) in enumerate(zip(ticks, self.record.time_ns.tolist(), strict=True)):
             check_wanted()
+            self.member.begin(tick)
             self.publish(at, tick, start)
             while events and events[0]["time_ns"] <= start:
                 self.to_events.publish(grid_event(events.pop(0)))
             self.wait(tick)
             if time.monotonic() - told > PROGRESS_S or at + 1 == len(ticks):
                 told = time.monotonic()
-                sys.stdout.write(f"tick {at + 1} {len(ticks)} 0\n")
-                sys.stdout.flush()
+                self.member.guard.voice.line(f"tick {at + 1} {len(ticks)} 0")
+        sound = bool(self.record.in_synchronism[-1])
+        lost = synchronism_lost(int(self.record.time_ns[-1]))
+        self.tell(RunState.ENDED, -1, run_done(ticks[-1], self.case.run.frame_rate) if sound else lost, sound)
         finish([*self.delivered, *self.applied, self.to_all, self.to_state, self.to_events], self.options.timeout)
+
+    def tell(self, state: int, at: int, reason: str, sound: bool = True) -> None:
+        """How the run stands at a tick of the recording, as its plant would say it."""
+        tick, start = int(self.record.ticks[at]), int(self.record.time_ns[at])
+        self.state.publish(state_message(state, tick, start, reason, sound))
 
     def wait(self, tick: int) -> None:
         """Wait for the answers to a tick; who stays silent is named."""
@@ -137,7 +150,7 @@ def _nothing(_tick: int, _rows: NDArray[Any]) -> None:
 
 def main() -> None:
     """Entry point."""
-    run_node("replay_source", ReplaySource)
+    run_node("replay_source", ReplaySource, "A recording in the place of plant and links; lockstep.")
 
 
 if __name__ == "__main__":

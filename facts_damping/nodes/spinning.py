@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING, Any
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import get_default_context
 
+from facts_damping.nodes.taking import take
+
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-    from facts_damping.nodes.guard import Guard
+    from facts_damping.nodes.member import Member
 
 REQUESTS_S = 0.05  # wall time between two looks for requests, and for whether the node was told to stop
 HEARD_S = 2.0  # wall time that a node that was stopped waits at most for its last messages to arrive
@@ -29,6 +31,10 @@ _told = Event()
 
 class Stopped(Exception):  # noqa: N818 (not an error: a signal told the node to stop)
     """What a node was waiting for is not wanted any more."""
+
+
+class BeginAgain(Exception):  # noqa: N818 (not an error: another run has begun)
+    """The plant, where it runs free, is another one: what a node knows is of the run before."""
 
 
 def stop_by_signals() -> None:
@@ -51,9 +57,9 @@ def check_wanted() -> None:
 class Spinner:
     """Waits for messages and requests of one node and calls their callbacks."""
 
-    def __init__(self, node: Node, guard: Guard | None = None) -> None:
-        """Take over the node's subscriptions and services; none may be added later. `guard`: of the node, if any."""
-        self.guard = guard
+    def __init__(self, node: Node, member: Member | None = None) -> None:
+        """Take over the node's subscriptions and services; none may be added later. `member`: of a graph, if any."""
+        self._member = member
         self._subscriptions = [(s.handle.pointer, s) for s in node.subscriptions]
         self._services = [(s.handle.pointer, s) for s in node.services]
         context: Any = get_default_context()
@@ -73,7 +79,9 @@ class Spinner:
         that is here, for a while at most.
         Requests are looked for now and then: waiting for them too would make every turn dearer.
         """
-        self._serve()
+        self.serve()
+        if self._member is not None and self._member.guard.done():
+            raise Stopped
         wait_set = self._messages
         wait_set.clear_entities()
         for _, subscription in self._subscriptions:
@@ -97,13 +105,13 @@ class Spinner:
 
         Returns whether there may be more.
         """
-        self._serve()
+        self.serve()
         more = False
         for _, subscription in self._subscriptions:
             more |= all(_take(subscription) is not None for _ in range(MOST))
         return more
 
-    def _serve(self) -> None:
+    def serve(self) -> None:
         """Answer the requests that wait, now and then, so that `ros2 param` works."""
         if time.monotonic() - self._asked <= REQUESTS_S:
             return
@@ -115,26 +123,26 @@ class Spinner:
         wait_set.wait(0)
         ready = wait_set.get_ready_entities("service")
         for pointer, service in self._services if ready else ():
-            if pointer in ready and not _answer(service) and self.guard is not None:
-                self.guard.refuse(service.srv_name, "request")
-        if self.guard is not None:
-            self.guard.tell()
+            if pointer in ready and not _answer(service) and self._member is not None:
+                self._member.guard.refuse(service.srv_name, "request")
+        if self._member is not None:
+            self._member.look()
 
     def remark(self) -> str:
         """What the node's guard has to add to an error."""
-        return "" if self.guard is None else self.guard.remark()
+        return "" if self._member is None else self._member.guard.remark()
 
     def close(self) -> None:
         """Let go of all entities, with a last report."""
-        if self.guard is not None:
-            self.guard.tell(last=True)
+        if self._member is not None:
+            self._member.look(last=True)
         self._messages = self._requests = None
         self._entered.close()
 
 
 def _take(subscription: Any) -> bool | None:
     """Take one message, if there still is one, and call its callback; None: there was none, false: it was refused."""
-    taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    taken = take(subscription)
     if taken is None:
         return None
     wants = subscription._callback_type  # noqa: SLF001 (as rclpy's own executor asks)

@@ -13,6 +13,7 @@ from facts_damping_msgs.msg import PmuDataFrame, PmuFrame, VoltageSetpoint, Volt
 
 from facts_damping.case.names import controller_names
 from facts_damping.compiling import specialised
+from facts_damping.nodes import stamps
 from facts_damping.nodes.cdr import Refused, Template, content
 from facts_damping.nodes.packing import mark, pack, unpack
 from facts_damping.nodes.signing import LENGTH
@@ -67,8 +68,8 @@ class Shape:
         self._columns = layout.first, len(layout.times), self._of_entries([*parts, *layout.values])
         self.marks = self._of_entries(layout.marks)
         self._sent, self._come = ([room.of[form] for form in TIMES_AND_VALUES] for room in (t.sent, t.come))
-        self._pack = specialised(pack, self._words(self._rows), *self._columns, *self._sent)
-        self._unpack = specialised(unpack, self._words(self._rows), *self._columns, *self._come)
+        self._pack = specialised(pack, self._words(self._rows), *self._columns, *self._sent, 0)
+        self._unpack = specialised(unpack, self._words(self._rows), *self._columns, *self._come, 0)
 
     def _of_entries(self, paths: list[str]) -> NDArray[np.int64]:
         """Places of fields, (entries, paths)."""
@@ -82,7 +83,7 @@ class Shape:
 
     def fill(self, tick: int, start_ns: int, rows: NDArray[Any]) -> bytes:
         """The message of `rows`."""
-        self._pack(self._words(rows), *self._columns, *self._sent)
+        self._pack(self._words(rows), *self._columns, *self._sent, stamps.epoch_ns())
         self.template.write_head(start_ns, tick)
         data = self.template.data()
         if self._seal is None:
@@ -95,9 +96,10 @@ class Shape:
         tick, rows = self.template.tick(), self._rows.copy()
         if self._seal is not None:
             self._seal.check(data[: self._end], data[self._end : self._end + LENGTH], start_of(tick, self._rate))
-        if self.template.start_ns() != start_of(tick, self._rate):
+        if not stamps.accept(self.template.start_ns(), start_of(tick, self._rate)):
             raise Refused("stamp")
-        if self._unpack(self._words(rows), *self._columns, *self._come) >= start_of(tick + 1, self._rate):
+        taken = self._words(rows), *self._columns, *self._come, stamps.epoch_ns()
+        if self._unpack(*taken) >= start_of(tick + 1, self._rate):
             raise Refused("stamp")
         rows["tick"] = tick
         return tick, rows

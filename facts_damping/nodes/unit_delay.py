@@ -5,7 +5,10 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
+
 from facts_damping.errors import RunError
+from facts_damping.nodes.messages import Health
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,13 +22,16 @@ PATIENCE = 0.8  # share of the time-out: a node that waits names who is silent b
 class UnitDelay:
     """Frames wait, in lockstep, until the message of the tick before them is there; it is used then, not earlier."""
 
-    def __init__(self, options: Options, sender: str, step: Callable[[int, Any, list[Any]], None]) -> None:
+    def __init__(
+        self, options: Options, frame_rate: int, sender: str, step: Callable[[int, Any, list[Any]], None]
+    ) -> None:
         """`step(tick, frames, told)` is called for each tick in turn; `sender`: who tells, empty for nobody."""
-        self._waits = bool(sender) and not options.realtime
+        self._waits = bool(sender) and not options.paced
         self._sender, self._step, self._options = sender, step, options
         self._told: list[tuple[int, Any]] = []
         self._frames: list[tuple[int, Any]] = []
         self._newest, self._heard = -1, time.monotonic()
+        self._rate, self._tick, self._arrived = frame_rate, -1, -1  # the tick that is used; the last one with an entry
 
     def receive(self, tick: int, content: Any) -> None:
         """Take a message of the sender."""
@@ -42,9 +48,17 @@ class UnitDelay:
     def _proceed(self) -> None:
         while self._frames and (not self._waits or self._newest >= self._frames[0][0] - 1):
             tick, content = self._frames.pop(0)
+            self._tick, self._arrived = tick, tick if len(content) else self._arrived
             told = [message for at, message in self._told if at < tick]
             self._told = [(at, message) for at, message in self._told if at >= tick]
             self._step(tick, content, told)
+
+    def health(self, does: str, **more: str) -> Health:
+        """Whether frames arrive; `does`: what the node does with them; `more`: other values to be told."""
+        values = {"mode": self._options.mode, **more, "tick": self._tick}
+        if self._tick - self._arrived > self._rate:
+            return Health(DiagnosticStatus.WARN, "no frame has arrived for a second", values)
+        return Health(DiagnosticStatus.OK, does, values)
 
     def spin(self, spinner: Spinner) -> None:
         """Spin until stopped. Raises `RunError` naming the sender when it is silent while frames wait."""

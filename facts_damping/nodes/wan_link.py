@@ -7,22 +7,25 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, VoltageSetpoints
+from facts_damping_msgs.srv import Apply
 
 from facts_damping.case.names import controller_addresses, controller_names, identifier_names, link_addresses, served
 from facts_damping.compiling import specialised
-from facts_damping.errors import RunError
-from facts_damping.link.transfer import changed, downlink, uplink
-from facts_damping.nodes.guard import Guard
-from facts_damping.nodes.joining import Joining
-from facts_damping.nodes.messages import link_statistics
+from facts_damping.errors import InputError, RunError
+from facts_damping.link.stages import LOST
+from facts_damping.link.transfer import downlink, uplink
+from facts_damping.nodes.live_parameters import StageParameters
+from facts_damping.nodes.member import LINK, Member
+from facts_damping.nodes.messages import Health, link_statistics
 from facts_damping.nodes.node import SAYING, graph_prefix, run_node
-from facts_damping.nodes.parameters import declare_stages, read_case, read_index, read_options
+from facts_damping.nodes.parameters import read_case, read_index, read_options
 from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.spinning import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import CHANNELS, SETPOINT
-from facts_damping.simulation.build import build_links, ways
+from facts_damping.simulation.build import build_links
+from facts_damping.simulation.changes import relinked, renumbered, with_link
 from facts_damping.simulation.loop import tick_ns
 
 if TYPE_CHECKING:
@@ -40,44 +43,78 @@ class WanLink:
         """Read parameters, build the link, wire the topics."""
         self.case, self.options = read_case(node), read_options(node)
         self.index = read_index(node, range(len(self.case.links)), "links")
-        self.links = build_links(self.case)
-        declare_stages(node, self.case.links[self.index], self.change)
         by, address = signing(self.case, self.options.start_timeout), link_addresses(self.case)[self.index]
+        graph = graph_prefix(node, address)
+        self.member = Member(node, self.case, self.options, LINK, self.index, graph=graph, hardware=str(address))
+        self.links, self.now = build_links(self.case), self.case  # by now: as changed under way
+        self.stages = StageParameters(node, self.case.links[self.index], self.change_number)
+        node.create_service(Apply, "~/apply", self.on_apply)
         self.frames = FramesMessage(self.case, seal(by, address.topic("pmu/delivered")))
         self.setpoints = SetpointsMessage(self.case, seal=seal(by, address.topic("setpoints/delivered")))
         own, addresses = served(self.case, self.index), controller_addresses(self.case)
         self.places = {controller_names(self.case)[c]: str(addresses[c]) for c in own}
-        graph = graph_prefix(node, address)
         self.frame = np.full((len(self.case.system.stations), len(CHANNELS)), np.nan)
+        self.measured_ns = np.full(len(self.frame), LOST)  # where a station is absent from a frame
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", SAYING)
         self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", SAYING)
         self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", SAYING)
-        self.joining = Joining(node, self.options, self.case.run.frame_rate)
-        self.guard = Guard(node, self.case, self.options, graph)
-        frames = FramesMessage(self.case, seal(by, "pmu/frames"))
-        self.guard.subscribe(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, frames.read)
+        guard, frames = self.member.guard, FramesMessage(self.case, seal(by, "pmu/frames"))
+        guard.subscribe(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, frames.read, leads=True)
         for c, (name, place) in zip(own, self.places.items(), strict=True):
             topic, use = f"{place}/setpoints", partial(self.on_setpoints, name)
             setpoints = SetpointsMessage(self.case, name, [c], seal(by, topic))
-            self.guard.subscribe(VoltageSetpoints, f"{graph}{topic}", use, setpoints.read, lambda: self.tick)
+            guard.subscribe(VoltageSetpoints, f"{graph}{topic}", use, setpoints.read, lambda: self.tick)
         self.tick = -1
         self.missing: set[str] = set()
         self.answered = dict.fromkeys(self.places, 0)  # the newest tick that a controller has answered
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
-        self.uplink = specialised(uplink, self.links, self.index, 0, 0, 0, self.frame)
+        self.uplink = specialised(uplink, self.links, self.index, 0, 0, 0, self.frame, self.measured_ns)
         self.downlink = specialised(downlink, self.links, self.index, 0, 0, np.zeros(0, SETPOINT), 0)
-        self.guard.hear_errors("pmu/frames")
-        self.spinner = Spinner(node, self.guard)
-        extra = int(self.options.recorder)
-        listeners = len(own) + sum(c in own for c in identifier_names(self.case))
-        self.guard.wait_for_peers(
-            {self.to_controllers: listeners + extra, self.to_plant: 1 + extra, self.to_recorder: extra}
-        )
+        guard.hear_run("pmu/frames")
+        self.spinner = self.member.spin()
 
-    def change(self, way: str, place: int, stage: Any) -> None:
-        """A stage that was changed while the link runs: for what is sent from now on."""
-        own = changed(getattr(self.links, way), self.index, place, stage, ways(self.case)[way])
-        self.links = self.links._replace(up=own) if way == "up" else self.links._replace(down=own)
+    def ready(self) -> None:
+        """Wait for the plant, the controllers and identifiers that it serves, and the recorder."""
+        extra, own = int(self.options.recorder), served(self.case, self.index)
+        listeners = len(own) + sum(c in own for c in identifier_names(self.case)) + extra
+        expected = {self.to_controllers: listeners, self.to_plant: 1 + extra, self.to_recorder: extra}
+        self.member.wait(expected, self.spinner)
+
+    def change_number(self, name: str, value: float) -> None:
+        """A number of a stage, for what is sent from the next tick on."""
+
+        def act(_tick: int) -> None:
+            self.links, self.now = renumbered(self.links, self.now, self.index, name, value)
+
+        self.member.change("parameter", name, value, act)
+
+    def on_apply(self, request: Apply.Request, response: Apply.Response) -> Apply.Response:
+        """Have the link be another one from the next tick on."""
+        try:
+            asked = with_link(self.now, self.index, request.change)
+        except InputError as error:
+            response.message = " ".join(str(error).split())
+            return response
+
+        def act(_tick: int) -> None:
+            self.now = asked
+            self.links = relinked(self.links, asked, self.index)
+
+        self.stages.replace(asked.links[self.index])
+        self.member.change("link", "", asked.links[self.index].model_dump(), act)  # whatever its name stands for later
+        response.success, response.message = True, f"from tick {self.tick + 1} on"
+        return response
+
+    def health(self) -> Health:
+        """Which controllers do not answer."""
+        silent = ", ".join(sorted(self.places[name] for name in self.places if self.late(name)))
+        level = DiagnosticStatus.WARN if silent else DiagnosticStatus.OK
+        values = {"mode": self.options.mode, "tick": self.tick}
+        return Health(level, f"no answer from {silent}" if silent else "delivers", values)
+
+    def late(self, controller: str) -> bool:
+        """Whether a controller has not answered for a second."""
+        return self.tick - self.answered[controller] > self.case.run.frame_rate
 
     def span(self, tick: int) -> tuple[int, int]:
         """Start and end of a tick, ns."""
@@ -87,19 +124,21 @@ class WanLink:
     def on_frame(self, tick: int, rows: NDArray[Any]) -> None:
         """A new tick: send its frame up, deliver what arrives in it."""
         if self.missing:
-            self.answer()  # real time: the plant did not wait for a controller that is late
+            self.answer()  # by the clock: the plant did not wait for a controller that is late
         self.tick = tick
+        self.member.begin(tick)
         start, end = self.span(self.tick)
-        self.frame[rows["station"]] = rows["values"]
-        count = self.uplink(self.links, self.index, self.tick, start, end, self.frame)
+        self.measured_ns[:] = LOST
+        self.frame[rows["station"]], self.measured_ns[rows["station"]] = rows["values"], rows["measured_ns"]
+        count = self.uplink(self.links, self.index, self.tick, start, end, self.frame, self.measured_ns)
         self.to_controllers.publish(self.frames.fill(self.tick, start, self.links.up.out[self.index], count))
         self.missing = {name for name in self.places if not self.gone(name)}
         if not self.missing:
             self.answer()
 
     def gone(self, controller: str) -> bool:
-        """Whether, in real time, a controller has not answered for a second: then others do not wait for it."""
-        return self.options.realtime and self.tick - self.answered[controller] > self.case.run.frame_rate
+        """Whether, by the clock, a controller is not waited for by others, as it has not answered for a second."""
+        return self.options.paced and self.late(controller)
 
     def on_setpoints(self, controller: str, tick: int, rows: NDArray[Any]) -> None:
         """A controller's setpoints; the last one's bring the answer to the plant."""
@@ -118,14 +157,15 @@ class WanLink:
         for kept in self.given.values():
             kept.clear()
         count = self.downlink(self.links, self.index, self.tick, end, given, len(given))
-        said = count if self.joining.acts(self.tick) else 0
+        said = count if self.member.joining.acts else 0
         self.to_plant.publish(self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :said], ""))
         self.missing = set()
         lost = int(self.links.up.ring[self.index, 3] + self.links.down.ring[self.index, 3])
-        if lost and not self.options.realtime:
+        if lost and not self.options.paced:
             raise RunError(f"{lost} entries found no room under way; its delays are not what was allowed for")
         if (self.tick + 1) % self.case.run.frame_rate == 0:
             self.publish_statistics()
+        self.member.tell(self.health)
 
     def publish_statistics(self) -> None:
         """Delays and losses of all channels so far."""
@@ -140,20 +180,20 @@ class WanLink:
             if self.spinner.spin_once(0.1):
                 continue
             patience = self.options.patience(self.tick) + (0.0 if self.missing else PATIENCE_S)
-            if self.owed() and time.monotonic() - self.guard.heard > patience:
+            if self.owed() and time.monotonic() - self.member.guard.heard > patience:
                 who = ", ".join(sorted(self.places[name] for name in self.missing)) or "plant_sim"
                 raise RunError(f"{who} is silent: nothing after tick {self.tick} within {patience:g} s")
 
     def owed(self) -> bool:
         """Whether, in lockstep, a controller owes its setpoints or the plant its next frame."""
-        if self.options.realtime or self.tick < 0 or self.guard.over:
+        if self.options.paced or self.tick < 0 or self.member.guard.over:
             return False
         return bool(self.missing) or self.tick + 1 < self.case.ticks
 
 
 def main() -> None:
     """Entry point of `ros2 run facts_damping wan_link`."""
-    run_node("wan_link", WanLink)
+    run_node("wan_link", WanLink, "A wide-area link: delivers PMU frames to controllers and setpoints to the plant.")
 
 
 if __name__ == "__main__":

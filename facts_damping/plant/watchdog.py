@@ -72,7 +72,7 @@ def watching(devices: int) -> NDArray[Any]:
 
 
 def listening(devices: int) -> NDArray[Any]:
-    """What `release_by_clock` knows of so many devices at the start."""
+    """What `late_by_clock` knows of so many devices at the start."""
     heard = np.zeros(devices, HEARD)
     heard["accepted_ns"] = NEVER
     return heard
@@ -122,15 +122,21 @@ def release(watch: Any) -> None:
     watch.released, watch.good = 1, 0
 
 
-def release_by_clock(watch: NDArray[Any], heard: NDArray[Any], now_s: float, timeout_s: float) -> None:
-    """Release the devices whose watchdogs have accepted nothing for a time-out by the wall clock, too.
+def late_by_clock(watch: NDArray[Any], heard: NDArray[Any], now_s: float, timeout_s: float) -> list[int]:
+    """The devices to be released: their watchdogs have accepted nothing for a time-out by the wall clock, too.
 
     `heard`: a row of HEARD a device, brought up to date; `now_s`: wall time, s. Called once a tick, in real time.
     """
     heard["at_s"][watch["accepted_ns"] != heard["accepted_ns"]] = now_s
     heard["accepted_ns"] = watch["accepted_ns"]
-    late = (heard["accepted_ns"] != NEVER) & (now_s - heard["at_s"] > timeout_s)
-    watch["released"][late], watch["good"][late] = 1, 0
+    late = (heard["accepted_ns"] != NEVER) & (now_s - heard["at_s"] > timeout_s) & (watch["released"] == 0)
+    return [int(device) for device in np.flatnonzero(late)]
+
+
+def let_go(watch: NDArray[Any], device: int) -> None:
+    """Release one of several devices, if it has had a setpoint; as before the first, so after a reset it has not."""
+    if watch["accepted_ns"][device] != NEVER:
+        watch["released"][device], watch["good"][device] = 1, 0
 
 
 def rearm(watch: NDArray[Any], now: int) -> None:

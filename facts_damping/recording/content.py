@@ -28,6 +28,7 @@ class Content:
     configuration: str = ""
     versions: dict[str, str] = field(default_factory=dict)
     lost: dict[str, int] = field(default_factory=dict)
+    publishers: dict[str, str] = field(default_factory=dict)  # nodes, by `topic identity`
     complete: bool = True
     notes: list[str] = field(default_factory=list)
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.decode import time_ns
 from facts_damping.signals import NANOSECONDS
 
@@ -15,6 +17,9 @@ if TYPE_CHECKING:
 
     from facts_damping.recording.columns import Block
 
+ROLES = ("plant", "link", "controller", "identifier")
+KINDS = ("start", "arm", "parameter", "link", "event", "rearm", "release", "reset", "pause", "resume", "step")
+MOST_TICKS = 10**9  # of any run
 TIME = r"[0-9]{1,18}"  # ns
 
 
@@ -54,6 +59,27 @@ def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
         {"node": node, "topic": topic, "cause": cause, "source": source, "count": count}
         for (node, topic, cause, source), count in most.items()
     ]
+
+
+def changes(found: Iterable[Block]) -> list[dict[str, Any]]:
+    """What was changed under way, by tick, then as recorded: `tick`, `node`, `role`, `index`, `kind`, `name`, `value`.
+
+    Messages that nobody of this package's says are left out: of other roles and kinds, or whose value is no YAML.
+    """
+    told: list[tuple[int, int, dict[str, Any]]] = []
+    for block in found:
+        message = block.message
+        if message.role not in ROLES or message.kind not in KINDS:
+            continue
+        same = {"node": message.node, "role": message.role, "kind": message.kind, "name": message.name}
+        with suppress(*UNREADABLE):
+            value = parse(message.value)
+            told += [
+                (int(tick), int(row), {"tick": int(tick), **same, "index": int(index), "value": value})
+                for row, tick, index in zip(block.rows, message.tick, message.index, strict=True)
+                if tick < MOST_TICKS
+            ]
+    return [change for *_, change in sorted(told, key=lambda one: one[:2])]
 
 
 def joined(found: Iterable[Block]) -> list[dict[str, Any]]:

@@ -49,6 +49,8 @@ FIELDS: dict[str, dict[str, str]] = {
     f"{OURS}GridEvent": {"header": HEADER, "kind": "string", "element": "string"}
     | dict.fromkeys(("value", "location"), "float64"),
     f"{OURS}RefusedMessages": {"node": "string", "refused": f"{OURS}RefusedCount[]"},
+    f"{OURS}RunChange": {"tick": "uint64", "index": "uint32"}
+    | dict.fromkeys(("node", "role", "kind", "name", "value"), "string"),
     "diagnostic_msgs/msg/DiagnosticArray": {"status": "diagnostic_msgs/msg/DiagnosticStatus[]"},
     "diagnostic_msgs/msg/DiagnosticStatus": {"name": "string", "values": "diagnostic_msgs/msg/KeyValue[]"},
     "diagnostic_msgs/msg/KeyValue": {"key": "string", "value": "string"},

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import reduce
-from itertools import islice
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -14,14 +13,15 @@ from facts_damping.parameters.run import Run
 from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.recording import decode, events
+from facts_damping.recording import absences, decode, epoch, events
+from facts_damping.recording.absences import OF_LINKS
 from facts_damping.recording.scan import scan
 from facts_damping.recording.sifting import expected, sender, sift
 from facts_damping.recording.writer import CONFIGURATION
 from facts_damping.signals import NANOSECONDS, Record
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -44,10 +44,10 @@ KINDS = {
     "events": ("facts_damping_msgs/msg/GridEvent", "/plant/events"),
     "refused": ("facts_damping_msgs/msg/RefusedMessages", "/security/refused"),
     "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics"),
+    "changes": ("facts_damping_msgs/msg/RunChange", "/run/changes"),
 }
 REQUIRED = ("frames", "state")  # without these there is no record of a plant
 CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
-OF_LINKS = ("delivered", "applied")  # of these each link has its own
 SEVERAL = (
     *OF_LINKS,
     "issued",
@@ -55,10 +55,8 @@ SEVERAL = (
     "learning",
     "diagnostics",
 )  # of a link, a controller, an identifier, anybody
-HEARD = ("delivered", "issued", "estimates")  # what controllers and identifiers hear and say
 SETPOINTS = ("issued", "applied")  # of these, what several messages of a tick say is all kept
-UNTIMED = ("events", "refused", "diagnostics")  # these are of no tick
-LISTED = 5  # so many lost ticks are named one by one
+UNTIMED = ("events", "refused", "diagnostics", "changes")  # these are of no tick
 
 
 def load(path: Path | str) -> Record:
@@ -101,14 +99,18 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     """Record of what was read."""
     topics = _topics(content, bool(configuration.get("controllers")))
     messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
+    epoch.take_off(messages, topics["state"], configuration.get("frame_rate"))
     sift(messages, topics, expected(configuration), notes)
     found = {
         kind: [_series(topic, messages[topic], kind in SETPOINTS, notes) for topic in names]
         for kind, names in topics.items()
         if kind not in UNTIMED
     }
-    ticks = _ticks(found, content.complete)
-    notes += _gaps(found, ticks)
+    changes = events.changes(block for topic in topics["changes"] for block in messages[topic])
+    late = absences.starts(changes)
+    ticks = _ticks(found, late, content.complete)
+    away = absences.absences(found, late, 0, int(ticks[-1]) + 1)
+    notes += absences.notes(found, away, int(ticks[-1]))
     _check_end(ticks, configuration, found["state"][0], content.complete, notes)
     first, last = int(ticks[0]), int(ticks[-1])
     cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
@@ -139,8 +141,11 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         events=events.events(block for topic in topics["events"] for block in messages[topic]),
         refused=events.refused(block for topic in topics["refused"] for block in messages[topic]),
         joined=events.joined(block for topic in topics["diagnostics"] for block in messages[topic]),
+        changes=changes,
+        absences=[dict(zip(("role", "index", "first", "end"), one, strict=True)) for one in away],
+        publishers=content.publishers,
         notes=notes,
-        gap_tick=_unanswered(found, ticks),
+        gap_tick=absences.first_missing(found, away, ticks),
     )
 
 
@@ -230,11 +235,12 @@ def _series(topic: str, messages: list[Block], several: bool, notes: list[str]) 
     return ordered
 
 
-def _ticks(found: dict[str, list[Series]], complete: bool) -> NDArray[np.int64]:
+def _ticks(found: dict[str, list[Series]], late: set[tuple[str, int, int]], complete: bool) -> NDArray[np.int64]:
     """Ticks that the record keeps: those that frames and state have; of a cut recording, that all have.
 
-    Where a recorder came late, they begin when it had heard everybody: topics are not found all at once. The tick that
-    ends an unstable run stays: nobody need answer it. Raises RecordingError if none is left.
+    Where a recorder came late, they begin when it had heard everybody who was there (`late`: nodes that were not):
+    topics are not found all at once. The tick that ends an unstable run stays: nobody need answer it. Raises
+    RecordingError if none is left.
     """
     plant, everything = [found[kind][0] for kind in REQUIRED], [one for parts in found.values() for one in parts]
     ticks: NDArray[np.int64] = reduce(np.intersect1d, [one.ticks for one in plant])
@@ -245,8 +251,7 @@ def _ticks(found: dict[str, list[Series]], complete: bool) -> NDArray[np.int64]:
         last = min(one.ticks[-1] if len(one.ticks) else -1 for one in everything)
         ticks = ticks[ticks <= last]
     if len(ticks) and ticks[0] > 0:
-        begin = max((one.ticks[0] for kind in HEARD for one in found[kind] if len(one.ticks)), default=0)
-        ticks = ticks[ticks >= begin]
+        ticks = ticks[ticks >= absences.began(found, late)]
     if not len(ticks):
         raise RecordingError(f"no tick is complete in the recording: {_apart(needed)}")
     return ticks
@@ -259,34 +264,6 @@ def _apart(needed: Sequence[Series]) -> str:
         return f"no message of {', '.join(silent)}"
     first, last = min(needed, key=lambda one: one.ticks[-1]), max(needed, key=lambda one: one.ticks[0])
     return f"{first.topic} ends with tick {first.ticks[-1]}, {last.topic} begins with tick {last.ticks[0]}"
-
-
-def _gaps(found: dict[str, list[Series]], ticks: NDArray[np.int64]) -> list[str]:
-    """A note for each topic that lacks ticks before the last one (which nobody need answer)."""
-    notes, last = [], int(ticks[-1])
-    for one in (series for parts in found.values() for series in parts):
-        there = np.unique(one.ticks[one.ticks < last])
-        if len(there) < last:
-            listed = list(islice(_lacking(there, last), LISTED + 1))
-            named = ", ".join(map(str, listed[:LISTED])) + (", ..." if len(listed) > LISTED else "")
-            notes.append(f"{one.topic}: {last - len(there)} of {last + 1} ticks are missing ({named})")
-    return notes
-
-
-def _lacking(ticks: NDArray[np.int64], last: int) -> Iterator[int]:
-    """Ticks from 0 on, before `last`, that are not among `ticks`, which are sorted."""
-    expected = 0
-    for tick in [*ticks.tolist(), last]:
-        yield from range(expected, tick)
-        expected = tick + 1
-
-
-def _unanswered(found: dict[str, list[Series]], ticks: NDArray[np.int64]) -> int | None:
-    """The first tick, from that of the first frames on, that lacks one of these, or what controllers hear and say."""
-    first, end = int(ticks[0]), int(ticks[-1]) + 1
-    heard = [one.ticks[(one.ticks >= first) & (one.ticks < end)] for kind in HEARD for one in found[kind]]
-    heard.append(ticks)
-    return min([first + tick for one in heard for tick in islice(_lacking(one - first, end - first), 1)], default=None)
 
 
 def _check_end(

@@ -32,7 +32,7 @@ def copy(content: Content, out: Path | str) -> list[str]:
             writer.copy_topic(_hashed(topic))
         for message in content.messages:
             writer.write(message.topic, message.data, message.log_ns, message.publish_ns, message.sequence)
-        writer.close(content.lost)
+        writer.close(content.lost, content.publishers)
     return notes
 
 

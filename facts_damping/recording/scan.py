@@ -18,7 +18,7 @@ from facts_damping.recording.bagfile import FILE_NAME, TopicInfo
 from facts_damping.recording.chunks import Room, unpack
 from facts_damping.recording.content import Content, RawMessage
 from facts_damping.recording.database import SQLITE, read_database
-from facts_damping.recording.writer import CONFIGURATION, LOST, VERSIONS
+from facts_damping.recording.writer import CONFIGURATION, LOST, PUBLISHERS, VERSIONS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -150,6 +150,8 @@ def _add_extra(record: McapRecord, content: Content) -> None:
         content.configuration = record.data.decode(errors="replace")
     elif isinstance(record, Metadata) and record.name == VERSIONS:
         content.versions.update(record.metadata)
+    elif isinstance(record, Metadata) and record.name == PUBLISHERS:
+        content.publishers.update(record.metadata)
     elif isinstance(record, Metadata) and record.name == LOST:
         for topic, count in record.metadata.items():
             content.lost[topic] = content.lost.get(topic, 0) + (int(count) if count.isdecimal() else 0)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 CONFIGURATION = "run.yaml"  # name of the attachment with the run's configuration
 VERSIONS = "facts_damping.versions"  # name of the metadata record with the versions
 LOST = "facts_damping.lost"  # name of the metadata record with the counts of lost messages
+PUBLISHERS = "facts_damping.publishers"  # name of the metadata record with who published: `TOPIC IDENTITY` to node
 
 
 class RecordingWriter:
@@ -112,11 +113,11 @@ class RecordingWriter:
         except OSError as error:
             raise _write_error(self.file, error) from error
 
-    def close(self, lost: Mapping[str, int] | None = None) -> None:
+    def close(self, lost: Mapping[str, int] | None = None, publishers: Mapping[str, str] | None = None) -> None:
         """End the MCAP file, then write `metadata.yaml`, whose presence therefore means: complete.
 
-        `lost`: messages missed, by `topic publisher` (or topic), as the recorder counted them. Closing twice does
-        nothing.
+        `lost`: messages missed, by `topic publisher` (or topic), as the recorder counted them. `publishers`: nodes by
+        `topic identity` of the publisher (GID, hexadecimal). Closing twice does nothing.
         """
         if self._stream is None:
             return
@@ -126,6 +127,7 @@ class RecordingWriter:
         try:
             with stream:
                 self._mcap.add_metadata(LOST, missed)
+                self._mcap.add_metadata(PUBLISHERS, dict(publishers or {}))
                 self._mcap.add_metadata("rosbag2", {"serialized_metadata": dump(information)})
                 self._mcap.finish()  # type: ignore[no-untyped-call]
             write_whole(self.folder / FILE_NAME, dump({"rosbag2_bagfile_information": information}))

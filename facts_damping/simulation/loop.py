@@ -82,6 +82,7 @@ class Loop(NamedTuple):
     identifier_state: IdentifierState
     issued: NDArray[Any]  # SETPOINT, what the controllers issue in a tick
     applied: NDArray[Any]  # SETPOINT, what all links deliver to the devices in a tick
+    measured_ns: NDArray[np.int64]  # (stations,), when each has measured
     frame_rate: int  # ticks a second
     signals: Signals
 
@@ -109,15 +110,18 @@ def build_loop(case: Case, residues: Residues | None = None, built: Built | None
     issued = setpoint_buffer(commands(case), links.up.out.shape[1])
     applied = np.zeros(links.down.out.size, SETPOINT)
     stamps = len(case.system.stations) if (links.up.chain.rows["model"] == SPOOF).any() else 1
+    up, down = (way.packets.now_ns.shape[1] for way in (links.up, links.down))
+    signals = signals_for(case, stamps, up, down)
+    stations = np.zeros(len(case.system.stations), np.int64)
+    rate = case.run.frame_rate
+    return Loop(built.plant, built.state, work, links, *control, issued, applied, stations, rate, signals)
+
+
+def signals_for(case: Case, stamps: int, up: int, down: int) -> Signals:
+    """Arrays for the signals of a case's loop; `stamps`: most in a frame, `up`, `down`: most copies that links make."""
     rows = case.ticks * 2 * commands(case) * stamps  # a controller acts at each stamp that is new
-    signals = allocate_signals(
-        case,
-        case.ticks,
-        delivered=case.ticks * len(case.system.stations) * len(case.links) * links.up.packets.now_ns.shape[1],
-        issued=rows,
-        applied=rows * links.down.packets.now_ns.shape[1],
-    )
-    return Loop(built.plant, built.state, work, links, *control, issued, applied, case.run.frame_rate, signals)
+    delivered = case.ticks * len(case.system.stations) * len(case.links) * up
+    return allocate_signals(case, case.ticks, delivered=delivered, issued=rows, applied=rows * down)
 
 
 def allocate_signals(case: Case, ticks: int, *, delivered: int, issued: int, applied: int) -> Signals:
@@ -206,6 +210,7 @@ def _step(
     id_state: IdentifierState,
     given: NDArray[Any],
     taken: NDArray[Any],
+    measured_ns: NDArray[np.int64],
     frame_rate: int,
     kept: Signals,
     tick: int,
@@ -222,8 +227,9 @@ def _step(
     kept.time_ns[tick] = start
     kept.in_synchronism[tick] = sound
     kept.used[0] = tick + 1
+    measured_ns[:] = start
     for link in range(several):
-        delivered = uplink(links, link, tick, start, end, frame)
+        delivered = uplink(links, link, tick, start, end, frame, measured_ns)
         kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
     issued = control_step(
         bank, bank_state, ids, id_state, links.used, links.up.out, links.up.ring, given, given, -1, tick, kept
@@ -250,6 +256,7 @@ def _run(
     id_state: IdentifierState,
     given: NDArray[Any],
     taken: NDArray[Any],
+    measured_ns: NDArray[np.int64],
     frame_rate: int,
     kept: Signals,
 ) -> None:
@@ -266,6 +273,7 @@ def _run(
             id_state,
             given,
             taken,
+            measured_ns,
             frame_rate,
             kept,
             tick,
@@ -291,6 +299,11 @@ def run(case: Case) -> Record:
 def finish(case: Case, loop: Loop) -> Record:
     """Run a loop at its start to the end; it keeps the state in which it ended."""
     run_loop(loop)
+    return record(case, loop)
+
+
+def record(case: Case, loop: Loop) -> Record:
+    """The record of what a loop has run through."""
     kept = loop.signals
     refused = int(loop.links.up.ring[:, 3].sum() + loop.links.down.ring[:, 3].sum())
     if refused:

@@ -21,7 +21,9 @@ from facts_damping.parameters.files import each_path, parse_set, read_value
 from facts_damping.plant.integration import watch
 from facts_damping.signals import DELIVERY, NANOSECONDS, REFUSED, SETPOINT
 from facts_damping.simulation.build import build_control, build_plant, commands
+from facts_damping.simulation.changes import by_tick, change_watch
 from facts_damping.simulation.loop import allocate_signals, control_step, setpoint_buffer, tick_ns
+from facts_damping.simulation.replayed_changes import ReplayedChanges
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -170,27 +172,32 @@ def play(
     kept = allocate_signals(case, len(ticks), delivered=0, issued=issued, applied=0)
     parts = bank, state, identifiers, learnt, used, delivered, ring, given, heard
     act = specialised(control_step, *parts, 0, 0, kept)
+    changed = ReplayedChanges(case, record, (bank, state, identifiers, learnt))
     for at, tick in enumerate(ticks.tolist()):
+        changed.begin(tick)
         for link, rows in enumerate(arrived):
             delivered[link, : len(rows[at])], ring[link, 2] = rows[at], len(rows[at])
         heard[: len(recorded[at])] = recorded[at]
         act(*parts, len(recorded[at]), tick, kept)
+        changed.end()
         if at % record.frame_rate == 0 or at + 1 == len(ticks):
             progress(at + 1, len(ticks))
-    return kept.issued[: kept.used[2]], kept.estimates[: kept.used[4]]
+    issued_rows, estimates = kept.issued[: kept.used[2]], kept.estimates[: kept.used[4]]
+    return changed.said("controller", issued_rows), changed.said("identifier", estimates)
 
 
 def watched(case: Case, record: Record) -> Record:
     """The record with what a case's watchdogs do with the setpoints that were applied: releases, refused ones.
 
-    `record`: as `fitted` gives it. What a watchdog does by the wall clock, in real time, and an operator's re-arming
-    are not repeated.
+    `record`: as `fitted` gives it. Re-arming, a reset of the plant and releases by the wall clock are as recorded.
     """
     built, devices = build_plant(case), record.devices.copy()
     plant, state = built.plant, built.state
     applied, ticks = _by_tick(record.applied, record.ticks), record.ticks.tolist()
-    act = specialised(watch, plant, state, 0, 0, record.applied, 0)
+    act, changes = specialised(watch, plant, state, 0, 0, record.applied, 0), by_tick(record.changes)
     for at, tick in enumerate(ticks):
+        for one in changes.get(tick, ()):
+            change_watch(case.run.devices, state.watch, one, tick_ns(tick, record.frame_rate))
         for name in ("released", *REFUSED):
             devices[name][at] = state.watch[name]
         rows = np.ascontiguousarray(applied[at])

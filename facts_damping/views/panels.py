@@ -55,7 +55,7 @@ def tabs(case: Case, namespace: str = "/") -> list[Tab]:
     found += [_controller(case, c, full(str(address))) for c, address in enumerate(controllers)]
     found += [_identifier(case, c, full(str(address))) for c, address in identifiers.items()]
     found += [_link(case, full(link.namespace).rstrip("/"), str(link)) for link in link_addresses(case)]
-    health = Panel("deadline misses", [Curve("/diagnostics", DEADLINE_MISSES, "plant_sim")])
+    health = Panel("deadline misses", [Curve("/diagnostics", DEADLINE_MISSES, full("plant_sim").lstrip("/"))])
     found.append(Tab("health", [Panel("diagnostics", [Curve("/diagnostics", "", "")], DIAGNOSTICS), health]))
     return [Tab(tab.title, [panel for panel in tab.panels if panel.curves]) for tab in found if tab.panels]
 

@@ -26,6 +26,10 @@ print(Path(ament_package.__file__).resolve().parents[4])
   ERROR_QUIET
   RESULT_VARIABLE ros_wheels_missing)
 if(ros_wheels_missing)
+  if(SKBUILD)  # pip, which builds in an environment of its own unless told otherwise
+    message(FATAL_ERROR "No wheels of ROS 2 in sight: pip install '.[ros]', "
+      "then pip install --no-build-isolation ./msg_defs")
+  endif()
   return()
 endif()
 

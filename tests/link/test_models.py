@@ -52,7 +52,9 @@ def send(own: Links, ticks: int, first: int = 0) -> NDArray[Any]:
     """Everything that is delivered while a frame a tick is sent."""
     out = [np.zeros(0, DELIVERY)]
     for k in range(first, first + ticks):
-        count = uplink(own, 0, k, tick_ns(k, RATE), tick_ns(k + 1, RATE), values(k))
+        count = uplink(
+            own, 0, k, tick_ns(k, RATE), tick_ns(k + 1, RATE), values(k), np.full(len(values(k)), tick_ns(k, RATE))
+        )
         out.append(own.up.out[0, :count].copy())
     return np.concatenate(out)
 
@@ -292,7 +294,15 @@ def added(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> NDArra
     """What stages add to values that are zero, (ticks, stations, channels)."""
     own, found = made(stages, [], ticks, seed), np.zeros((ticks, STATIONS, len(CHANNELS)))
     for k in range(ticks):
-        count = uplink(own, 0, k, tick_ns(k, RATE), tick_ns(k + 1, RATE), np.zeros(found.shape[1:]))
+        count = uplink(
+            own,
+            0,
+            k,
+            tick_ns(k, RATE),
+            tick_ns(k + 1, RATE),
+            np.zeros(found.shape[1:]),
+            np.full(found.shape[1], tick_ns(k, RATE)),
+        )
         assert count == STATIONS
         found[k, own.up.out[0, :count]["station"]] = own.up.out[0, :count]["values"]
     return found
@@ -426,7 +436,7 @@ def test_random_chains_keep_count_and_order(chain: list[dict[str, Any]], down: l
     given["device"] = range(DEVICES)
     for k in range(60):
         start, end = tick_ns(k, RATE), tick_ns(k + 1, RATE)
-        count = uplink(own, 0, k, start, end, values(k))
+        count = uplink(own, 0, k, start, end, values(k), np.full(len(values(k)), start))
         given["issued_ns"] = given["measured_ns"] = start
         there = downlink(own, 0, k, end, given, DEVICES)
         for arrival in (own.up.out[0, :count]["arrival_ns"], own.down.out[0, :there]["effective_ns"]):

@@ -14,16 +14,14 @@ from tempfile import NamedTemporaryFile
 from typing import IO, TYPE_CHECKING, Any
 
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 
 from facts_damping.nodes import forked, graph
-from tests.nodes.graphs import PATIENCE_S
+from tests.nodes.graphs import PATIENCE_S, somebody
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
 
 
@@ -87,14 +85,17 @@ class Started:
 def start(domain: int) -> Iterator[Callable[..., Started]]:
     """Starts executables by name with parameters; whatever still runs at the end is stopped, and told by a failure.
 
-    `cold`: as `ros2 run` does, not forked from a process that has everything loaded.
+    `cold`: as `ros2 run` does, not forked from a process that has everything loaded. In lockstep and with lines for
+    this process, unless parameters say otherwise.
     """
     with ExitStack() as opened:
         running: list[Started] = []
 
         def start_one(executable: str, *options: str, cold: bool = False, **parameters: Any) -> Started:
-            arguments = ["--ros-args", *options]
-            for name, value in parameters.items():
+            arguments, given = [*graph.QUIET, *options], {"progress": True, "mode": "lockstep"} | parameters
+            if executable == "live_view":
+                del given["mode"]
+            for name, value in given.items():
                 arguments += ["-p", f"{name}:={value}"]
             output, errors = (opened.enter_context(NamedTemporaryFile("w")) for _ in range(2))
             if cold:
@@ -121,21 +122,22 @@ def start(domain: int) -> Iterator[Callable[..., Started]]:
 @pytest.fixture
 def client(domain: int) -> Iterator[Callable[[Any, str, Any], Any]]:
     """Calls a service of another node and returns the answer."""
-    context = Context()
-    rclpy.init(context=context)
-    node: Node = rclpy.create_node("tester", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
+    with somebody("tester") as (node, executor):
+        yield _caller(node, executor)
+
+
+def _caller(node: Node, executor: SingleThreadedExecutor) -> Callable[[Any, str, Any], Any]:
+    """What calls a service by a node."""
+    known: dict[str, Any] = {}
 
     def call(kind: Any, name: str, request: Any) -> Any:
-        service: Any = node.create_client(kind, name)
+        if name not in known:
+            known[name] = node.create_client(kind, name)
+        service = known[name]
         assert service.wait_for_service(PATIENCE_S), name
         future = service.call_async(request)
         executor.spin_until_future_complete(future, PATIENCE_S)
         assert future.done(), f"no answer from {name}"
         return future.result()
 
-    yield call
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown(context=context)
+    return call

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import rclpy
 from mcap.reader import make_reader
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import RunError
@@ -19,7 +23,9 @@ from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from rclpy.node import Node
 
     from facts_damping.signals import Record
 
@@ -51,6 +57,28 @@ def assert_same(recorded: Record, computed: Record) -> None:
     assert str(recorded.events) == str(computed.events)
     for name in ("stations", "machine_names", "device_names", "controller_names", "configuration"):
         assert getattr(recorded, name) == getattr(computed, name)
+
+
+@contextmanager
+def somebody(name: str, **options: Any) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+    """A node of somebody else's, with a context of its own, and what spins it."""
+    context = Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node(name, context=context, **options)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        yield node, executor
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+def ticks(plant: Any) -> int:
+    """How many ticks a plant has told so far."""
+    lines = [line.split() for line in plant.said()[0].splitlines() if line.startswith("tick ")]
+    return int(lines[-1][1]) if lines else 0
 
 
 def payloads(folder: Path) -> dict[str, list[bytes]]:

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from facts_damping_msgs.msg import PmuDataFrame, VoltageSetpoint, VoltageSetpoints
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.serialization import serialize_message
 
 from facts_damping.analysis.summary import summarise
@@ -132,8 +134,9 @@ def test_a_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: 
             until = time.monotonic() + FLOOD_S
             while time.monotonic() < until:
                 for publisher, data in publishers.values():
-                    publisher.publish(data)
-                    sent += 1
+                    with suppress(rclpy_implementation.RCLError):  # too many at once
+                        publisher.publish(data)
+                        sent += 1
 
         outcome = graph.run(case, "realtime", tmp_path, flood, LOADED_S)
     record, computed = load(outcome.recording), loop.run(case)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -94,11 +95,13 @@ def test_two_runs_give_identical_recordings_but_for_wall_clock_stamps(domain: in
     run_graph(tmp_path / "a", sets)
     run_graph(tmp_path / "b", sets)
     first, second = payloads(tmp_path / "a"), payloads(tmp_path / "b")
+    # Who of several nodes speaks first is chance, and the recorder speaks by the wall clock.
+    told = [sorted(one for one in bag.pop("/diagnostics") if b"recorder" not in one) for bag in (first, second)]
+    assert told[0] == told[1]
+    assert len(told[0]) == 3 * 4
     assert first == second
     assert len(first["/pmu/frames"]) == 240
-    assert {"/plant/state", "/plant/events", "/link/statistics", "/diagnostics", "/controller_0_LLC/state"} <= set(
-        first
-    )
+    assert {"/plant/state", "/plant/events", "/link/statistics", "/controller_0_LLC/state"} <= set(first)
 
 
 def test_real_time_loses_nothing_and_keeps_the_clock(domain: int, tmp_path: Path) -> None:
@@ -148,7 +151,8 @@ def test_nodes_share_no_memory_and_ask_nobody_for_types(domain: int, tmp_path: P
 
     graph.run(load_case(None, ["duration=2"]), "lockstep", tmp_path, look)
     assert {"wan_link", "recorder"} <= set(mapped)
-    assert all("libfastdds" in maps and "/dev/shm/fastdds" not in maps for maps in mapped.values() if maps)
+    maps = [text for text in mapped.values() if text]
+    assert all(re.search("/libfast(dds|rtps)", text) and "/dev/shm/fast" not in text for text in maps)
     assert any(name.startswith("dds.udp") for name in threads)
     assert not any(name.startswith(("dds.shm", "dds.tls")) for name in threads)
 

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
-from rclpy.context import Context
+from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, RunState, VoltageSetpoints
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 
 from facts_damping.analysis.summary import summarise
@@ -26,15 +26,16 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import DEGRADED
 from facts_damping.nodes import graph, recorder
 from facts_damping.nodes.cdr import Refused
-from facts_damping.nodes.guard import KNOW_S, MOST, TELL_S, Guard
-from facts_damping.nodes.messages import Estimates, diagnostics
-from facts_damping.nodes.node import HEARING
+from facts_damping.nodes.guard import KNOW_S, Guard
+from facts_damping.nodes.messages import Estimates, state_message
+from facts_damping.nodes.node import HEARING, HEARING_LATE
 from facts_damping.nodes.parameters import Options
+from facts_damping.nodes.refusals import MOST, TELL_S
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.signals import DELIVERY, SETPOINT
 from facts_damping.simulation import loop
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, odd_requests, wait_until_recording
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, odd_requests, somebody, wait_until_recording
 from tests.nodes.hostile import hostile
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ PLANT = bytes(range(48, 64))
 @pytest.fixture
 def node(domain: int) -> Iterator[Node]:
     rclpy.init()
-    made = rclpy.create_node("guarded")
+    made = rclpy.create_node("guarded", parameter_overrides=[Parameter("progress", value=True)])
     yield made
     made.destroy_node()
     rclpy.shutdown()
@@ -95,7 +96,7 @@ class Listener:
         return self.guard.take(self.heard, data, information(publisher, sequence or self.sent))
 
     def causes(self) -> list[str]:
-        return [cause for (_, cause, _), count in self.guard._refused.items() for _ in range(count)]
+        return [cause for (_, cause, _), count in self.guard.refusals._refused.items() for _ in range(count)]
 
 
 def ticks(data: bytes) -> tuple[int]:
@@ -142,8 +143,8 @@ def test_who_publishes_is_known_and_counts_up(node: Node) -> None:
     assert sorted(one.causes()) == ["publisher", "sequence"]
     for i in range(2 * MOST):
         one.send(b"2", i.to_bytes(16, "big"))
-    assert len(one.guard._refused) <= MOST + 1
-    assert one.guard._refused.total() == 2 * MOST + 2
+    assert len(one.guard.refusals._refused) <= MOST + 1
+    assert one.guard.refusals._refused.total() == 2 * MOST + 2
 
 
 def sound(data: bytes) -> tuple[int]:
@@ -167,7 +168,7 @@ def test_the_place_of_one_that_has_left_is_free_in_real_time(
     node: Node, realtime: bool, there: list[bytes], plant: list[bytes], succeeds: bool
 ) -> None:
     one = Listener(node, sound, realtime)
-    one.guard.hear_errors()
+    one.guard.hear_run()
     one.guard._topics[1].publisher = PLANT
     one.guard._publishers = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
     assert one.send(b"0")
@@ -194,7 +195,7 @@ def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Nod
 
 def test_nobody_succeeds_the_plant(node: Node) -> None:
     one = Listener(node, ticks, realtime=True)
-    one.guard.hear_errors()
+    one.guard.hear_run()
     one.guard._topics[1].publisher = OWN[:12] + bytes(4)
     one.guard._publishers = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
     assert one.send(b"0")
@@ -203,10 +204,10 @@ def test_nobody_succeeds_the_plant(node: Node) -> None:
 
 def test_what_others_than_the_plant_say_of_errors_is_passed_over(node: Node, capsys: Any) -> None:
     one = Listener(node, ticks)
-    one.guard.hear_errors()
+    one.guard.hear_run()
     _, plant, heard = one.guard._topics
     plant.publisher = PLANT
-    said = serialize_message(diagnostics("plant_sim", "lockstep", 0, 5 * 10**9, sound=False))
+    said = serialize_message(state_message(RunState.ENDED, 300, 5 * 10**9, "synchronism lost at 5.000 s", False))
     for publisher, let in ((FOREIGN, False), (PLANT[:12] + bytes(4), True)):
         assert one.guard.take(heard, said, information(publisher, 1)) == let
         assert one.guard.over == let
@@ -221,7 +222,7 @@ def test_reports_come_at_most_once_a_second(node: Node, capsys: Any) -> None:
     one.send(b"9999999")
     one.guard.tell()
     assert one.told == []
-    one.guard._told_at -= TELL_S
+    one.guard.refusals._told_at -= TELL_S
     for _ in range(3):
         one.guard.tell()
     one.send(b"9999999")
@@ -255,14 +256,8 @@ def test_odd_messages_of_the_known_publisher_are_refused_too(node: Node) -> None
 @contextmanager
 def attacker() -> Iterator[Node]:
     """A node of somebody else."""
-    context = Context()
-    rclpy.init(context=context)
-    made = rclpy.create_node("forger", context=context)
-    try:
+    with somebody("forger") as (made, _):
         yield made
-    finally:
-        made.destroy_node()
-        rclpy.shutdown(context=context)
 
 
 class Attack:
@@ -271,7 +266,10 @@ class Attack:
     def __init__(self, node: Node, case: Any, started: dict[str, Any], realtime: bool) -> None:
         self.rng, self.node, self.started, self.realtime = np.random.default_rng(7), node, started, realtime
         self.kinds = list(recorder.topics(case).items())
-        self.publishers = {topic: node.create_publisher(kind, topic, HEARING) for topic, kind in self.kinds}
+        self.publishers = {
+            topic: node.create_publisher(kind, topic, HEARING_LATE if topic in recorder.LATE else HEARING)
+            for topic, kind in self.kinds
+        }
         self.sent: dict[str, int] = {}
 
     def batch(self, done: int, of: int) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,10 +19,11 @@ from facts_damping.parameters.security import add_key
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.reader import load
 from facts_damping.simulation import learnt_weights, loop
-from tests.nodes.graphs import PATIENCE_S
+from tests.nodes.graphs import PATIENCE_S, ticks
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 RATE = 60
 LEASE = "<leaseDuration><sec>1</sec></leaseDuration>"  # after which a killed node is forgotten: 20 s elsewhere
@@ -32,11 +32,13 @@ LEASE = "<leaseDuration><sec>1</sec></leaseDuration>"  # after which a killed no
 @pytest.fixture
 def soon_forgotten(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Nodes that are forgotten soon after they were killed."""
-    text = Path(node.__file__).with_name("fastdds_this_host.xml").read_text()
+    ours = node.profile(this_host=True)
+    assert ours is not None
+    variable, text = ours[0], ours[1].read_text()
     profile = tmp_path / "profile.xml"
     profile.write_text(text.replace("<leaseAnnouncement>", f"{LEASE}<leaseAnnouncement>"))
     assert LEASE in profile.read_text()
-    monkeypatch.setenv(node.PROFILES, str(profile))
+    monkeypatch.setenv(variable, str(profile))
     monkeypatch.setenv(node.RANGE, "SYSTEM_DEFAULT")
 
 
@@ -66,11 +68,6 @@ class Graph:
         self.recorder.send_signal(signal.SIGTERM)
         self.recorder.communicate(timeout=PATIENCE_S)
         return load(self.folder / "bag")
-
-
-def ticks(plant: Any) -> int:
-    lines = [line.split() for line in plant.said()[0].splitlines() if line.startswith("tick ")]
-    return int(lines[-1][1]) if lines else 0
 
 
 @pytest.fixture
@@ -103,7 +100,7 @@ def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, clien
     record = run.finish()
     summary = summarise(record)
     (row,) = summary["joined"]
-    assert row["node"] == "/controller"
+    assert row["node"] == "controller"
     release = summary["releases"][0]  # on a loaded machine others may follow
     assert release["time_s"] < row["time_s"]
     assert release["rearmed_s"] > row["armed_s"]
@@ -143,19 +140,19 @@ def test_a_link_and_an_identifier_are_joined_too(graph: Any, client: Any, tmp_pa
     record = run.finish()
     summary = summarise(record)
     at = {row["node"]: row for row in summary["joined"]}
-    assert set(at) == {"/wan_link", "/identifier"}
+    assert set(at) == {"wan_link", "identifier"}
     applied, told = record.applied["tick"] / RATE, record.estimates["tick"] / RATE
-    assert applied.max() > at["/wan_link"]["armed_s"]
-    assert told.max() > at["/identifier"]["armed_s"]
-    assert not np.any((applied > summary["releases"][0]["time_s"]) & (applied < at["/wan_link"]["armed_s"]))
-    assert not np.any((told > at["/identifier"]["time_s"]) & (told < at["/identifier"]["armed_s"]))
+    assert applied.max() > at["wan_link"]["armed_s"]
+    assert told.max() > at["identifier"]["armed_s"]
+    assert not np.any((applied > summary["releases"][0]["time_s"]) & (applied < at["wan_link"]["armed_s"]))
+    assert not np.any((told > at["identifier"]["time_s"]) & (told < at["identifier"]["armed_s"]))
     assert len(read_table(weights)["identifier"]) == len(learnt)
 
 
 @pytest.mark.parametrize(
     ("executable", "given", "said"),
     [
-        ("controller", {"join": "true"}, "controller: join: true given; allowed: with mode realtime"),
+        ("controller", {"join": "true"}, "controller: join: true given; allowed: with mode free, realtime"),
         ("controller", {"resume": "true"}, "controller: resume: true given; allowed: with save"),
     ],
 )

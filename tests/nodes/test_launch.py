@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -127,12 +128,58 @@ def test_nodes_that_may_join_are_started_again_where_that_is_wanted(launched: An
         launched("run.launch.py", respawn="true")
 
 
+def handlers(actions: list[Any]) -> list[Any]:
+    return [action.given[0].named for action in actions if type(action).__name__ == "RegisterEventHandler"]
+
+
 def test_the_end_of_the_plant_is_the_end_of_the_launch(launched: Any) -> None:
-    actions = launched("run.launch.py")
-    (handler,) = (action for action in actions if type(action).__name__ == "RegisterEventHandler")
-    (ends,) = handler.given
-    assert ends.named["target_action"].named["name"] == "plant_sim"
-    assert [type(action).__name__ for action in ends.named["on_exit"]] == ["Shutdown"]
+    ends = [one for one in handlers(launched("run.launch.py")) if isinstance(one["on_exit"], list)]
+    assert [one["target_action"].named["name"] for one in ends] == ["plant_sim"]
+    assert [type(action).__name__ for action in ends[0]["on_exit"]] == ["Shutdown"]
+
+
+def test_a_node_that_fails_has_the_launch_fail(launched: Any) -> None:
+    """Every node, if it is not started again; not one that ends well, nor while all are told to end."""
+    watched = [one for one in handlers(launched("run.launch.py")) if not isinstance(one["on_exit"], list)]
+    assert {one["target_action"].named["executable"] for one in watched} == {
+        *("plant_sim", "wan_link", "controller", "recorder"),
+    }
+    ended = watched[0]["on_exit"]
+    running, over = SimpleNamespace(is_shutdown=False), SimpleNamespace(is_shutdown=True)
+    died, done = (SimpleNamespace(process_name="recorder-4", returncode=status) for status in (1, 0))
+    with pytest.raises(RuntimeError, match="recorder-4 ended with status 1"):
+        ended(died, running)
+    ended(died, over)
+    ended(done, running)
+    again = handlers(launched("run.launch.py", mode="free", respawn="true"))
+    assert {one["target_action"].named["executable"] for one in again} == {"plant_sim", "recorder"}
+
+
+def test_arguments_change_the_run_of_all_nodes(launched: Any, tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    given = {"set": "[controllers.0.name=HBsWC, seed=3]", "link": "pdci", "duration": "5", "params_file": str(file)}
+    started = launched("run.launch.py", namespace="/lab", foxglove="8765", output="none", **given)
+    found = nodes(started)
+    assert {node.executable for node in found} == {*("plant_sim", "wan_link", "controller", "identifier", "live_view")}
+    for node in found:
+        assert node.namespace == "lab"
+        assert node.parameters["set"] == ["link=pdci", "duration=5", "controllers.0.name=HBsWC", "seed=3"]
+    views = [action.named["parameters"] for action in started if type(action).__name__ == "Node"]
+    assert [one[-1] for one in views if len(one) > 1] == [str(file)] * 4
+    assert nodes(launched("run.launch.py", set="seed=3"))[0].parameters["set"] == ["seed=3"]
+
+
+def test_a_recording_has_a_folder_of_its_own(launched: Any) -> None:
+    (recorder,) = (one for one in nodes(launched("run.launch.py")) if one.executable == "recorder")
+    assert re.fullmatch(r"recording_\d{8}_\d{6}", recorder.parameters["output"])
+
+
+def test_arguments_that_are_not_there_are_refused(launched: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["ros2", "launch", "facts_damping", "run.launch.py", "runn:=two_area_large"])
+    with pytest.raises(InputError, match="runn:= given; allowed: run, set, system, scenario, link, "):
+        launched("run.launch.py")
+    monkeypatch.setattr(sys, "argv", ["ros2", "launch", "mine", "all.launch.py", "theirs:=1"])  # that includes ours
+    launched("run.launch.py")
 
 
 @pytest.mark.parametrize("name", ["centralised", "decentralised"])

@@ -148,7 +148,7 @@ TIE, SUBSTATION = "tie/controller_0_LLC", "substation/controller_1_LLC"
 def test_topics_stand_in_the_controllers_namespaces(domain: int, tmp_path: Path) -> None:
     graph.run(load_case(None, APART), "lockstep", tmp_path, quiet, LOADED_S)
     assert set(payloads(tmp_path)) == {
-        *(f"/{name}" for name in ("pmu/frames", "plant/state", "plant/events", "diagnostics")),
+        *(f"/{name}" for name in ("pmu/frames", "plant/state", "plant/events", "diagnostics", "run/state")),
         *(f"/{one}/{name}" for one in (TIE, SUBSTATION) for name in ("setpoints", "state")),
         *(
             f"/{one}/{name}"

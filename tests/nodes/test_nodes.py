@@ -85,7 +85,7 @@ def test_parameters_have_description_unit_and_range(start: Any, client: Any) -> 
     [
         ("plant_sim", {"frame_rate": 0}, "frame_rate"),
         ("plant_sim", {"scenario": "huge"}, "allowed: large, multiple, small"),
-        ("plant_sim", {"mode": "warp"}, "mode: 'warp' given; allowed: lockstep, realtime"),
+        ("plant_sim", {"mode": "warp"}, "mode: 'warp' given; allowed: free, lockstep, realtime"),
         ("controller", {"set": "[controllers.0.name=HBsWC]", "width": 4.9}, "width: 4.9 given; allowed: the run's"),
         ("identifier", {}, "index: 0 given; allowed: none: no such controller"),
         ("wan_link", {"link": "wet_string"}, "allowed: csg, delay_100ms, fibre, ideal"),
@@ -154,11 +154,11 @@ def test_a_loss_of_synchronism_is_said_by_every_node(start: Any, tmp_path: Path)
 
 STUCK = """
 import ctypes
-from types import SimpleNamespace
 from facts_damping.nodes import node
 
 node.LEAVE_S = 0.2
-node._leave(SimpleNamespace(destroy_node=lambda: ctypes.PyDLL(None).sleep(60)))  # Python's lock held
+node._limit_the_end()
+ctypes.PyDLL(None).sleep(60)  # with Python's lock held
 """
 
 

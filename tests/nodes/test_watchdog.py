@@ -13,7 +13,7 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop, replay
-from tests.nodes.graphs import PATIENCE_S, assert_same, run_graph
+from tests.nodes.graphs import PATIENCE_S, assert_same, run_graph, ticks
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,12 +30,6 @@ def test_release_and_return_of_a_graph_are_those_of_the_in_process_run(domain: i
     assert replay.first_difference(recorded, issued) is None
     (row,) = summarise(recorded)["releases"]
     assert row["rearmed_s"] is not None
-
-
-def ticks(node: Any) -> int:
-    """The newest tick that a plant has told."""
-    lines = [line.split() for line in node.said()[0].splitlines() if line.startswith("tick ")]
-    return int(lines[-1][1]) if lines else 0
 
 
 def test_a_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(

@@ -152,10 +152,11 @@ def test_the_wall_clock_releases_who_heard_nothing_and_only_they_are_re_armed() 
     watch = watchdog.watching(3)
     heard = watchdog.listening(3)
     watch["accepted_ns"] = [watchdog.NEVER, 5, 6]
-    watchdog.release_by_clock(watch, heard, 10.0, 0.2)
+    assert watchdog.late_by_clock(watch, heard, 10.0, 0.2) == []
     assert watch["released"].tolist() == [0, 0, 0]
     watch["accepted_ns"][2] = 7
-    watchdog.release_by_clock(watch, heard, 10.3, 0.2)  # wall time: the second has heard nothing for 0.3 s
+    assert watchdog.late_by_clock(watch, heard, 10.3, 0.2) == [1]  # wall time: it has heard nothing for 0.3 s
+    watchdog.let_go(watch, 1)
     assert watch["released"].tolist() == [0, 1, 0]
     watchdog.rearm(watch, 100)
     assert watch["released"].tolist() == [0, 0, 0]

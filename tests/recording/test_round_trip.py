@@ -80,7 +80,7 @@ def test_mcap_reads_it(tmp_path: Path, random_record: Callable[..., Record], wri
         assert all("offered_qos_profiles" in channel.metadata for channel in summary.channels.values())
         assert [attachment.name for attachment in reader.iter_attachments()] == ["run.yaml"]
         names = [metadata.name for metadata in reader.iter_metadata()]
-        assert names == ["facts_damping.versions", "facts_damping.lost", "rosbag2"]
+        assert names == ["facts_damping.versions", "facts_damping.lost", "facts_damping.publishers", "rosbag2"]
         sequences = [message.sequence for _, _, message in reader.iter_messages(topics=["/plant/state"])]
     assert sequences == list(range(30))
 

@@ -35,7 +35,7 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
     for k in range(case.ticks):
         start, end = loop.tick_ns(k, rate), loop.tick_ns(k + 1, rate)
         measure(parts.plant, parts.plant_state, start, kept.frames[k], kept.machines[k], kept.devices[k], parts.work)
-        delivered = uplink(parts.links, 0, k, start, end, kept.frames[k])
+        delivered = uplink(parts.links, 0, k, start, end, kept.frames[k], np.full(len(kept.frames[k]), start))
         issued = act(parts.bank, parts.bank_state, 0, k, parts.links.up.out[0], delivered, parts.issued, 0)
         arrived = downlink(parts.links, 0, k, end, parts.issued, issued)
         applied = merge(parts.applied, 0, parts.links.down.out[0], arrived)

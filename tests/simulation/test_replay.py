@@ -14,6 +14,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.simulation import loop, replay
+from facts_damping.simulation.changes import rerun
 from tests.two_devices import centralised, decentralised
 
 if TYPE_CHECKING:
@@ -234,3 +235,37 @@ def test_another_watchdog_is_judged_on_what_was_applied() -> None:
         times.append([row["time_s"] for row in releases.releases(replay.watched(case, replay.fitted(record, case)))])
     assert times[1][0] == pytest.approx(times[0][0] + 0.2, abs=1 / 60)
     assert times[2:] == [[], []]
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        {"name": "no such parameter", "value": 1.0},
+        {"name": "eta", "value": "fast"},
+        {"name": "eta", "value": None},
+        {"name": "eta", "value": 1e300},
+        {"name": "eta", "value": 0.1, "index": 7},
+        {"name": "", "value": None, "kind": "storm"},
+        {"name": "", "value": None, "kind": "start", "role": "identifier"},
+    ],
+)
+def test_changes_that_nobody_can_have_made_are_passed_over(odd: dict[str, Any]) -> None:
+    """Anybody may speak on a topic that a bag holds."""
+    record = recorded(None, ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "duration=3"])
+    change = {"tick": 60, "node": "/n", "role": "controller", "index": 0, "kind": "parameter"} | odd
+    case = replay.case_of(record, "it", None, [])
+    part = replay.fitted(dataclasses.replace(record, changes=[change]), case)
+    assert replay.first_difference(part, replay.play(case, part)[0]) is None
+
+
+def test_a_parameter_changed_under_way_is_changed_in_the_replay() -> None:
+    case = load_case(None, ["duration=3", "scenario=large"])
+    change = {"tick": 90, "node": "/n", "role": "controller", "index": 0, "kind": "parameter"}
+    change |= {"name": "gain", "value": 3.0}
+    record = rerun(case, [change])
+    part = replay.fitted(record, case)
+    assert replay.first_difference(part, replay.play(case, part)[0]) is None
+    without = dataclasses.replace(part, changes=[])
+    difference = replay.first_difference(without, replay.play(case, without)[0])
+    assert difference is not None
+    assert difference.tick >= 90

@@ -1,0 +1,47 @@
+"""What `ros2 run facts_damping NODE` calls: loads a node, and says what takes long and where it was interrupted."""
+
+from __future__ import annotations
+
+import importlib
+import signal
+
+from facts_damping.terminal import INTERRUPTIONS, end_at_once
+
+
+def _start(node: str, *, computes: bool = True) -> None:
+    """Load a node and be it; `computes`: it needs kernels, which the first one on a machine compiles."""
+    for number in INTERRUPTIONS:
+        signal.signal(number, end_at_once)  # until the node takes them
+    if computes:
+        importlib.import_module("facts_damping.nodes.warmup").compile_once()
+    importlib.import_module(f"facts_damping.nodes.{node}").main()
+
+
+def plant_sim() -> None:
+    """Entry point of `ros2 run facts_damping plant_sim`."""
+    _start("plant_sim")
+
+
+def wan_link() -> None:
+    """Entry point of `ros2 run facts_damping wan_link`."""
+    _start("wan_link")
+
+
+def controller() -> None:
+    """Entry point of `ros2 run facts_damping controller`."""
+    _start("controller")
+
+
+def identifier() -> None:
+    """Entry point of `ros2 run facts_damping identifier`."""
+    _start("identifier")
+
+
+def recorder() -> None:
+    """Entry point of `ros2 run facts_damping recorder`."""
+    _start("recorder", computes=False)
+
+
+def live_view() -> None:
+    """Entry point of `ros2 run facts_damping live_view`."""
+    _start("live_view", computes=False)

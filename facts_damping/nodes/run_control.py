@@ -1,0 +1,136 @@
+"""Run control: services of the plant that pause, resume and step the run, reset the plant, and apply an event now."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from facts_damping_msgs.msg import RunState
+from facts_damping_msgs.srv import Apply, Step
+from std_srvs.srv import Trigger
+
+from facts_damping.errors import InputError
+from facts_damping.nodes.messages import state_message
+from facts_damping.nodes.node import LATCHED, STATE
+from facts_damping.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.node import Node
+
+    from facts_damping.nodes.live_plant import LivePlant
+    from facts_damping.nodes.member import Member
+    from facts_damping.nodes.spinning import Spinner
+
+REMIND_S = 0.4  # wall time between two reports of a pause: less than that after which others say that nothing comes
+
+
+class RunControl:
+    """Whether the run goes on, and the services that say so."""
+
+    def __init__(self, node: Node, member: Member, plant: LivePlant, progress: Callable[[], None]) -> None:
+        """Offer the services; `progress` tells the program that runs the graph that it still goes on."""
+        self._member, self._plant, self._progress = member, plant, progress
+        self._paused: bool = False
+        self._steps = 0
+        self._publisher = node.create_publisher(RunState, STATE, LATCHED)
+        for name, answer in (
+            ("pause", self.on_pause),
+            ("resume", self.on_resume),
+            ("reset", self.on_reset),
+            ("rearm", self.on_rearm),
+        ):
+            node.create_service(Trigger, f"~/{name}", answer)
+        node.create_service(Step, "~/step", self.on_step)
+        node.create_service(Apply, "~/apply", self.on_apply)
+
+    def _next(self) -> str:
+        """From when on a change acts, in words."""
+        tick = self._plant.tick + 1
+        return f"from tick {tick} on, {self._plant.start(tick) / NANOSECONDS:.3f} s"
+
+    def on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Let no tick begin until the run is resumed or stepped."""
+        response.success = not self._paused
+        there = f"the run is paused after tick {self._plant.tick}, {self._steps} to be stepped"
+        response.message = f"paused {self._next()}" if response.success else there
+        if response.success:
+            self._paused = True
+            self._member.change("pause")
+        return response
+
+    def on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Go on."""
+        response.success = self._paused
+        response.message = f"goes on {self._next()}" if response.success else "the run is not paused"
+        if response.success:
+            self._paused, self._steps = False, 0
+            self._member.change("resume")
+            self.say(RunState.RUNNING, self._plant.tick, "goes on")
+        return response
+
+    def on_step(self, request: Step.Request, response: Step.Response) -> Step.Response:
+        """Let a paused run go on for some ticks."""
+        if not self._paused:
+            response.message = "the run is not paused"
+            return response
+        if request.ticks == 0:
+            response.message = "ticks: 0 given; allowed: at least 1"
+            return response
+        self._steps += request.ticks
+        self._member.change("step", "", request.ticks)
+        response.success, response.message = True, f"{request.ticks} ticks {self._next()}"
+        return response
+
+    def on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Have the plant begin again; time goes on."""
+        self._member.change("reset", act=self._plant.ask_reset())
+        response.success, response.message = True, f"the plant begins again {self._next()}"
+        return response
+
+    def on_rearm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Let every released device take setpoints again."""
+        released = self._plant.released()
+        response.success = bool(released)
+        response.message = f"re-armed: {', '.join(released)}" if released else "no device is released"
+        if released:
+            self._member.change("rearm", act=self._plant.rearm)
+        return response
+
+    def on_apply(self, request: Apply.Request, response: Apply.Response) -> Apply.Response:
+        """Have an event happen now."""
+        try:
+            self._member.change("event", "", request.change, self._plant.ask_event(request.change))
+        except InputError as error:
+            response.message = " ".join(str(error).split())
+        else:
+            response.success, response.message = True, self._next()
+        return response
+
+    def hold(self, tick: int, spinner: Spinner) -> float:
+        """Wait, before a tick, while the run is paused; the wall time that took, s."""
+        if not self._paused:
+            return 0.0
+        began, told = time.monotonic(), 0.0
+        while self._held():
+            if time.monotonic() - told > REMIND_S:
+                told = time.monotonic()
+                self.say(RunState.PAUSED, tick - 1, "paused")
+                self._progress()
+            spinner.spin_once(0.05)
+        self._steps = max(0, self._steps - 1)
+        return time.monotonic() - began
+
+    def _held(self) -> bool:
+        return self._paused and self._steps == 0
+
+    def say(self, state: int, tick: int, reason: str, sound: bool = True) -> None:
+        """Tell how the run stands at a tick."""
+        at = max(tick, 0)
+        self._publisher.publish(state_message(state, at, self._plant.start(at), reason, sound))
+
+    @property
+    def publisher(self) -> Any:
+        """Of how the run stands."""
+        return self._publisher

@@ -1,0 +1,120 @@
+"""Ticks that a recording lacks: as a node was not there yet, or as messages are missing."""
+
+from __future__ import annotations
+
+from itertools import islice
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.recording import decode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.recording.decode import Series
+
+OF_LINKS = ("delivered", "applied")  # of these each link has its own
+ROLES = {**dict.fromkeys(OF_LINKS, "link"), "issued": "controller", "estimates": "identifier"}
+HEARD = ("delivered", "issued", "estimates")  # what controllers and identifiers hear and say
+LISTED = 5  # so many lost ticks are named one by one
+
+
+class Absence(NamedTuple):
+    """Ticks, from the first to before the end, at which a node of a run (its role, its place) was not there."""
+
+    role: str
+    place: int
+    first: int
+    end: int
+
+
+def starts(changes: Sequence[dict[str, Any]]) -> set[tuple[str, int, int]]:
+    """Role, index and first tick of nodes that began later than the run."""
+    return {(change["role"], change["index"], change["tick"]) for change in changes if change["kind"] == "start"}
+
+
+def began(found: dict[str, list[Series]], late: set[tuple[str, int, int]]) -> int:
+    """The first tick by which a recorder that came late had heard everybody that was there then."""
+    firsts = [(_owner(kind, i, one), int(one.ticks[0])) for kind, i, one in _of_nodes(found) if len(one.ticks)]
+    return max([tick for owner, tick in firsts if not any(_came(late, owner, 0, tick))], default=0)
+
+
+def absences(found: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int) -> list[Absence]:
+    """Ticks from `first` to before `end` that nodes lack as they began, or began again, after them, or within them.
+
+    A recorder may miss what a node says before it has found it. Who is served by a link says nothing either while that
+    is not there.
+    """
+    away: list[Absence] = []
+    for kind, i, one in _of_nodes(found):
+        owner = _owner(kind, i, one)
+        for a, b in _gaps(one, first, end):
+            served = kind not in OF_LINKS and any(x.role == "link" and x.first <= a and b <= x.end for x in away)
+            if any(_came(late, owner, a, b)) or served:
+                away.append(Absence(*owner, a, b))
+    return list(dict.fromkeys(away))
+
+
+def missing(
+    found: dict[str, list[Series]], away: Sequence[Absence], first: int, end: int
+) -> Iterator[tuple[str, Series, list[tuple[int, int]]]]:
+    """Kind, series, and its gaps from `first` to before `end` that are nobody's absence."""
+    known = {(one.role, one.place, one.end) for one in away}
+    for kind, parts in found.items():
+        for i, one in enumerate(parts):
+            gaps = _gaps(one, first, end)
+            if kind in ROLES:
+                owner = _owner(kind, i, one)
+                gaps = [(a, b) for a, b in gaps if (*owner, b) not in known]
+            yield kind, one, gaps
+
+
+def notes(found: dict[str, list[Series]], away: Sequence[Absence], last: int) -> list[str]:
+    """A note for each topic that lacks ticks before the last one (which nobody need answer)."""
+    told = []
+    for _, one, gaps in missing(found, away, 0, last):
+        count = sum(b - a for a, b in gaps)
+        if count:
+            listed = list(islice((tick for a, b in gaps for tick in range(a, b)), LISTED + 1))
+            named = ", ".join(map(str, listed[:LISTED])) + (", ..." if len(listed) > LISTED else "")
+            told.append(f"{one.topic}: {count} of {last + 1} ticks are missing ({named})")
+    return told
+
+
+def first_missing(found: dict[str, list[Series]], away: Sequence[Absence], ticks: NDArray[np.int64]) -> int | None:
+    """The first tick, from that of the first frames on, that lacks one of these, or what controllers hear and say."""
+    first, end = int(ticks[0]), int(ticks[-1]) + 1
+    lacking = [gaps[0][0] for kind, _, gaps in missing(found, away, first, end) if kind in HEARD and gaps]
+    lacking += [a for a, _ in _between(ticks, first, end)][:1]
+    return min(lacking, default=None)
+
+
+def _came(late: set[tuple[str, int, int]], owner: tuple[str, int], first: int, end: int) -> Iterator[bool]:
+    """Whether a node began within a gap or at its end."""
+    return ((role, place) == owner and first <= tick <= end for role, place, tick in late)
+
+
+def _of_nodes(found: dict[str, list[Series]]) -> Iterator[tuple[str, int, Series]]:
+    for kind in ROLES:
+        for i, one in enumerate(found.get(kind, [])):
+            yield kind, i, one
+
+
+def _owner(kind: str, i: int, one: Series) -> tuple[str, int]:
+    """Whose a topic is: links stand in the order of the run, others are numbered by their names."""
+    return ROLES[kind], i if kind in OF_LINKS else decode.place(one.topic.split("/")[-2])
+
+
+def _gaps(one: Series, first: int, end: int) -> list[tuple[int, int]]:
+    there = np.unique(one.ticks[(one.ticks >= first) & (one.ticks < end)])
+    return _between(there, first, end)
+
+
+def _between(there: NDArray[np.int64], first: int, end: int) -> list[tuple[int, int]]:
+    """What lies between sorted ticks from `first` to before `end`: from each to before the next."""
+    before, after = np.concatenate([[first - 1], there]), np.concatenate([there, [end]])
+    wide = after - before > 1
+    return list(zip((before[wide] + 1).tolist(), after[wide].tolist(), strict=True))

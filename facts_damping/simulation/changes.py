@@ -1,0 +1,177 @@
+"""Changes of a run that is under way: what the nodes do with them, and the same in process, to the bit.
+
+A change acts at the start of a tick, before that is measured. The nodes tell each with its tick (RunChange), so a
+recording has what a run was that nobody had planned, and it can be run again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.case.links import read_link, with_number
+from facts_damping.case.loading import make_case
+from facts_damping.control.bank import put
+from facts_damping.control.table import kind
+from facts_damping.errors import InputError
+from facts_damping.link.transfer import Links, changed, replaced
+from facts_damping.parameters.files import read_value
+from facts_damping.plant.watchdog import let_go, rearm, watching
+from facts_damping.signals import NANOSECONDS, SETPOINT
+from facts_damping.simulation.build import build_plant, commands, grid_events, ways
+from facts_damping.simulation.loop import Loop, build_loop, record, setpoint_buffer, signals_for, step, tick_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.parameters.link import Link
+    from facts_damping.plant.build import Built
+    from facts_damping.signals import Record
+
+SOURCE = "change"  # what an error names
+
+
+def with_event(case: Case, text: str, at_ns: int) -> Case:
+    """A case with one more event, at a time; `text`: YAML, as in a scenario, without its time.
+
+    Raises `InputError` where it is none, or cannot happen then.
+    """
+    event = read_value(text, SOURCE)
+    if not isinstance(event, dict) or "time" in event:
+        raise InputError(f"{SOURCE}: {text!r} given; allowed: an event without time, {{kind: line_out, line: NAME}}")
+    content = case.document()
+    content["scenario"] = [*content["scenario"], {"time": at_ns / NANOSECONDS, **event}]
+    return replace(case, scenario=make_case(content, SOURCE).scenario)
+
+
+def with_reset(case: Case, at_ns: int) -> Case:
+    """A case whose scenario begins at a time; `case`: as the run began."""
+    events = [event.model_copy(update={"time": event.time + at_ns / NANOSECONDS}) for event in case.scenario.events]
+    return replace(case, scenario=case.scenario.model_copy(update={"events": events}))
+
+
+def with_link(case: Case, index: int, given: Any) -> Case:
+    """A case with another link in the place of one of its links; `given`: its name, path or YAML, or what that says.
+
+    Raises `InputError` where it is none, or does not fit the run.
+    """
+    link = read_link(read_value(given, SOURCE) if isinstance(given, str) else given, "link", SOURCE, None)
+    own = next((c for c, used in enumerate(case.used_links) if used == index and case.run.controllers[c].link), None)
+    content = case.document()
+    (content if own is None else content["controllers"][own])["link"] = link.model_dump()
+    make_case(content, SOURCE)
+    return with_links(case, index, link)
+
+
+def with_links(case: Case, index: int, link: Link) -> Case:
+    """A case with a link of its own at a place."""
+    return replace(case, links=[link if i == index else one for i, one in enumerate(case.links)])
+
+
+def relinked(made: Links, case: Case, index: int) -> Links:
+    """Links under way with the stages of link `index` as a case has them by now."""
+    up, down = (
+        replaced(getattr(made, way), index, [getattr(link, way) for link in case.links], spec)
+        for way, spec in ways(case).items()
+    )
+    return made._replace(up=up, down=down)
+
+
+def renumbered(made: Links, case: Case, index: int, path: str, value: float) -> tuple[Links, Case]:
+    """Links under way with a number of a stage changed, `up.0.delay`; and the case that has it."""
+    way, place, link = with_number(case.links[index], path, value)
+    own = changed(getattr(made, way), index, place, getattr(link, way)[place], ways(case)[way])
+    return made._replace(up=own) if way == "up" else made._replace(down=own), with_links(case, index, link)
+
+
+def pending(case: Case, events: Sequence[dict[str, Any]], at_ns: int) -> list[dict[str, Any]]:
+    """Events of the grid that are still to be told at a time: those told late, and all of the case from then on."""
+    late = [event for event in events if event["time_ns"] < at_ns]
+    return late + [event for event in grid_events(case) if event["time_ns"] >= at_ns]
+
+
+def reset_plant(case: Case, at_ns: int) -> tuple[Built, Case]:
+    """The plant of a case, as the run began, at its equilibrium at a time, with its scenario from then on."""
+    again = with_reset(case, at_ns)
+    return build_plant(again), again
+
+
+def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[Loop, Case]:
+    """A loop after a change, and its case as it is by now; `start`: as the run began.
+
+    `change`: tick, role, index, kind, name, value, as `Record.changes` has them.
+    """
+    at, what, value = tick_ns(change["tick"], loop.frame_rate), change["kind"], change["value"]
+    index = change["index"]
+    change_watch(now.run.devices, loop.plant_state.watch, change, at)
+    if what == "event":
+        now = with_event(now, value, at)
+        loop = loop._replace(plant=build_plant(now).plant)
+    elif what == "reset":
+        built, again = reset_plant(start, at)
+        loop = loop._replace(plant=built.plant, plant_state=built.state)
+        now = replace(now, scenario=again.scenario)
+    elif what == "link":
+        now = with_link(now, index, value)
+        links = relinked(loop.links, now, index)
+        issued = setpoint_buffer(commands(now), links.up.out.shape[1])
+        loop = loop._replace(links=links, issued=issued, applied=np.zeros(links.down.out.size, SETPOINT))
+    elif what == "parameter" and change["role"] == "link":
+        links, now = renumbered(loop.links, now, index, change["name"], float(value))
+        loop = loop._replace(links=links)
+    elif what == "parameter":
+        set_parameter(now, loop.bank, loop.identifiers, change)
+    return loop, now
+
+
+def change_watch(devices: Sequence[str], watch: NDArray[Any], change: dict[str, Any], at_ns: int) -> None:
+    """What a change, at a time, does to the watchdogs of a plant's devices; most do nothing."""
+    if change["role"] != "plant":
+        return
+    if change["kind"] == "rearm":
+        rearm(watch, at_ns)
+    elif change["kind"] == "reset":
+        watch[:] = watching(len(watch))
+    elif change["kind"] == "release" and change["name"] in devices:
+        let_go(watch, devices.index(change["name"]))
+
+
+def by_tick(changes: Sequence[dict[str, Any]]) -> dict[int, list[dict[str, Any]]]:
+    """Changes by the tick from which they act, in their order."""
+    found: dict[int, list[dict[str, Any]]] = {}
+    for change in changes:
+        found.setdefault(change["tick"], []).append(change)
+    return found
+
+
+def set_parameter(case: Case, bank: Any, identifiers: Any, change: dict[str, Any]) -> None:
+    """A parameter of a controller or its identifier, changed in their settings."""
+    c, name = change["index"], change["name"]
+    rows: NDArray[Any] = bank.settings[c]
+    if change["role"] == "identifier":
+        rows = identifiers.settings[list(identifiers.controller).index(c)]
+    put(rows, name, kind(case.controllers[c].name).parameters[name], change["value"], bank.mode_shape[c])
+
+
+def rerun(case: Case, changes: Sequence[dict[str, Any]]) -> Record:
+    """A closed loop in process with changes under way, as a recording has them: what a lockstep graph recorded."""
+    loop, now, events = build_loop(case), case, grid_events(case)
+    if any(change["kind"] == "link" for change in changes):  # it may copy entries, and give each a stamp of its own
+        loop = loop._replace(signals=signals_for(case, stamps=len(case.system.stations), up=2, down=2))
+    told: list[dict[str, Any]] = []
+    acting = by_tick(changes)
+    for tick in range(case.ticks):
+        at = tick_ns(tick, loop.frame_rate)
+        for change in acting.get(tick, ()):
+            loop, now = apply(loop, now, case, change)
+            events = pending(now, events, at)
+        while events and events[0]["time_ns"] <= at:
+            told.append(events.pop(0))
+        if not step(loop, tick):
+            break
+    return replace(record(case, loop), events=told, changes=list(changes))

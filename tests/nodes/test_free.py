@@ -1,0 +1,191 @@
+"""Nodes that are started one by one and run free: nobody waits, everybody comes, goes and comes again."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from rcl_interfaces.srv import ListParameters
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from facts_damping.analysis.summary import summarise
+from facts_damping.recording.reader import load
+from facts_damping.simulation import replay
+from tests.nodes.graphs import PATIENCE_S, payloads, somebody, ticks, wait_until_recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from facts_damping.signals import Record
+
+# The recorder comes at 5 s, link and controller at 10 s, leave at 30 s, come again at 40 s; the plant ends at 60 s.
+WHOLE_S = float(os.environ.get("FREE_RUN_S", "24"))
+RATE = 60
+FREE = {"mode": "free"}
+
+
+def until(plant: Any, seconds: float) -> None:
+    plant.wait(lambda: plant.poll() is not None or ticks(plant) >= seconds * RATE, PATIENCE_S)
+
+
+def stop(*nodes: Any) -> None:
+    for node in nodes:
+        node.send_signal(signal.SIGINT)
+    for node in nodes:
+        node.communicate(timeout=PATIENCE_S)
+        assert node.returncode == 0, node.said()
+
+
+def replayed(record: Record) -> replay.Difference | None:
+    case = replay.case_of(record, "it", None, [])
+    part = replay.fitted(record, case)
+    return replay.first_difference(part, replay.play(case, part)[0])
+
+
+def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
+    start: Callable[..., Any], client: Any, tmp_path: Path
+) -> None:
+    """All of it is in a recording that began under way, which is replayed to the bit."""
+    common = {**FREE, "duration": WHOLE_S}
+    part = WHOLE_S / 60.0
+    plant = start("plant_sim", **common)
+    until(plant, 5 * part)
+    recorder = start("recorder", output=tmp_path / "bag", **common)
+    wait_until_recording(tmp_path / "bag", 10_000)
+    until(plant, 10 * part)
+
+    def both() -> tuple[Any, Any]:
+        return start("wan_link", **common), start("controller", **common)
+
+    nodes = both()
+    until(plant, 30 * part)
+    stop(*nodes)
+    until(plant, 40 * part)
+    nodes = both()
+    for name in ("wan_link", "controller"):  # both are there
+        client(ListParameters, f"/{name}/list_parameters", ListParameters.Request())
+    until(plant, 47 * part)
+    rearmed = client(Trigger, "/plant_sim/rearm", Trigger.Request())
+    assert (rearmed.success, rearmed.message) == (True, "re-armed: sssc")
+    _, errors = plant.communicate(timeout=PATIENCE_S)
+    assert (plant.returncode, errors) == (0, "")
+    stop(*nodes, recorder)
+
+    record = load(tmp_path / "bag")
+    first, last = int(record.ticks[0]), int(record.ticks[-1])
+    assert 5 * part * RATE <= first
+    assert last == round(WHOLE_S * RATE) - 1
+    assert record.ticks.tolist() == list(range(first, last + 1))  # frames without a gap
+    kinds = sorted((one["role"], one["kind"]) for one in record.changes)
+    assert kinds == [*[("controller", "start")] * 2, *[("link", "start")] * 2, ("plant", "rearm")]
+    came = [one["tick"] / RATE for one in record.changes if one["role"] == "controller"]
+    assert first / RATE < came[0]
+    reference = record.devices["reference"][:, 0]
+    assert np.all(reference[record.time_s < came[0]] == 0.0)
+    (release,) = summarise(record)["releases"]
+    assert 30 * part < release["time_s"] < came[1]
+    assert came[1] < release["rearmed_s"]
+    between = (record.time_s > came[0] + 1.0) & (record.time_s < release["time_s"])
+    assert np.any(reference[between] != 0.0)
+    at_rest = (record.time_s > release["time_s"] + 0.6) & (record.time_s < release["rearmed_s"])
+    assert np.all(reference[at_rest] == 0.0)
+    assert np.any(record.issued["tick"] / RATE > came[1])
+    assert record.gap_tick is None or record.gap_tick > came[1] * RATE
+    assert replayed(record) is None
+    assert "/plant_sim" in record.publishers.values()
+
+
+@pytest.mark.parametrize("stamp", ["simulated", "wall"])
+def test_another_plant_is_followed_and_ends_a_recording(start: Callable[..., Any], tmp_path: Path, stamp: str) -> None:
+    """By link, controller and identifier, who begin again; a recording is of one run."""
+    common = {**FREE, "set": str(["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])}
+    recorder = start("recorder", output=tmp_path / "bag", **common)
+    others = [start(name, **common) for name in ("wan_link", "controller", "identifier")]
+    plant = start("plant_sim", stamp=stamp, **common)
+    until(plant, 2.0)
+    stop(plant)
+    second = start("plant_sim", stamp=stamp, **common)
+    recorder.communicate(timeout=PATIENCE_S)
+    assert recorder.returncode == 0
+    bag = start("recorder", output=tmp_path / "second", **common)
+    until(second, 5.0)
+    stop(second, *others, bag)
+    assert load(tmp_path / "bag").ticks[-1] >= 119
+    record = load(tmp_path / "second")
+    assert set(record.issued["controller"]) == {0}
+    assert len(record.estimates) > 0
+
+
+def test_the_clock_is_the_simulated_time(start: Callable[..., Any], domain: int) -> None:
+    """Of a node of anybody's with `use_sim_time`; ours take it, too."""
+    plant = start("plant_sim", use_sim_time="true", **FREE)
+    controller = start("controller", use_sim_time="true", **FREE)
+    link = start("wan_link", use_sim_time="true", **FREE)
+    simulated = [Parameter("use_sim_time", value=True)]
+    with somebody("listener", parameter_overrides=simulated) as (node, executor):
+        deadline = time.monotonic() + PATIENCE_S
+        while (now := node.get_clock().now().nanoseconds) < 2 * 10**9:
+            assert time.monotonic() < deadline
+            executor.spin_once(0.1)
+        assert abs(now * 1e-9 - ticks(plant) / RATE) < 1.0
+    stop(plant, link, controller)
+
+
+@pytest.mark.parametrize("executable", ["plant_sim", "wan_link", "controller"])
+def test_a_killed_plant_or_peer_leaves_the_others_running(start: Callable[..., Any], executable: str) -> None:
+    nodes = {name: start(name, **FREE) for name in ("plant_sim", "wan_link", "controller")}
+    until(nodes["plant_sim"], 1.5)
+    nodes.pop(executable).send_signal(signal.SIGKILL)
+    time.sleep(2.0)
+    assert [node.poll() for node in nodes.values()] == [None, None]
+    stop(*nodes.values())
+
+
+def test_stamps_may_be_wall_time(start: Callable[..., Any], tmp_path: Path) -> None:
+    """On the wire, so that `ros2 topic delay` is sensible; what is read of the recording begins with 0."""
+    common = {
+        "mode": "realtime",
+        "recorder": "true",
+        "duration": 4.0,
+        "start_timeout": PATIENCE_S,
+        "set": str(["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "scenario=large"]),
+    }
+    recorder = start("recorder", output=tmp_path / "recording", **common)
+    for name in ("wan_link", "controller", "identifier"):
+        start(name, **common)
+    plant = start("plant_sim", stamp="wall", **common)
+    assert plant.communicate(timeout=PATIENCE_S)[1] == ""
+    stop(recorder)
+    now = time.time()
+    for topic, messages in payloads(tmp_path).items():
+        for data in messages:
+            seconds = int.from_bytes(data[4:8], "little")
+            assert now - PATIENCE_S < seconds <= now, topic
+    record = load(tmp_path / "recording")
+    assert record.notes == []
+    assert record.time_ns.tolist() == [tick * 10**9 // RATE for tick in range(240)]
+    assert summarise(record)["latency_ms"]["max"] < 1000.0
+    assert record.events[0]["time_ns"] == 10**9
+    assert len(record.estimates) > 200
+    assert record.estimates["measured_ns"].max() < 4 * 10**9
+    assert replayed(record) is None or ticks_missed(plant)
+
+
+def ticks_missed(plant: Any) -> bool:
+    """Whether the machine was too slow: then an answer came late, and its replay is not the same."""
+    return any(line.split()[3] != "0" for line in plant.said()[0].splitlines() if line.startswith("tick "))
+
+
+def test_stamps_in_lockstep_are_simulated(start: Callable[..., Any]) -> None:
+    plant = start("plant_sim", stamp="wall")
+    errors = plant.communicate(timeout=PATIENCE_S)[1]
+    assert (plant.returncode, errors) == (
+        2,
+        "plant_sim: stamp: 'wall' given; allowed with mode lockstep: simulated\n",
+    )

@@ -1,0 +1,257 @@
+"""What somebody with ROS in the fingers expects of a node that is started by itself."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from facts_damping_msgs.msg import PmuDataFrame
+from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.parameter import parameter_value_to_python
+
+from facts_damping.compiling import home
+from facts_damping.nodes.warmup import compile_once
+from tests.nodes.graphs import PATIENCE_S, somebody
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+BIN = Path(sys.executable).parent
+NODES = ("plant_sim", "wan_link", "controller", "identifier", "recorder", "live_view")
+SOON_S = 10.0  # 2 s on a machine that does nothing else
+INDIRECT = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled() -> None:
+    """What the first node on a machine would say does not belong here."""
+    compile_once()
+
+
+@pytest.fixture
+def heard(domain: int) -> Iterator[Callable[..., list[Any]]]:
+    """Waits for a message of a topic; all that came by then."""
+    with somebody("listener") as (node, executor):
+        came: dict[str, list[Any]] = {}
+
+        def hear(kind: Any, topic: str, until: Callable[[list[Any]], bool] | None = None) -> list[Any]:
+            if topic not in came:
+                came[topic] = []
+                node.create_subscription(kind, topic, came[topic].append, 100)
+            deadline = time.monotonic() + PATIENCE_S
+            while until is not None and not until(came[topic]):
+                assert time.monotonic() < deadline, came[topic]
+                executor.spin_once(0.1)
+            return came[topic]
+
+        yield hear
+
+
+def run(executable: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [str(BIN / executable), *arguments]
+    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=PATIENCE_S)
+
+
+@pytest.mark.parametrize("executable", NODES)
+def test_help_says_what_it_does_its_parameters_and_an_example(executable: str, domain: int) -> None:
+    done = run(executable, *(["-h"] if executable == "plant_sim" else ["--help"]), *identifies(executable))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert f"usage: ros2 run facts_damping {executable}" in done.stdout
+    assert f"example: ros2 run facts_damping {executable}" in done.stdout
+    assert re.search(r"^  run \(''\): name of a run", done.stdout, re.MULTILINE)
+    assert re.search(r"^  duration \(0.0, 0 to 100000\): simulated time", done.stdout, re.MULTILINE)
+
+
+def identifies(executable: str) -> list[str]:
+    return ["--ros-args", "-p", f"set:={INDIRECT}"] if executable == "identifier" else []
+
+
+@pytest.mark.parametrize(
+    ("executable", "arguments", "said"),
+    [
+        ("plant_sim", ["-p", "runn:=two_area_small"], "parameter runn: given; allowed: duration, "),
+        ("recorder", ["-p", "outptu:=here"], "parameter outptu: given; allowed: "),
+        ("live_view", ["-p", "mode:=free"], "parameter mode: given; allowed: "),
+        ("controller", ["-p", "set:=[a"], "Failed to parse"),
+        ("wan_link", ["-p", "duration:=long"], "duration"),
+    ],
+)
+def test_what_is_not_a_parameter_is_an_error_in_a_line(
+    executable: str, arguments: list[str], said: str, domain: int
+) -> None:
+    done = run(executable, "--ros-args", *arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_whole_numbers_are_taken_for_floats(start: Any, client: Any) -> None:
+    start("controller", mode="free", gain=12, duration=8, timeout=6, set=str(["controllers.0.name=LLC"]))
+    names = ["gain", "duration", "timeout"]
+    values = client(GetParameters, "/controller/get_parameters", GetParameters.Request(names=names)).values
+    assert [parameter_value_to_python(value) for value in values] == [12.0, 8.0, 6.0]
+
+
+def test_parameters_of_a_node_are_dumped_and_load_into_another(start: Any, client: Any, tmp_path: Path) -> None:
+    """As `ros2 param dump` and `load` do it: by the parameter services."""
+    start("controller", mode="free", gain=7.5)
+    names = client(ListParameters, "/controller/list_parameters", ListParameters.Request()).result.names
+    values = client(GetParameters, "/controller/get_parameters", GetParameters.Request(names=names)).values
+    assert all(value.type != ParameterType.PARAMETER_NOT_SET for value in values)
+    kept: dict[str, Any] = {n: parameter_value_to_python(v) for n, v in zip(names, values, strict=True)}
+    assert kept["gain"] == 7.5
+    assert kept["set"] == [""]
+    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in kept.items()}
+    file = tmp_path / "dumped.yaml"
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": plain}}))
+    start("controller", "-r", "__node:=second", "--params-file", str(file), mode="free")
+    answers = client(GetParameters, "/second/get_parameters", GetParameters.Request(names=["gain"])).values
+    assert answers[0].double_value == 7.5
+    described = client(DescribeParameters, "/second/describe_parameters", DescribeParameters.Request(names=names))
+    live = [one.name for one in described.descriptors if not one.read_only and one.name != "use_sim_time"]
+    assert "gain" in live
+    request = SetParameters.Request(
+        parameters=[
+            Parameter(name=name, value=value) for name, value in zip(names, values, strict=True) if name in live
+        ]
+    )
+    results = client(SetParameters, "/second/set_parameters", request).results
+    assert all(result.successful for result in results)
+
+
+def test_services_answer_while_a_node_waits_for_others(start: Any, client: Any) -> None:
+    """From when it is there: also in lockstep, where it waits for half a minute."""
+    link = start("wan_link", link="delay_100ms")
+    zero = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=0)
+    request = SetParameters.Request(parameters=[Parameter(name="up.0.delay", value=zero)])
+    assert client(SetParameters, "/wan_link/set_parameters", request).results[0].successful
+    assert link.poll() is None
+
+
+def test_logs_go_to_rosout_and_only_the_supervisor_gets_lines(start: Any, heard: Any) -> None:
+    """Also that synchronism is lost, which all say."""
+    heard(Log, "/rosout")
+    common = {"progress": "false", "set": str(["scenario=large", "controllers=[]"]), "start_timeout": PATIENCE_S}
+    nodes = {name: start(name, **common) for name in ("plant_sim", "wan_link")}
+
+    def lost(came: list[Any]) -> set[tuple[str, int]]:
+        return {(one.name, one.level) for one in came if "synchronism lost" in one.msg}
+
+    heard(Log, "/rosout", lambda came: lost(came) == {(name, 40) for name in nodes})  # 40: rcl_interfaces/Log.ERROR
+    for node in nodes.values():
+        assert node.communicate(timeout=PATIENCE_S) == ("", "")
+        assert node.returncode == 0
+
+
+def test_a_log_level_is_obeyed(domain: int) -> None:
+    short = ["-p", "duration:=0.1"]
+    assert run("plant_sim", "--ros-args", "--log-level", "warn", *short).stderr == ""
+    assert "[INFO]" in run("plant_sim", "--ros-args", *short).stderr
+
+
+def test_every_node_tells_how_it_is(start: Any, heard: Any) -> None:
+    """By its full name, with what it stands for; by what is now, not by what once was."""
+    common = {"mode": "free", "set": str(INDIRECT)}
+    nodes = {name: start(name, **common) for name in ("plant_sim", "wan_link", "controller", "identifier")}
+    names = {"plant_sim", "wan_link", "controller", "identifier"}
+
+    def newest(came: list[Any]) -> dict[str, Any]:
+        return {one.name: one for message in came for one in message.status}
+
+    came = heard(DiagnosticArray, "/diagnostics", lambda told: set(newest(told)) >= names)
+    assert {newest(came)[name].hardware_id for name in names} == {"two_area", "wan_link", "sssc"}
+    nodes["controller"].terminate()
+    warned = lambda told: newest(told)["wan_link"].level != b"\0" and newest(told)["plant_sim"].level != b"\0"  # noqa: E731
+    came = heard(DiagnosticArray, "/diagnostics", warned)
+    assert "no answer from controller_0_HBsWC" in newest(came)["wan_link"].message
+    assert "released: sssc" in newest(came)["plant_sim"].message
+    nodes["plant_sim"].terminate()
+    heard(DiagnosticArray, "/diagnostics", lambda told: "nothing has come" in newest(told)["wan_link"].message)
+
+
+def test_a_plant_alone_publishes_within_its_first_second(start: Any, heard: Any) -> None:
+    heard(PmuDataFrame, "/pmu/frames")
+    start("plant_sim", mode="free")
+    frames = heard(PmuDataFrame, "/pmu/frames", lambda came: len(came) > 0)
+    assert frames[0].tick < 60
+
+
+@pytest.mark.parametrize("after", [0.4, 1.0, 2.5])
+@pytest.mark.parametrize("executable", ["plant_sim", "controller"])
+def test_ctrl_c_ends_a_node_soon_and_in_a_line_at_most(executable: str, after: float, domain: int) -> None:
+    """While it loads, while it waits, while it works."""
+    command = [str(BIN / executable), "--ros-args", "--log-level", "warn"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as node:
+        time.sleep(after)
+        node.send_signal(signal.SIGINT)
+        told = time.monotonic()
+        out, errors = node.communicate(timeout=PATIENCE_S)
+    assert time.monotonic() - told < SOON_S
+    assert node.returncode in (0, 130)
+    assert out == ""
+    assert errors in ("", "facts-damping: interrupted\n")
+
+
+def test_a_first_node_says_that_it_compiles(tmp_path: Path) -> None:
+    """And does not when that has been done; here it is told of, and not done."""
+    code = """
+import subprocess, sys
+from facts_damping.nodes import warmup
+subprocess.run = lambda *_, **__: warmup._done().touch()
+warmup.compile_once()
+warmup.compile_once()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
+    assert done.stderr == "compiling the numerical kernels, once on this machine: one to three minutes\n"
+    assert home() != tmp_path / "cache"
+
+
+def test_who_is_started_in_lockstep_by_hand_ends_with_the_run(start: Any, tmp_path: Path) -> None:
+    """With status 0 and no Ctrl-C, since the plant says that the run has ended; the recording is whole."""
+    common = {"duration": 2.0, "progress": "false", "recorder": "true", "start_timeout": PATIENCE_S}
+    recorder = start("recorder", output=tmp_path / "bag", **common)
+    nodes = [recorder, *(start(name, **common) for name in ("wan_link", "controller", "plant_sim"))]
+    for node in nodes:
+        assert node.communicate(timeout=PATIENCE_S) == ("", "")
+        assert node.returncode == 0
+    assert (tmp_path / "bag" / "metadata.yaml").is_file()
+
+
+def test_who_is_started_by_hand_ends_with_a_plant_that_is_told_to_stop(start: Any) -> None:
+    common = {"duration": 600.0, "progress": "false", "start_timeout": PATIENCE_S}
+    nodes = [start(name, mode="realtime", **common) for name in ("wan_link", "controller", "plant_sim")]
+    time.sleep(3.0)
+    nodes[-1].terminate()
+    for node in nodes:
+        assert node.communicate(timeout=PATIENCE_S) == ("", "")
+        assert node.returncode == 0
+
+
+def test_every_field_of_an_interface_has_its_meaning_on_its_own_line() -> None:
+    """`ros2 interface show` cuts comments of nested types that stand on lines of their own."""
+    folder = Path(__file__).parents[2] / "msg_defs"
+    for path in [*folder.glob("msg/*.msg"), *folder.glob("srv/*.srv")]:
+        for line in path.read_text().splitlines():
+            field = re.match(r"^[\w/]+(\[\])? \w+( [^#=]*)?(= *\d+)?(#.*)?$", line.rstrip())
+            if line.strip() and not line.startswith("#") and line.strip() != "---" and "=" not in line:
+                assert field, (path.name, line)
+                assert "# " in line, (path.name, line)
+        assert not re.search(r"^[ \t]+#", path.read_text(), re.MULTILINE), path.name

@@ -1,0 +1,157 @@
+"""Services that pause, step and change a run: what a lockstep graph records of it is what the loop gives in process."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from facts_damping_msgs.srv import Apply, Step
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from std_srvs.srv import Trigger
+
+from facts_damping.analysis.summary import summarise
+from facts_damping.case.loading import load_case
+from facts_damping.errors import InputError
+from facts_damping.recording.reader import load
+from facts_damping.simulation import replay
+from facts_damping.simulation.changes import rerun, with_event
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, payloads
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+SETS = [
+    *("scenario=large", "duration=12", "watchdog={good: 3}", "link=delay_100ms"),
+    *("controllers.0.name=HBsWC", "controllers.0.scheme=indirect"),
+]
+
+
+def number(name: str, value: float) -> SetParameters.Request:
+    kind = ParameterType.PARAMETER_INTEGER if isinstance(value, int) else ParameterType.PARAMETER_DOUBLE
+    given = {"integer_value": value} if isinstance(value, int) else {"double_value": value}
+    return SetParameters.Request(parameters=[Parameter(name=name, value=ParameterValue(type=kind, **given))])
+
+
+def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
+    start: Callable[..., Any], tmp_path: Path, client: Callable[..., Any]
+) -> None:
+    """Parameters, the link, an event, a reset, a release with re-arming, pauses: as told, and replayed as well."""
+
+    def trigger(name: str) -> None:
+        answer = client(Trigger, f"/plant_sim/{name}", Trigger.Request())
+        assert answer.success, answer.message
+
+    def step(count: int) -> None:
+        assert client(Step, "/plant_sim/step", Step.Request(ticks=count)).success
+        deadline = time.monotonic() + PATIENCE_S
+        while "0 to be stepped" not in client(Trigger, "/plant_sim/pause", Trigger.Request()).message:
+            assert time.monotonic() < deadline
+
+    def apply(node: str, text: str) -> bool:
+        return bool(client(Apply, f"/{node}/apply", Apply.Request(change=text)).success)
+
+    def set_to(node: str, name: str, value: float) -> bool:
+        return bool(client(SetParameters, f"/{node}/set_parameters", number(name, value)).results[0].successful)
+
+    common = {"set": str(SETS), "recorder": "true", "start_timeout": PATIENCE_S, "timeout": LOADED_S}
+    recorder = start("recorder", output=tmp_path / "recording", **common)
+    plant = start("plant_sim", **common)
+    trigger("pause")  # answered while it waits for the others
+    others = [start(name, **common) for name in ("wan_link", "controller", "identifier")]
+    assert not client(Trigger, "/plant_sim/pause", Trigger.Request()).success
+    assert not client(Step, "/plant_sim/step", Step.Request(ticks=0)).success
+    assert set_to("controller", "leakage", 0.02)
+    assert set_to("identifier", "identifier_eta", 1)  # a whole number is taken for a float
+    step(60)
+    assert not apply("plant_sim", "{kind: line_out, line: nothing}")
+    assert not apply("plant_sim", "[")
+    assert not apply("wan_link", "{up: [{delay: -1}]}")
+    assert apply("plant_sim", "{kind: load_step, load: load_1, change: 0.05}")
+    assert set_to("wan_link", "up.0.delay", 0.03)
+    assert not set_to("wan_link", "up.0.start", 1.0)
+    step(60)
+    delays = "{model: uniform, low: 0.01, high: 0.05}"
+    assert apply("wan_link", f"{{up: [{delays}, {{model: duplicate, probability: 0.2}}], down: [{{delay: 0.5}}]}}")
+    step(120)
+    trigger("reset")
+    assert apply("wan_link", "ideal")
+    assert apply("plant_sim", "{kind: line_out, line: line_2}")
+    assert not apply("plant_sim", "{kind: line_out, line: line_2}")  # it will be out
+    trigger("resume")
+    plant.communicate(timeout=PATIENCE_S)
+    recorder.terminate()
+    for node in (plant, recorder):
+        assert node.communicate(timeout=PATIENCE_S)[1] == ""
+        assert node.returncode == 0
+    assert [node.poll() for node in others] == [None] * 3  # they are another program's to stop
+
+    case = load_case(None, SETS)
+    record = load(tmp_path / "recording")
+    kinds = [(one["role"], one["kind"], one["name"]) for one in record.changes]
+    assert sorted(kinds) == sorted(
+        [
+            *(("plant", kind, "") for kind in ("pause", "step", "event", "step", "step", "reset", "event", "resume")),
+            ("controller", "parameter", "leakage"),
+            ("identifier", "parameter", "identifier_eta"),
+            ("link", "parameter", "up.0.delay"),
+            *[("link", "link", "")] * 2,
+        ]
+    )
+    assert summarise(record)["releases"], "the slow link should have had the device let go"
+    again = rerun(case, record.changes)
+    assert_same(record, again)
+    mine = replay.case_of(record, "it", None, [])
+    part = replay.fitted(record, mine)
+    issued, estimates = replay.play(mine, part)
+    assert replay.first_difference(part, issued) is None
+    assert replay.first_estimate(part, estimates) is None
+    assert replay.watched(mine, part).devices["released"].tobytes() == part.devices["released"].tobytes()
+
+
+def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_path: Path) -> None:
+    """Also where it is longer than others' patience with a plant that is silent."""
+    common = {"recorder": "true", "start_timeout": PATIENCE_S, "timeout": 0.5, "duration": 30}
+    recorder = start("recorder", output=tmp_path / "recording", **common)
+    nodes = [start(name, **common) for name in ("wan_link", "controller", "plant_sim")]
+    nodes[-1].wait(lambda: "tick" in nodes[-1].said()[0], PATIENCE_S)
+    assert client(Trigger, "/plant_sim/pause", Trigger.Request()).success
+    time.sleep(4.0)
+    assert client(Trigger, "/plant_sim/resume", Trigger.Request()).success
+    assert nodes[-1].communicate(timeout=PATIENCE_S)[1] == ""
+    assert [nodes[-1].returncode, *(node.poll() for node in nodes[:-1])] == [0, None, None]
+    recorder.terminate()
+    recorder.communicate(timeout=PATIENCE_S)
+    told = payloads(tmp_path)["/diagnostics"]
+    assert not any(b"nothing has come" in one for one in told if b"wan_link" in one)
+
+
+def test_a_paused_run_answers_and_ends_when_told(start: Any, client: Any) -> None:
+    plant = start("plant_sim", mode="free")
+    plant.wait(lambda: "tick" in plant.said()[0], PATIENCE_S)
+    assert client(Trigger, "/plant_sim/pause", Trigger.Request()).success
+    assert not client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
+    before = plant.said()[0].splitlines()[-1]
+    time.sleep(1.5)
+    assert plant.said()[0].splitlines()[-1].split()[1] == before.split()[1]
+    plant.terminate()
+    assert plant.communicate(timeout=PATIENCE_S)[1] == ""
+    assert plant.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{kind: line_out}", "line: missing"),
+        ("{kind: clear, bus: B7}", "where no fault burns"),
+        ("{kind: storm}", "'storm' given"),
+        ("{time: 3, kind: line_out, line: line_1}", "without time"),
+        ("tie", "without time"),
+    ],
+)
+def test_events_that_cannot_be_are_refused_in_a_line(text: str, said: str) -> None:
+    with pytest.raises(InputError, match=said) as refused:
+        with_event(load_case(None, []), text, 10**9)
+    assert "\n" not in str(refused.value)

@@ -1,0 +1,62 @@
+"""Messages with the identity of their publisher, by rclpy and by rcl."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import rclpy
+from facts_damping_msgs.msg import GridEvent
+
+from facts_damping.nodes import node as nodes
+from facts_damping.nodes import taking
+from tests.nodes.graphs import PATIENCE_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+@pytest.mark.parametrize("take", [taking.take, taking._Rcl().take], ids=["default", "rcl"])
+def test_a_message_comes_with_its_publisher_and_sequence(domain: int, take: Callable[[Any], Any]) -> None:
+    context = rclpy.context.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("both", context=context)
+    try:
+        subscription = node.create_subscription(GridEvent, "events", print, nodes.HEARING, raw=True)
+        publisher = node.create_publisher(GridEvent, "events", nodes.SAYING)
+        assert take(subscription) is None
+        deadline = time.monotonic() + PATIENCE_S
+        while publisher.get_subscription_count() < 1 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        begun = time.time_ns()
+        sent = [b"\x00\x01\x00\x00" + bytes([i]) * length for i, length in enumerate((12, 5000, 4))]
+        for data in sent:
+            publisher.publish(data)
+        taken: list[Any] = []
+        while len(taken) < len(sent) and time.monotonic() < deadline:
+            taken += [one for one in [take(subscription)] if one is not None]
+        assert [data for data, _ in taken] == sent
+        informations = [information for _, information in taken]
+        (there,) = node.get_publishers_info_by_topic("events")
+        assert {bytes(one["publisher_gid"]["data"]) for one in informations} == {bytes(there.endpoint_gid)}
+        assert [one["publication_sequence_number"] for one in informations] == [1, 2, 3]
+        assert all(begun <= one["source_timestamp"] <= time.time_ns() for one in informations)
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+@pytest.mark.parametrize("this_host", [False, True])
+def test_profiles_of_both_versions_of_fast_dds_are_the_same(monkeypatch: pytest.MonkeyPatch, this_host: bool) -> None:
+    assert nodes.profile(this_host) is not None
+    found = {}
+    for name, major in nodes.FAST_DDS.items():
+        monkeypatch.setattr(nodes, "version", {f"ros-{name}": f"{major}0"}.get)
+        monkeypatch.setattr(nodes, "FAST_DDS", {name: major})
+        ours = nodes.profile(this_host)
+        assert ours is not None
+        found[ours[0]] = ours[1].read_text().partition("-->")[2]
+    assert list(found) == ["FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"]
+    new, old = found.values()
+    assert old == new.replace("heartbeat_period", "heartbeatPeriod") != new
