@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import os
+import socket
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import pytest
@@ -19,7 +21,7 @@ settings.load_profile("same")
 
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"  # before anything loads messages, also what nodes are copies of
 
-# Each of the processes of `pytest -n` has its own; what one had before is long gone when it comes again.
+# Each of the processes of `pytest -n` tries its own; what one had before is long gone when it comes again.
 _PROCESS, _PROCESSES = (
     os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:],
     os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"),
@@ -47,20 +49,27 @@ def _has_graph(item: pytest.Item) -> bool:
 
 
 @pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+def domain() -> Iterator[int]:
     """A ROS_DOMAIN_ID that no other graph uses, in the environment."""
-    return _new_domain(monkeypatch)
+    with _new_domain() as number:
+        yield number
 
 
 @pytest.fixture(scope="module")
 def module_domain() -> Iterator[int]:
     """One for all tests of a module, which share what a graph has left."""
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        yield _new_domain(monkeypatch)
+    with _new_domain() as number:
+        yield number
 
 
-def _new_domain(monkeypatch: pytest.MonkeyPatch) -> int:
-    number = next(_DOMAINS)
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # for the tests' own nodes, and the commands of ROS 2
-    return number
+@contextmanager
+def _new_domain() -> Iterator[int]:
+    """Taken by a socket without a file: other runs of the tests on this machine take other domains."""
+    with socket.socket(socket.AF_UNIX) as held, pytest.MonkeyPatch.context() as patched:
+        for number in _DOMAINS:
+            with suppress(OSError):
+                held.bind(f"\0facts_damping_domain_{number}")
+                break
+        patched.setenv("ROS_DOMAIN_ID", str(number))
+        patched.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # for the tests' own nodes, and the commands of ROS 2
+        yield number

@@ -17,11 +17,11 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, RunState, VoltageSetpoints
+from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 
-from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import DEGRADED
 from facts_damping.nodes import graph, recorder
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 ATTACKS = int(os.environ.get("HOSTILE_MESSAGES", "20000")) // 2  # to each of two graphs
 BATCH = 1250  # sent at once
-LAST = 120  # ticks without
+LEFT_ALONE_S = 6.0  # at the end of a run by the clock: a publisher asks every 3 s what has not come
 HEARD = {
     "pmu/frames": "wan_link",
     "controller_0_LLC/setpoints": "wan_link",
@@ -263,51 +263,65 @@ def attacker() -> Iterator[Node]:
 class Attack:
     """Sends hostile messages to every topic of a graph while it runs."""
 
-    def __init__(self, node: Node, case: Any, started: dict[str, Any], realtime: bool) -> None:
-        self.rng, self.node, self.started, self.realtime = np.random.default_rng(7), node, started, realtime
+    def __init__(self, node: Node, case: Any, started: dict[str, Any], until: float | None) -> None:
+        """`until`: wall time in which a run by the clock is to be left alone again; none in lockstep."""
+        self.rng, self.node, self.started, self.until = np.random.default_rng(7), node, started, until
         self.kinds = list(recorder.topics(case).items())
         self.publishers = {
             topic: node.create_publisher(kind, topic, HEARING_LATE if topic in recorder.LATE else HEARING)
             for topic, kind in self.kinds
         }
-        self.sent: dict[str, int] = {}
+        self.sent: Counter[str] = Counter()
+        self.unsure: Counter[str] = Counter()  # the middleware says that they could not be sent; they may come yet
 
-    def batch(self, done: int, of: int) -> None:
+    def over(self) -> bool:
+        """Whether enough is sent, or the run soon over; then nodes may be leaving."""
+        return self.sent.total() >= ATTACKS or (self.until is not None and time.monotonic() > self.until)
+
+    def batch(self) -> None:
         """Some messages more; a lockstep run waits for its controller meanwhile, lest it is over before them all."""
-        if self.count() >= ATTACKS or done > of - LAST:  # later, nodes may be leaving
+        if self.over():
             return
         deadline = time.monotonic() + LOADED_S / 2
-        while any(
-            publisher.get_subscription_count() < 1 + (topic in HEARD) for topic, publisher in self.publishers.items()
-        ):
-            assert time.monotonic() < deadline
+        while missing := self.missing():
+            if self.over():
+                return
+            ended = [name for name, one in self.started.items() if one.process.exitcode is not None]
+            assert time.monotonic() < deadline, (missing, ended)
             time.sleep(0.01)
         self.pause(signal.SIGSTOP)
         if not self.sent:
             odd_requests(self.node, self.started)
-        goal = min(ATTACKS, self.count() + BATCH)
-        while self.count() < goal:
+        goal = self.sent.total() + BATCH
+        while self.sent.total() < goal and not self.over():
             topic, kind = self.kinds[self.rng.integers(len(self.kinds))]
             try:
                 self.publishers[topic].publish(hostile(self.rng, kind))
             except rclpy_implementation.RCLError:  # too many at once
+                self.unsure[topic] += 1
                 time.sleep(0.01)
-                continue
-            self.sent[topic] = self.sent.get(topic, 0) + 1
+            else:
+                self.sent[topic] += 1
         self.pause(signal.SIGCONT)
+        if self.over():  # who leaves takes no more than what is there
+            for publisher in self.publishers.values():
+                assert publisher.wait_for_all_acked(Duration(seconds=LOADED_S)), publisher.topic_name
+
+    def missing(self) -> list[str]:
+        """Topics that some of their listeners have not found here."""
+        found = {topic: publisher.get_subscription_count() for topic, publisher in self.publishers.items()}
+        return [topic for topic, count in found.items() if count < 1 + (topic in HEARD)]
 
     def pause(self, number: int) -> None:
-        if not self.realtime:
+        if self.until is None:
             os.kill(self.started["controller_0_LLC"].process.pid, number)
-
-    def count(self) -> int:
-        return sum(self.sent.values())
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_hostile_messages_act_on_nothing_and_are_all_counted(
     domain: int, tmp_path: Path, started: dict[str, Any], mode: str
 ) -> None:
+    """By the clock as many as a run has time for, in lockstep all."""
     longer = 1 + ATTACKS // 10_000
     # In real time a flood may cost so much time that the device lets go: it is to come back, as without control the
     # system does not stay in synchronism for as long as a million messages take.
@@ -317,30 +331,31 @@ def test_hostile_messages_act_on_nothing_and_are_all_counted(
         # Not before the graph runs: a publisher that is there at the start would be refused as another graph's.
         attacks: list[Attack] = []
 
-        def progress(done: int, of: int) -> None:
+        def progress(done: int, _of: int) -> None:
             if done > 1 and not attacks:
-                attacks.append(Attack(node, case, started, mode == "realtime"))
+                left = (case.ticks - done) / case.run.frame_rate - LEFT_ALONE_S
+                attacks.append(Attack(node, case, started, time.monotonic() + left if mode == "realtime" else None))
             for one in attacks:
-                one.batch(done, of)
+                one.batch()
 
         outcome = graph.run(case, mode, tmp_path, progress, LOADED_S)
     (attack,) = attacks
-    assert attack.count() >= ATTACKS
+    assert attack.sent.total() >= (ATTACKS if mode == "lockstep" else 1)
     recorded, computed = load(outcome.recording), loop.run(case)
     refused = outcome.messages_refused
     assert {how[1] for how in refused} <= {"publisher", "request"}
     counts: Counter[tuple[str, str]] = Counter()
     for (listener, cause, topic, _), count in refused.items():
         counts[listener, topic] += count * (cause == "publisher")
-    for topic, count in attack.sent.items():
+    for topic, sent in attack.sent.items():
         for listener in ("recorder", *([HEARD[topic]] if topic in HEARD else [])):
-            assert counts[listener, topic if topic.startswith("/") else f"/{topic}"] == count
+            count = counts[listener, topic if topic.startswith("/") else f"/{topic}"]
+            assert sent <= count <= sent + attack.unsure[topic], (listener, topic)
     for row in recorded.refused:
         told = refused[row["node"].strip("/"), row["cause"], row["topic"], row["source"]]
         assert row["count"] == told
     if mode == "lockstep" or outcome.deadline_misses == 0:
         assert_same(recorded, computed)
-    assert summarise(recorded)["stable"] == summarise(computed)["stable"]
 
 
 def test_a_forged_message_is_told_at_the_end_of_a_command(domain: int, tmp_path: Path) -> None:

@@ -51,7 +51,10 @@ pytestmark = pytest.mark.skipif(not permitted(), reason="needs root, iproute2, n
 
 @pytest.fixture
 def shell(domain: int, tmp_path: Path) -> Iterator[Callable[[str], subprocess.CompletedProcess[str]]]:
-    """Runs commands in a shell that ends with all that it started; the hosts are taken away at the end."""
+    """Runs commands in a shell that ends with all that it started; the hosts are taken away at the end.
+
+    At the start, too: a run of the tests that was killed may have left some.
+    """
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     environment["PYTHONPATH"] = str(Path(__file__).parents[2])
 
@@ -77,9 +80,13 @@ def shell(domain: int, tmp_path: Path) -> Iterator[Callable[[str], subprocess.Co
             errors.seek(0)
             return subprocess.CompletedProcess(commands, code, output.read(), errors.read())
 
+    def take_away() -> None:
+        for host in ("switch", "plant", "link", "control"):
+            subprocess.run(["ip", "netns", "delete", f"fd_{host}"], capture_output=True, check=False)
+
+    take_away()
     yield run
-    for host in ("switch", "plant", "link", "control"):
-        subprocess.run(["ip", "netns", "delete", f"fd_{host}"], capture_output=True, check=False)
+    take_away()
 
 
 def test_nodes_on_several_hosts_give_the_bits_of_the_in_process_run(

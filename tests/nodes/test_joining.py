@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,24 +23,30 @@ from facts_damping.simulation import learnt_weights, loop
 from tests.nodes.graphs import PATIENCE_S, ticks
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 RATE = 60
 LEASE = "<leaseDuration><sec>1</sec></leaseDuration>"  # after which a killed node is forgotten: 20 s elsewhere
 
 
-@pytest.fixture
-def soon_forgotten(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Nodes that are forgotten soon after they were killed."""
+@contextmanager
+def soon_forgotten(folder: Path) -> Iterator[None]:
+    """What starts here is forgotten soon after it was killed.
+
+    Not more than has to be: Fast DDS looks after every lease whether the other one is there, and now and then, where
+    others leave just then, its threads wait for each other for ever (Fast-DDS issue 6502).
+    """
     ours = node.profile(this_host=True)
     assert ours is not None
     variable, text = ours[0], ours[1].read_text()
-    profile = tmp_path / "profile.xml"
+    profile = folder / "profile.xml"
     profile.write_text(text.replace("<leaseAnnouncement>", f"{LEASE}<leaseAnnouncement>"))
     assert LEASE in profile.read_text()
-    monkeypatch.setenv(variable, str(profile))
-    monkeypatch.setenv(node.RANGE, "SYSTEM_DEFAULT")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv(variable, str(profile))
+        patched.setenv(node.RANGE, "SYSTEM_DEFAULT")
+        yield
 
 
 class Graph:
@@ -71,7 +78,7 @@ class Graph:
 
 
 @pytest.fixture
-def graph(start: Callable[..., Any], tmp_path: Path, soon_forgotten: None) -> Callable[..., Graph]:
+def graph(start: Callable[..., Any], tmp_path: Path) -> Callable[..., Graph]:
     return lambda duration, **more: Graph(start, tmp_path, duration, **more)
 
 
@@ -79,10 +86,11 @@ def say(node: Any) -> str:
     return str(node.said()[0])
 
 
-def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client: Any) -> None:
+def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client: Any, tmp_path: Path) -> None:
     run = graph(12.0)
     run.add("wan_link", join="true")
-    first = run.add("controller", join="true")
+    with soon_forgotten(tmp_path):
+        first = run.add("controller", join="true")
     run.add("plant_sim")
     run.run_until(120)
     first.send_signal(signal.SIGKILL)
@@ -102,7 +110,7 @@ def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, clien
     (row,) = summary["joined"]
     assert row["node"] == "controller"
     release = summary["releases"][0]  # on a loaded machine others may follow
-    assert release["time_s"] < row["time_s"]
+    assert release["time_s"] < row["armed_s"]
     assert release["rearmed_s"] > row["armed_s"]
     issued = record.issued["tick"] / RATE
     assert not np.any((issued > release["time_s"]) & (issued < row["armed_s"]))

@@ -47,7 +47,7 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     def step(count: int) -> None:
         assert client(Step, "/plant_sim/step", Step.Request(ticks=count)).success
         deadline = time.monotonic() + PATIENCE_S
-        while "0 to be stepped" not in client(Trigger, "/plant_sim/pause", Trigger.Request()).message:
+        while ", 0 to be stepped" not in client(Trigger, "/plant_sim/pause", Trigger.Request()).message:
             assert time.monotonic() < deadline
 
     def apply(node: str, text: str) -> bool:
