@@ -32,12 +32,14 @@ ROOMS = (
     "compiling",
     "control",
     "link",
+    "measurement",
     "matrices",
     "neurofuzzy",
     "nodes.packing",
     "plant",
     "signals",
     "simulation.loop",
+    "simulation.measured_plant",
 )
 KEPT = 4  # folders of one file: those of other versions of it
 _IMPORT = re.compile(rf"^[ ]*from ({PACKAGE}[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 NANOSECONDS = 1_000_000_000
+LOST = np.iinfo(np.int64).max  # in the place of a time: never
 
 
 def to_ns(seconds: float) -> int:
@@ -32,6 +33,10 @@ CHANNELS = {
     "speed_deviation": "pu",
     "active_power": "pu",
     "reactive_power": "pu",
+    "frequency": "hz",
+    "rocof": "hz_per_s",
+    "current_magnitude": "pu",
+    "current_angle": "rad",
 }
 
 # One entry of a PMU frame as a link delivers it. `values` are in the order of CHANNELS.
@@ -40,7 +45,8 @@ DELIVERY = np.dtype(
         ("tick", "i8"),  # tick in which it is delivered
         ("station", "i8"),  # index of the station
         ("link", "i8"),  # index of the link that delivers it, among those of the run
-        ("measured_ns", "i8"),  # time of measurement
+        ("status", "i8"),  # bits of PmuFrame.msg
+        ("measured_ns", "i8"),  # time of measurement, by the station's clock
         ("arrival_ns", "i8"),  # time of arrival at the controllers
         ("values", "f8", (len(CHANNELS),)),
     ]
@@ -126,7 +132,8 @@ DEVICE_TRUTH = np.dtype(
 class Record:
     """Everything that one closed loop left behind: from `loop.run` or from a recording alike.
 
-    `frames` has shape (ticks, stations, channels), `machines` (ticks, machines) of MACHINE_TRUTH,
+    `frames` has shape (ticks, stations, channels): what each station reports at a tick, as of `measured_ns` (ticks,
+    stations; LOST: nothing yet) with the bits `status`; `machines` (ticks, machines) of MACHINE_TRUTH,
     `devices` (ticks, devices) of DEVICE_TRUTH; `delivered` has a row an entry (DELIVERY), `issued`
     and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE), `learning` a row a
     learning rate (LEARNING). `links` is the number of links that deliver, also of those that have not delivered yet.
@@ -147,6 +154,8 @@ class Record:
     controller_names: list[str]
     time_ns: NDArray[np.int64]
     frames: NDArray[np.float64]
+    measured_ns: NDArray[np.int64]
+    status: NDArray[np.int64]
     delivered: NDArray[Any]
     issued: NDArray[Any]
     applied: NDArray[Any]

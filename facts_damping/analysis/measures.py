@@ -20,7 +20,7 @@ SPEED = list(CHANNELS).index("speed_deviation")
 
 
 def speed_differences(record: Record) -> dict[str, NDArray[np.float64]]:
-    """Local and interarea speed differences as measured: name -> (ticks,), p.u. of synchronous speed.
+    """Local and interarea differences of true rotor speeds: name -> (ticks,), p.u. of synchronous speed.
 
     `dw = sum_i c_i dw_i` over stations i with the weights c of `measure_weights`. Raises InputError if
     they do not fit the record.
@@ -28,7 +28,19 @@ def speed_differences(record: Record) -> dict[str, NDArray[np.float64]]:
     weights = measure_weights(record.configuration)
     if not weights:
         raise InputError("measures: none given; allowed: speed differences, or stations at machines")
-    return {name: _weighted(record, f"measures.{name}", one) for name, one in weights.items()}
+    speeds = station_speeds(record)
+    return {name: _weighted(record, speeds, f"measures.{name}", one) for name, one in weights.items()}
+
+
+def station_speeds(record: Record) -> NDArray[np.float64]:
+    """Speed at each station, (ticks, stations), p.u.: the true one of its machine, else as reported; NaN: none."""
+    found: NDArray[np.float64] = record.frames[:, :, SPEED].copy()
+    machines = {s.get("name"): s.get("machine") for s in inline_system(record.configuration).get("stations") or ()}
+    for i, station in enumerate(record.stations):
+        if machines.get(station) in record.machine_names:
+            true = record.machines["speed_deviation"][:, record.machine_names.index(str(machines[station]))]
+            found[:, i] = np.where(np.isfinite(true), true, found[:, i])
+    return found
 
 
 def measure_weights(configuration: Mapping[str, Any]) -> dict[str, Mapping[str, float]]:
@@ -84,10 +96,12 @@ def columns(signals: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.column_stack(list(signals.values()))
 
 
-def _weighted(record: Record, field: str, weights: Mapping[str, float]) -> NDArray[np.float64]:
+def _weighted(
+    record: Record, speeds: NDArray[np.float64], field: str, weights: Mapping[str, float]
+) -> NDArray[np.float64]:
     total = np.zeros(len(record.time_ns))
     for station, weight in weights.items():
         if station not in record.stations:
             raise InputError(f"{field}: no station {station!r}; allowed: {', '.join(record.stations)}")
-        total += float(weight) * record.frames[:, record.stations.index(station), SPEED]
+        total += float(weight) * speeds[:, record.stations.index(station)]
     return total

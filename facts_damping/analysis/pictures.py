@@ -10,7 +10,7 @@ from facts_damping.analysis.angles import centres_of_angle
 from facts_damping.analysis.histories import jacobian_histories, learning_rate_histories
 from facts_damping.analysis.indices import INDICES, index_curves, regions
 from facts_damping.analysis.latency import HOPS, cdf, hops_ms
-from facts_damping.analysis.measures import SPEED, columns, measure_weights, setpoint_limits, speed_differences
+from facts_damping.analysis.measures import columns, measure_weights, setpoint_limits, speed_differences, station_speeds
 from facts_damping.analysis.oscillation import is_stable
 from facts_damping.signals import CHANNELS
 
@@ -60,7 +60,8 @@ class Picture(NamedTuple):
 
 
 def _speeds(record: Record) -> list[Panel]:
-    return [_one(record.stations[i], 1e3 * record.frames[:, i, SPEED]) for i in _stations(record, machines=True)]
+    speeds = station_speeds(record)
+    return [_one(record.stations[i], 1e3 * speeds[:, i]) for i in _stations(record, machines=True)]
 
 
 def _differences(record: Record) -> list[Panel]:
@@ -149,8 +150,9 @@ def _one(name: str, values: NDArray[np.float64]) -> Panel:
 
 def _stations(record: Record, *, machines: bool) -> Iterator[int]:
     """Indices of the stations at machines, or of the others that measure a power: those without a speed."""
+    speeds = station_speeds(record)
     for index in range(len(record.stations)):
-        has_speed = bool(np.isfinite(record.frames[:, index, SPEED]).any())
+        has_speed = bool(np.isfinite(speeds[:, index]).any())
         has_power = bool(np.isfinite(record.frames[:, index, POWER]).any())
         if has_speed if machines else has_power and not has_speed:
             yield index

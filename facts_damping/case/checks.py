@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from facts_damping.case.measurement import check_measurement
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters.validation import origin
@@ -45,6 +46,7 @@ def check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
         if device in run.devices[:i]:
             raise InputError(f"{origin(f'devices.{i}', source, sets)}: '{device}' given twice; allowed: each once")
     _check_channels(case, source, sets)
+    check_measurement(case, source, sets)
     commanded: set[str] = set()
     for c, controller in enumerate(run.controllers):
         here, row = f"controllers.{c}", kind(controller.name)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.case.checks import check_case, check_events
 from facts_damping.case.controllers import filled
 from facts_damping.case.links import open_own, read_links, with_own
+from facts_damping.case.measurement import FOLDER, read_measurement
 from facts_damping.case.model import Case
 from facts_damping.errors import check_known
 from facts_damping.parameters.files import each_path, find, parse_set, read_table, read_value, set_field
@@ -19,6 +20,9 @@ from facts_damping.parameters.validation import check
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+# Fields of a run that may name a file, and where those that are shipped lie.
+FOLDERS = {"system": "systems", "scenario": "scenarios", "measurement": FOLDER, "link": "links"}
 
 
 def load_system(name: str, sets: list[str] | None = None, scenario: str | None = None) -> System:
@@ -67,7 +71,7 @@ def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str
 
 
 def _open_name(content: dict[str, Any], key: str) -> None:
-    """Where a `--set` goes below a name (system, scenario, link), put the named file's content in its place.
+    """Where a `--set` goes below a name (FOLDERS), put the named file's content in its place.
 
     Below a watchdog that is off it is switched on.
     """
@@ -79,7 +83,7 @@ def _open_name(content: dict[str, Any], key: str) -> None:
         open_own(content, below)
     if top == "watchdog" and content.get(top) in ("off", False, None):
         content[top] = {}
-    if top not in ("system", "scenario", "link"):
+    if top not in FOLDERS:
         return
     named = content.get(top, Run.model_fields[top].default)
     if not isinstance(named, str):
@@ -96,7 +100,7 @@ def _open_name(content: dict[str, Any], key: str) -> None:
             for row in content["system"].get("machines", []):
                 row.update({"P": scenario["dispatch"].get(row.get("name"), row.get("P"))})
     else:
-        content[top] = read_table(find(f"{top}s", named))
+        content[top] = read_table(find(FOLDERS[top], named))
 
 
 def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> Case:
@@ -112,6 +116,7 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
         scenario = check(Scenario, read_table(path), str(path))
     else:
         scenario = check(Scenario, {"name": "inline", "events": run.scenario}, source, sets, "scenario")
+    measurement = read_measurement(run.measurement, source, sets)
     link, links, used = read_links(run, source, sets)
     scenario_file = str(path) if isinstance(run.scenario, str) else ""
     placed = place(_dispatched(system, scenario, scenario_file))
@@ -119,7 +124,7 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
         filled(with_own(c, links[used[i]]), f"controllers.{i}", system, links[used[i]], source, sets)
         for i, c in enumerate(run.controllers)
     ]
-    case = Case(run, rows, placed, scenario, link, links, used)
+    case = Case(run, rows, placed, scenario, measurement, link, links, used)
     check_case(case, source, sets)
     check_events(case, scenario_file, source, sets)
     return case

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from facts_damping.parameters.link import Link
+    from facts_damping.parameters.measurement import Measurement
     from facts_damping.parameters.run import Controller, Run, Scenario
     from facts_damping.parameters.system import System
 
@@ -23,6 +24,7 @@ class Case:
     controllers: list[Controller]
     system: System
     scenario: Scenario
+    measurement: Measurement
     link: Link
     links: list[Link]
     used_links: list[int]
@@ -50,5 +52,6 @@ class Case:
             "duration": self.duration,
             "system": self.system.model_dump(by_alias=True),
             "scenario": [event.model_dump() for event in self.scenario.events],
+            "measurement": self.measurement.model_dump(),
             "link": self.link.model_dump(),
         }

@@ -81,19 +81,20 @@ def bank(
     known: Sequence[PlantPrior | None],
     omega: Sequence[float] | None = None,
     designs: Sequence[StateSpace | None] = (),
+    nominal: float = 60.0,
 ) -> tuple[Bank, BankState]:
     """The controllers of a run as tables.
 
     `limits`: magnitude (p.u.) and rate (p.u./s) of the installed devices in their order; `known` for each controller,
     none without a network; `omega`: rad/s, of each one's compensation, where one has any; `designs`: of each one, none
-    without an observer.
+    without an observer; `nominal`: frequency, Hz.
     """
     n = len(controllers)
     kinds = [kind(c.name) for c in controllers]
     nets = [controller_network(c) for c in controllers]
     most_signals = max([len(c.signals) for c in controllers], default=0)
     most_devices = max([len(c.devices) for c in controllers], default=0)
-    given, held = inputs([c.signals for c in controllers], signals, stations)
+    given, held = inputs([c.signals for c in controllers], signals, stations, nominal)
     names = [controller.compensation for controller in controllers]
     optimal, estimate = state_spaces(designs or [None] * n, most_signals, most_devices)
     compensation, compensated = compensators(names, [0.0] * n if omega is None else omega, most_signals)

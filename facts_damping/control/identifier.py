@@ -43,9 +43,13 @@ SPARE = 4  # frames, beyond the loop's delay, for which setpoints are kept
 
 
 def identifiers(
-    rows: Sequence[Identified], signals: Mapping[str, Signal], stations: Sequence[str], frame_rate: int
+    rows: Sequence[Identified],
+    signals: Mapping[str, Signal],
+    stations: Sequence[str],
+    frame_rate: int,
+    nominal: float = 60.0,
 ) -> tuple[Identifiers, IdentifierState]:
-    """The identifiers of a run as tables."""
+    """The identifiers of a run as tables; `nominal`: frequency, Hz."""
     n, most = len(rows), max([len(row.devices) for row in rows], default=0)
     outputs = max([len(row.signals) for row in rows], default=0)
     span = np.array([int(row.settings["identifier_span"][0]) for row in rows], np.int64)
@@ -54,7 +58,7 @@ def identifiers(
         predictor_network(row.kind, len(row.signals), len(row.devices), o) for row, o in zip(rows, order, strict=True)
     ]
     starts = [start(net, row) if row.weights is None else row.weights for net, row in zip(nets, rows, strict=True)]
-    given, held = inputs([row.signals for row in rows], signals, stations)
+    given, held = inputs([row.signals for row in rows], signals, stations, nominal)
     loop_delay_ns = np.array([to_ns(float(row.settings["loop_delay"][0])) for row in rows], np.int64)
     horizon = np.array([int(row.settings["identifier_horizon"][0]) for row in rows], np.int64)
     ahead_ns = np.where([row.predicts for row in rows], loop_delay_ns, UNSET)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 UNSET = -1
 IMPLAUSIBLE = 1e6  # p.u. or rad: a quantity of this size or more counts as not available
 TURN = 2.0 * math.pi  # rad
-ANGLE = list(CHANNELS).index("voltage_angle")
+ANGLES = [list(CHANNELS).index(name) for name in ("voltage_angle", "current_angle")]
 
 
 class Inputs(NamedTuple):
@@ -30,6 +30,8 @@ class Inputs(NamedTuple):
     signals: NDArray[np.int64]  # (receivers,), how many signals
     channel: NDArray[np.int64]  # (receivers, most signals)
     weight: NDArray[np.float64]  # (receivers, most signals, stations)
+    offset: NDArray[np.float64]  # (receivers, most signals): what is taken off the weighted sum
+    angle: NDArray[np.bool_]  # (receivers, most signals): whether whole turns do not count
     uses: NDArray[np.bool_]  # (receivers, stations): whether a signal is made of it
     deviation: NDArray[np.bool_]  # (receivers, most signals)
     washout: NDArray[np.float64]  # (receivers, most signals), s; 0: none
@@ -47,14 +49,16 @@ class Held(NamedTuple):
 
 
 def inputs(
-    given: Sequence[Sequence[str]], signals: Mapping[str, Signal], stations: Sequence[str]
+    given: Sequence[Sequence[str]], signals: Mapping[str, Signal], stations: Sequence[str], nominal: float = 60.0
 ) -> tuple[Inputs, Held]:
-    """Receivers that are given signals by name, and what they hold at the start."""
+    """Receivers that are given signals by name, and what they hold at the start; `nominal`: frequency, Hz."""
     n, most = len(given), max([len(names) for names in given], default=0)
     made = Inputs(
         signals=np.array([len(names) for names in given], np.int64),
         channel=np.zeros((n, most), np.int64),
         weight=np.zeros((n, most, len(stations))),
+        offset=np.zeros((n, most)),
+        angle=np.zeros((n, most), np.bool_),
         uses=np.zeros((n, len(stations)), np.bool_),
         deviation=np.zeros((n, most), np.bool_),
         washout=np.zeros((n, most)),
@@ -65,8 +69,10 @@ def inputs(
             made.channel[r, i] = list(CHANNELS).index(signal.channel)
             made.deviation[r, i] = signal.deviation
             made.washout[r, i] = signal.washout
-            for station, weight in signal.weights.items():
-                made.weight[r, i, stations.index(station)] = weight
+            made.angle[r, i] = made.channel[r, i] in ANGLES
+            made.weight[r, i] = station_weights(signal, stations, nominal)
+            if signal.channel == "frequency":
+                made.offset[r, i] = nominal * made.weight[r, i].sum()
         made.uses[r] = (made.weight[r] != 0.0).any(axis=0)
     held = Held(
         entry=np.full((n, len(stations), len(CHANNELS)), np.nan),
@@ -77,6 +83,14 @@ def inputs(
         signal=np.full((n, most), np.nan),
     )
     return made, held
+
+
+def station_weights(signal: Signal, stations: Sequence[str], nominal: float) -> NDArray[np.float64]:
+    """Weights of what stations report in a signal, (stations,); frequencies (Hz) are brought to p.u. of `nominal`."""
+    weights = np.zeros(len(stations))
+    for station, weight in signal.weights.items():
+        weights[stations.index(station)] = weight
+    return weights / nominal if signal.channel in ("frequency", "rocof") else weights
 
 
 @compiled
@@ -132,7 +146,8 @@ def _sum(given: Inputs, held: Held, r: int) -> bool:
         for s in range(given.weight.shape[2]):
             if given.weight[r, i, s] != 0.0:
                 total += given.weight[r, i, s] * held.entry[r, s, given.channel[r, i]]
-        if given.channel[r, i] == ANGLE:
+        total -= given.offset[r, i]
+        if given.angle[r, i]:
             total -= TURN * math.floor(total / TURN + 0.5)
         if given.deviation[r, i]:
             if math.isnan(held.baseline[r, i]) and math.isfinite(total):

@@ -20,7 +20,6 @@ from facts_damping.link.stages import (
     DUPLICATE,
     FREEZE,
     IN_ORDER,
-    LOST,
     MODELS,
     NOISE,
     RAMP,
@@ -30,7 +29,7 @@ from facts_damping.link.stages import (
     WAIT,
     draw,
 )
-from facts_damping.signals import CHANNELS, to_ns
+from facts_damping.signals import CHANNELS, LOST, to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -74,6 +73,7 @@ class Packets(NamedTuple):
 
     now_ns: NDArray[np.int64]  # (copies, channels): when it leaves the stage; LOST
     stamp_ns: NDArray[np.int64]  # (channels,): its time of measurement; LOST: there is none
+    status: NDArray[np.int64]  # (channels,): bits of a frame's entry; of a setpoint none
     values: NDArray[np.float64]  # (channels, width)
     number: NDArray[np.int64]  # (channels,): how many were sent before
     copied: NDArray[np.bool_]  # (channels,)
@@ -113,6 +113,7 @@ def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chain, P
     packets = Packets(
         now_ns=np.zeros((n, copies, channels), np.int64),
         stamp_ns=np.zeros((n, channels), np.int64),
+        status=np.zeros((n, channels), np.int64),
         values=np.zeros((n, channels, way.width)),
         number=np.zeros((n, channels), np.int64),
         copied=np.zeros((n, channels), np.bool_),

@@ -13,7 +13,7 @@ import numpy as np
 
 from facts_damping.link import draws
 from facts_damping.parameters.stages import LONGEST_S
-from facts_damping.signals import NANOSECONDS
+from facts_damping.signals import LOST, NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.link.draws import Shape
-
-LOST = np.iinfo(np.int64).max  # in the place of a time: never
 
 # What a stage does. Chains are filled up with stages of zeros, which act on nothing.
 CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP, NOISE = range(13)

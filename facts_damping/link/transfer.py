@@ -14,8 +14,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled, inlined, inner
 from facts_damping.link.chain import Chain, DirectionSpec, Packets, chains, longest_delay_ns, put, traverse
-from facts_damping.link.stages import LOST
-from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
+from facts_damping.signals import DELIVERY, LOST, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -149,7 +148,15 @@ def view(several: Direction, link: int) -> Direction:
     c, p = several.chain, several.packets
     return Direction(
         Chain(c.rows[link], c.concerns[link], c.drawn[link], c.last_ns[link], c.kept[link]),
-        Packets(p.now_ns[link], p.stamp_ns[link], p.values[link], p.number[link], p.copied[link], p.held[link]),
+        Packets(
+            p.now_ns[link],
+            p.stamp_ns[link],
+            p.status[link],
+            p.values[link],
+            p.number[link],
+            p.copied[link],
+            p.held[link],
+        ),
         several.entries[link],
         several.arrival_ns[link],
         several.sent_ns[link],
@@ -235,16 +242,18 @@ def uplink(
     end_ns: int,
     frame: NDArray[np.float64],
     measured_ns: NDArray[np.int64],
+    status: NDArray[np.int64],
 ) -> int:
     """Send a frame (stations, channels) up a link at `start_ns`; deliver what arrives before `end_ns`.
 
-    `measured_ns`: when each station measured, (stations,); LOST: it is absent from the frame. The delivered entries
-    stand in `made.up.out[link]`, in order of arrival; returns their number.
+    `measured_ns`: when each station measured, (stations,); LOST: it is absent from the frame. `status`: bits of each
+    station's entry. The delivered entries stand in `made.up.out[link]`, in order of arrival; returns their number.
     """
     way = view(made.up, link)
     p = way.packets
     for station in range(frame.shape[0]):
         _put_in(p, station, start_ns, measured_ns[station])
+        p.status[station] = status[station]
         if measured_ns[station] == LOST:
             p.now_ns[0, station] = LOST
         for i in range(frame.shape[1]):
@@ -262,6 +271,7 @@ def uplink(
                 entry.station = station
                 entry.link = link
                 entry.measured_ns = p.stamp_ns[station]
+                entry.status = p.status[station]
                 for i in range(frame.shape[1]):
                     entry.values[i] = p.values[station, i]
         if measured_ns[station] != LOST or arriving > 0:

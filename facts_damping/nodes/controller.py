@@ -22,7 +22,8 @@ from facts_damping.nodes.weights_file import WeightsFile
 from facts_damping.signals import DELIVERY, SETPOINT
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.learnt_weights import adapted
-from facts_damping.simulation.loop import setpoint_buffer, tick_ns
+from facts_damping.simulation.loop import setpoint_buffer
+from facts_damping.simulation.measured_plant import tick_ns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

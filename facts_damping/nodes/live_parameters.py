@@ -1,4 +1,4 @@
-"""Parameters that may be changed while a run goes on: of controllers, identifiers and links; from the next tick on."""
+"""Parameters that may be changed while a run goes on: of controllers, identifiers, links, PMUs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from rcl_interfaces.msg import SetParametersResult
 
 from facts_damping.case.controllers import check_parameter, sizes
 from facts_damping.case.links import with_number
+from facts_damping.case.measurement import numbers
+from facts_damping.case.measurement import with_number as with_measured
 from facts_damping.control.bank import put
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from rclpy.parameter import Parameter
 
     from facts_damping.parameters.link import Link
+    from facts_damping.parameters.measurement import Measurement
     from facts_damping.parameters.run import Controller
 
 FIXED = ("window", "start", "duration")  # of a link's stage: not to be changed while it runs
@@ -132,3 +135,41 @@ class StageParameters:
         for name, value in told:
             self._change(name, value)
         return SetParametersResult(successful=True)
+
+
+class MeasurementParameters:
+    """The numbers of a measurement as the plant's parameters, `noise.angle`, `stations.G1.clock.offset`."""
+
+    def __init__(self, node: Node, measurement: Measurement, change: Callable[[str, float], None]) -> None:
+        """`change` is called with the name and value of each that is not the measurement's own."""
+        self._measurement, self._change = measurement, change
+        self._names = list(numbers(measurement))
+        for name, wanted in numbers(measurement).items():
+            given = declare(node, name, wanted, field_descriptor(_field(measurement, name), False))
+            if given != wanted:
+                self._measurement = with_measured(self._measurement, name, given)
+                change(name, given)
+        node.add_on_set_parameters_callback(self._set)
+
+    def _set(self, parameters: list[Parameter[Any]]) -> SetParametersResult:
+        own, after = [one for one in parameters if one.name in self._names], self._measurement
+        try:
+            for one in own:
+                after = with_measured(after, one.name, one.value)
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self._measurement = after
+        for one in own:
+            self._change(one.name, one.value)
+        return SetParametersResult(successful=True)
+
+
+def _field(measurement: Any, path: str) -> Any:
+    """The declaration of the field at a path."""
+    *above, last = path.split(".")
+    for key in above:
+        if isinstance(measurement, list):
+            measurement = measurement[int(key)]
+        else:
+            measurement = measurement[key] if isinstance(measurement, dict) else getattr(measurement, key)
+    return type(measurement).model_fields[last]

@@ -10,14 +10,12 @@ import numpy as np
 
 from facts_damping.compiling import specialised
 from facts_damping.link.transfer import merge
-from facts_damping.plant.integration import advance
-from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import workspace
 from facts_damping.plant.watchdog import late_by_clock, let_go, listening, rearm
-from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
-from facts_damping.simulation.build import build_plant, grid_events
-from facts_damping.simulation.changes import pending, reset_plant, with_event
-from facts_damping.simulation.loop import tick_ns
+from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, LOST, MACHINE_TRUTH, SETPOINT
+from facts_damping.simulation.build import build_plant, build_pmus, grid_events
+from facts_damping.simulation.changes import measured_otherwise, pending, reset_plant, with_event
+from facts_damping.simulation.measured_plant import go_on, observe, tick_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,6 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
+
+DRAWS = 36_000  # frames after which the noise of a graph without end repeats itself: ten minutes
 
 
 class LivePlant:
@@ -37,25 +37,41 @@ class LivePlant:
         built = build_plant(case)
         self._plant, self.state = built.plant, built.state
         self._work = workspace(self._plant, self.state)
+        self._pmus, self._pmu_state = build_pmus(case, DRAWS)
         self.frame = np.zeros((len(case.system.stations), len(CHANNELS)))
+        self.measured_ns, self.status = (np.zeros(len(self.frame), np.int64) for _ in range(2))
         self.machines = np.zeros(len(self._plant.machines), MACHINE_TRUTH)
         self.devices = np.zeros(len(self._plant.devices), DEVICE_TRUTH)
         self.events, self.sound = grid_events(case), True
         self._heard = listening(len(self.devices))
-        table, measured = np.zeros(0, SETPOINT), (self.frame, self.machines, self.devices, self._work)
-        self._observe = specialised(measure, self._plant, self.state, 0, *measured)
+        table = np.zeros(0, SETPOINT)
+        self._observe = specialised(observe, *self._parts(), 0, *self._measured())
         self._merge = specialised(merge, table, 0, table, 0)
-        self._step = specialised(advance, self._plant, self.state, 0, 0, table, 0, self._work)
+        self._step = specialised(go_on, *self._parts(), 0, table, 0, self._work)
+
+    def _parts(self) -> tuple[Any, ...]:
+        return self._plant, self.state, self._pmus, self._pmu_state
+
+    def _measured(self) -> tuple[Any, ...]:
+        return self.frame, self.measured_ns, self.status, self.machines, self.devices, self._work
 
     def start(self, tick: int) -> int:
         """When a tick begins, ns."""
         return tick_ns(tick, self._case.run.frame_rate)
 
     def measure(self, tick: int) -> None:
-        """Begin a tick: measure what stations and the truth are; `sound` says whether there is synchronism."""
+        """Begin a tick: what PMUs report, and the truth; `sound` says whether there is synchronism."""
         self.tick = tick
-        measured = self.frame, self.machines, self.devices, self._work
-        self.sound = bool(self._observe(self._plant, self.state, self.start(tick), *measured))
+        self.sound = bool(self._observe(*self._parts(), tick, *self._measured()))
+
+    def entries(self) -> NDArray[Any]:
+        """What PMUs report in the tick (DELIVERY), of the stations that have something to say."""
+        there = np.flatnonzero(self.measured_ns != LOST)
+        rows = np.zeros(len(there), DELIVERY)
+        rows["station"], rows["values"] = there, self.frame[there]
+        rows["status"], rows["measured_ns"] = self.status[there], self.measured_ns[there]
+        rows["arrival_ns"] = self.start(self.tick)
+        return rows
 
     def due(self) -> list[dict[str, Any]]:
         """The events of the grid that have happened by now, and were not told yet."""
@@ -68,8 +84,19 @@ class LivePlant:
         table, count = np.zeros(sum(map(len, come)), SETPOINT), 0
         for rows in come:
             count = self._merge(table, count, rows, len(rows))
-        start, end = self.start(self.tick), self.start(self.tick + 1)
-        self._step(self._plant, self.state, start, end, table, count, self._work)
+        self._step(*self._parts(), self.tick, table, count, self._work)
+
+    def change_measurement(self, name: str, value: float) -> Callable[[int], None]:
+        """What has PMUs measure with a number changed, `noise.angle`, from the next tick on.
+
+        Raises `InputError` for a value that is not allowed.
+        """
+        pmus, self._case = measured_otherwise(self._case, name, value, DRAWS)
+
+        def act(_tick: int) -> None:
+            self._pmus = pmus
+
+        return act
 
     def ask_event(self, text: str) -> Callable[[int], None]:
         """What has an event happen at the next tick, after what was asked for before.

@@ -16,7 +16,7 @@ from facts_damping.nodes.node import CHANGES, COMMON, LOGGED, SAYING
 from facts_damping.nodes.spinning import Spinner
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.events import ROLES
-from facts_damping.simulation.loop import tick_ns
+from facts_damping.simulation.measured_plant import tick_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable

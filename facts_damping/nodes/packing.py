@@ -9,16 +9,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from facts_damping.compiling import compiled
-from facts_damping.signals import CHANNELS, NANOSECONDS
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
 PADDING = 7 + 3  # bytes: up to a multiple of eight, and of four
-SPEED = list(CHANNELS).index("speed_deviation")
 
 
 @compiled
@@ -76,22 +74,18 @@ def unpack(
 def mark(
     rows: NDArray[Any],
     frame_rate: int,
-    error: int,
     places: NDArray[np.int64],
     ticks: NDArray[np.uint64],
     status: NDArray[np.uint16],
 ) -> None:
-    """Put into a message of frames (DELIVERY) the tick of each one's measurement, and `error` where it lacks a value.
+    """Put into a message of frames (DELIVERY) the tick next to each one's time of measurement, and its status.
 
-    A bus without a machine has no speed. `places`: (rows, 2), of tick and status.
+    `places`: (rows, 2), of tick and status.
     """
     for i in range(places.shape[0]):
         row = rows[i]
-        ticks[places[i, 0]] = -(-row.measured_ns * frame_rate // NANOSECONDS)
-        sound = True
-        for j in range(row.values.shape[0]):
-            sound &= j == SPEED or np.isfinite(row.values[j])
-        status[places[i, 1]] = 0 if sound else error
+        ticks[places[i, 0]] = max(0, (row.measured_ns * frame_rate + NANOSECONDS // 2) // NANOSECONDS)
+        status[places[i, 1]] = row.status
 
 
 @compiled

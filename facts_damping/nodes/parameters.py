@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
 # Fields of a run that are parameters of every node; the others are reached through `set`.
-RUN_FIELDS = ("system", "scenario", "link", "frame_rate", "duration", "seed")
+RUN_FIELDS = ("system", "scenario", "link", "measurement", "frame_rate", "duration", "seed")
 
 FIRST_ANSWERS = 1  # tick by which every node has been heard: an identifier's first estimate is waited for in tick 1
 

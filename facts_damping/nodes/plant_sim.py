@@ -7,7 +7,6 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, VoltageSetpoints
 
@@ -15,6 +14,7 @@ from facts_damping.case.names import link_addresses, served
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import stamps
 from facts_damping.nodes.clock import SimulatedClock
+from facts_damping.nodes.live_parameters import MeasurementParameters
 from facts_damping.nodes.live_plant import LivePlant
 from facts_damping.nodes.member import PLANT, Member
 from facts_damping.nodes.messages import Health, PlantStateMessage, grid_event, run_done, synchronism_lost
@@ -24,7 +24,6 @@ from facts_damping.nodes.run_control import RunControl
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Stopped, check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
-from facts_damping.signals import DELIVERY
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,8 +43,6 @@ class PlantSim:
         self.case, self.options = read_case(node), read_options(node, joins=False)
         self.stamp = _read_stamp(node, self.options)
         self.plant = LivePlant(self.case)
-        self.entries = np.zeros(len(self.plant.frame), DELIVERY)
-        self.entries["station"] = np.arange(len(self.entries))
         by = signing(self.case, self.options.start_timeout)
         self.frames, self.truth = FramesMessage(self.case, seal(by, "pmu/frames")), PlantStateMessage(self.case)
         self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", SAYING)
@@ -54,6 +51,7 @@ class PlantSim:
         self.clock = SimulatedClock(node)
         self.member = Member(node, self.case, self.options, PLANT, hardware=self.case.system.name)
         self.control = RunControl(node, self.member, self.plant, self.progress)
+        self.measurement = MeasurementParameters(node, self.case.measurement, self.change_measurement)
         self.links = link_addresses(self.case)
         for i, link in enumerate(self.links):
             topic = link.topic("setpoints/delivered")
@@ -81,13 +79,16 @@ class PlantSim:
     def publish(self, tick: int) -> None:
         """Publish what was measured in a tick: the frame first, since others wait for it."""
         plant, start_ns = self.plant, self.plant.start(tick)
-        self.entries["measured_ns"] = self.entries["arrival_ns"] = start_ns
-        self.entries["values"] = plant.frame
-        self.to_links.publish(self.frames.fill(tick, start_ns, self.entries, len(self.entries)))
+        entries = plant.entries()
+        self.to_links.publish(self.frames.fill(tick, start_ns, entries, len(entries)))
         self.to_all.publish(self.truth.fill(tick, start_ns, plant.sound, plant.machines, plant.devices))
         self.clock.tell(start_ns)
         for event in plant.due():
             self.to_events.publish(grid_event(event))
+
+    def change_measurement(self, name: str, value: float) -> None:
+        """A number of the measurement, from the next tick on."""
+        self.member.change("parameter", name, value, self.plant.change_measurement(name, value))
 
     def health(self) -> Health:
         """How the plant keeps time, and which devices are released."""

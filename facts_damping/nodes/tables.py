@@ -37,7 +37,8 @@ class Layout(NamedTuple):
     """How a message's table of entries lies in rows of eight-byte words (DELIVERY, SETPOINT).
 
     `times`: paths of an entry's times, in the order of the row's columns from `first` on; `values`: paths of its
-    numbers, in the order of the columns after them; `marks`: paths of what follows from these, and is not read.
+    numbers, in the order of the columns after them; `marks`: paths of what is written beside; of these `bits`, a
+    column and its path, is read.
     """
 
     entries: str
@@ -46,6 +47,7 @@ class Layout(NamedTuple):
     times: list[str]
     values: list[str]
     marks: list[str]
+    bits: tuple[str, str] | None = None
 
 
 class Shape:
@@ -67,6 +69,7 @@ class Shape:
         parts = [f"{path}.{part}" for path in layout.times for part in ("sec", "nanosec")]
         self._columns = layout.first, len(layout.times), self._of_entries([*parts, *layout.values])
         self.marks = self._of_entries(layout.marks)
+        self._bits = None if layout.bits is None else t.index(self._paths(layout.bits[1]))
         self._sent, self._come = ([room.of[form] for form in TIMES_AND_VALUES] for room in (t.sent, t.come))
         self._pack = specialised(pack, self._words(self._rows), *self._columns, *self._sent, 0)
         self._unpack = specialised(unpack, self._words(self._rows), *self._columns, *self._come, 0)
@@ -77,6 +80,9 @@ class Shape:
         for (i, j), _ in np.ndenumerate(places):
             places[i, j] = self.template.index([f"{self._layout.entries}.{i}.{paths[j]}"]).places[0]
         return places
+
+    def _paths(self, path: str) -> list[str]:
+        return [f"{self._layout.entries}.{i}.{path}" for i in range(len(self._rows))]
 
     def _words(self, rows: NDArray[Any]) -> NDArray[np.int64]:
         return rows.view(np.int64).reshape(len(self._rows), self._layout.dtype.itemsize // 8)
@@ -102,6 +108,8 @@ class Shape:
         if self._unpack(*taken) >= start_of(tick + 1, self._rate):
             raise Refused("stamp")
         rows["tick"] = tick
+        if self._layout.bits is not None and self._bits is not None:
+            rows[self._layout.bits[0]] = self.template.read(self._bits)
         return tick, rows
 
 
@@ -155,10 +163,11 @@ class FramesMessage(TableMessage):
     layout = Layout(
         "frames",
         DELIVERY,
-        first=3,
+        first=4,
         times=["header.stamp", "arrival"],
         values=[f"{name}_{unit}" for name, unit in CHANNELS.items()],
         marks=["tick", "status"],
+        bits=("status", "status"),
     )
 
     def __init__(self, case: Case, seal: Seal | None = None) -> None:
@@ -167,9 +176,8 @@ class FramesMessage(TableMessage):
         self._stations = [station.name for station in case.system.stations]
         buses = {m.name: m.bus for m in case.system.machines}
         self._buses = [s.bus or buses[s.machine or ""] for s in case.system.stations]
-        self._marks = case.run.frame_rate, int(PmuFrame.STATUS_DATA_ERROR)
         numbers = [np.zeros(0, f"<{form}") for form in MARKS]
-        self._mark = specialised(mark, np.zeros(0, DELIVERY), *self._marks, np.zeros((0, 2), np.int64), *numbers)
+        self._mark = specialised(mark, np.zeros(0, DELIVERY), self._rate, np.zeros((0, 2), np.int64), *numbers)
 
     def make(self, key: tuple[int, ...]) -> tuple[PmuDataFrame, dict[str, Any]]:
         """A message with an entry for each station of the key."""
@@ -186,7 +194,7 @@ class FramesMessage(TableMessage):
         """Message of `count` delivered entries."""
         rows = delivered[:count]
         shape = self.shape(tuple(rows["station"].tolist()))
-        self._mark(rows, *self._marks, shape.marks, *(shape.template.sent.of[form] for form in MARKS))
+        self._mark(rows, self._rate, shape.marks, *(shape.template.sent.of[form] for form in MARKS))
         return shape.fill(tick, start_ns, rows)
 
 

@@ -14,7 +14,6 @@ from facts_damping_msgs.srv import Apply
 from facts_damping.case.names import controller_addresses, controller_names, identifier_names, link_addresses, served
 from facts_damping.compiling import specialised
 from facts_damping.errors import InputError, RunError
-from facts_damping.link.stages import LOST
 from facts_damping.link.transfer import downlink, uplink
 from facts_damping.nodes.live_parameters import StageParameters
 from facts_damping.nodes.member import LINK, Member
@@ -23,10 +22,10 @@ from facts_damping.nodes.node import SAYING, graph_prefix, run_node
 from facts_damping.nodes.parameters import read_case, read_index, read_options
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
-from facts_damping.signals import CHANNELS, SETPOINT
+from facts_damping.signals import CHANNELS, LOST, SETPOINT
 from facts_damping.simulation.build import build_links
 from facts_damping.simulation.changes import relinked, renumbered, with_link
-from facts_damping.simulation.loop import tick_ns
+from facts_damping.simulation.measured_plant import tick_ns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -55,6 +54,7 @@ class WanLink:
         self.places = {controller_names(self.case)[c]: str(addresses[c]) for c in own}
         self.frame = np.full((len(self.case.system.stations), len(CHANNELS)), np.nan)
         self.measured_ns = np.full(len(self.frame), LOST)  # where a station is absent from a frame
+        self.status = np.zeros(len(self.frame), np.int64)
         self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", SAYING)
         self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", SAYING)
         self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", SAYING)
@@ -68,10 +68,15 @@ class WanLink:
         self.missing: set[str] = set()
         self.answered = dict.fromkeys(self.places, 0)  # the newest tick that a controller has answered
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
-        self.uplink = specialised(uplink, self.links, self.index, 0, 0, 0, self.frame, self.measured_ns)
+        self.uplink = specialised(uplink, self.links, self.index, 0, 0, 0, *self.measured)
         self.downlink = specialised(downlink, self.links, self.index, 0, 0, np.zeros(0, SETPOINT), 0)
         guard.hear_run("pmu/frames")
         self.spinner = self.member.spin()
+
+    @property
+    def measured(self) -> tuple[Any, ...]:
+        """What has come up: values, stamps and status of the stations."""
+        return self.frame, self.measured_ns, self.status
 
     def ready(self) -> None:
         """Wait for the plant, the controllers and identifiers that it serves, and the recorder."""
@@ -130,7 +135,8 @@ class WanLink:
         start, end = self.span(self.tick)
         self.measured_ns[:] = LOST
         self.frame[rows["station"]], self.measured_ns[rows["station"]] = rows["values"], rows["measured_ns"]
-        count = self.uplink(self.links, self.index, self.tick, start, end, self.frame, self.measured_ns)
+        self.status[rows["station"]] = rows["status"]
+        count = self.uplink(self.links, self.index, self.tick, start, end, *self.measured)
         self.to_controllers.publish(self.frames.fill(self.tick, start, self.links.up.out[self.index], count))
         self.missing = {name for name in self.places if not self.gone(name)}
         if not self.missing:

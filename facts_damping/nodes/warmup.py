@@ -21,9 +21,8 @@ from facts_damping.control.identifier import identify, store_setpoints, write_es
 from facts_damping.link.transfer import downlink, merge, uplink
 from facts_damping.nodes.packing import mark, pack, take, unpack
 from facts_damping.plant.dynamics import derivatives
-from facts_damping.plant.integration import advance
-from facts_damping.plant.measurement import measure
 from facts_damping.simulation import loop
+from facts_damping.simulation.measured_plant import go_on, observe
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,13 +37,15 @@ def kernels() -> dict[str, list[tuple[Any, ...]]]:
     kept = parts.signals
     plant, state, work = parts.plant, parts.plant_state, parts.work
     learner, arrived = (parts.identifiers, parts.identifier_state, 0), parts.links.up.out[0]
+    measured = plant, state, parts.pmus, parts.pmu_state
+    reported = kept.frames[0], kept.measured_ns[0], kept.status[0]
     data, places = np.frombuffer(b"", np.uint8), np.zeros((1, 1), np.int64)
     seconds, nanoseconds, words, ticks, status = (np.zeros(1, kind) for kind in ("i4", "u4", "i8", "u8", "u2"))
     rows = places, 0, 0, places, seconds, nanoseconds, words
     return {
         "plant": [
-            (advance, plant, state, 0, 0, parts.applied, 0, work),
-            (measure, plant, state, 0, kept.frames[0], kept.machines[0], kept.devices[0], work),
+            (go_on, *measured, 0, parts.applied, 0, work),
+            (observe, *measured, 0, *reported, kept.machines[0], kept.devices[0], work),
             (derivatives, plant, state.x, state.reference, state.source, 0, state.x, work),
         ],
         "control": [
@@ -53,12 +54,12 @@ def kernels() -> dict[str, list[tuple[Any, ...]]]:
             (set_estimate, parts.bank_state, 0, np.zeros((1, 1)), np.zeros(1), 0),
             (store_setpoints, *learner, parts.issued, 0),
             (write_estimates, *learner, 0, kept.estimates, 0),
-            (uplink, parts.links, 0, 0, 0, 0, kept.frames[0], parts.measured_ns),
+            (uplink, parts.links, 0, 0, 0, 0, *reported),
             (downlink, parts.links, 0, 0, 0, parts.issued, 0),
             (merge, parts.applied, 0, parts.links.down.out[0], 0),
             (pack, *rows, 0),
             (unpack, *rows, 0),
-            (mark, arrived, 0, 0, places, ticks, status),
+            (mark, arrived, 0, places, ticks, status),
             (take, data, status.view(np.uint8), places[0], status.view(np.uint8)),
         ],
     }

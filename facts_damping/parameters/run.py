@@ -171,13 +171,16 @@ class Tuned(ParameterModel):
 
 
 class Run(ParameterModel):
-    """One closed loop, as the user writes it; `system`, `scenario` and `link` name a file or stand inline."""
+    """One closed loop, as the user writes it; system, scenario, measurement and link name a file or stand inline."""
 
     system: str | dict[str, Any] = Field("two_area", description="name under config/systems, path, or a system inline")
     scenario: str | list[Any] = Field("small", description="name under config/scenarios, path, or a list of events")
     devices: list[Name] = Field(["sssc"], description="devices of the system that are installed")
     controllers: list[Controller] = Field([Controller()], max_length=16)
     link: str | dict[str, Any] = Field("ideal", description="name under config/links, path, or a link inline")
+    measurement: str | dict[str, Any] = Field(
+        "ideal", description="how its PMUs measure: name under config/measurement, path, or inline"
+    )
     watchdog: Watchdog | None = Field(Watchdog(), description="of every device; `off`: none")
     security: Security | None = Field(None, description="of the messages of its graph; none: not signed")
     frame_rate: int = quantity(60, "frames/s", "PMU frames per second", ge=1, le=1000)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.parameters.stations import Channel
 
 LONGEST_S = 60.0  # most that a stage may delay
-Measurement = Literal["voltage_magnitude", "voltage_angle", "speed_deviation", "active_power", "reactive_power"]
 
 
 def _delay(default: Any, description: str) -> Any:
@@ -167,7 +167,7 @@ class Playout(StageModel):
 class _Disturbance(StageModel):
     """Disturbed data."""
 
-    measurement: Measurement | None = Field(None, description="of a frame's values; none: all")
+    measurement: Channel | None = Field(None, description="of a frame's values; none: all")
 
 
 class Freeze(_Disturbance):

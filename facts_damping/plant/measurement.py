@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.compiling import compiled, inner
 from facts_damping.plant import devices as facts
 from facts_damping.plant import excitation, governor, stabiliser
-from facts_damping.plant.dynamics import row_times, solve_network, stator
+from facts_damping.plant.dynamics import derivatives, row_times, solve_network, stator
 from facts_damping.plant.model import begin_stage
 
 if TYPE_CHECKING:
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.plant.model import Plant, PlantState, Work
+
+MOMENT = 1e-6  # s, over which an angle's turning is its frequency
 
 
 @inner
@@ -72,6 +74,35 @@ def _in_synchronism(plant: Plant, x: NDArray[np.float64], stage: int) -> bool:
     return not high - low > math.pi
 
 
+@inner
+def _phasors(plant: Plant, stage: int, inputs: NDArray[np.complex128], phasors: NDArray[np.complex128]) -> None:
+    """Voltage and current of each station from the network's inputs, p.u."""
+    first, stations = plant.machines.size + plant.ports.size, plant.station_machine.size
+    for s in range(stations):
+        phasors[s, 0] = row_times(plant, stage, first + s, inputs)
+        phasors[s, 1] = row_times(plant, stage, first + stations + s, inputs)
+
+
+@compiled
+def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
+    """Voltage and current of each station at an instant, into `work.phasors`."""
+    stage = begin_stage(plant, state, time_ns)
+    solve_network(plant, state.x, state.reference, state.source, stage, work)
+    _phasors(plant, stage, work.inputs, work.phasors)
+
+
+@inner
+def _a_moment_later(plant: Plant, state: PlantState, stage: int, work: Work) -> None:
+    """The network's solution MOMENT later on the plant's way, references as they stand; into `work`, not the state."""
+    dx, trial = work.slopes[0], work.slopes[1]
+    for p in range(work.source.size):
+        work.source[p] = state.source[p]
+    derivatives(plant, state.x, state.reference, work.source, stage, dx, work)
+    for i in range(dx.size):
+        trial[i] = state.x[i] + MOMENT * dx[i]
+    solve_network(plant, trial, state.reference, work.source, stage, work)
+
+
 @compiled
 def measure(
     plant: Plant,
@@ -82,9 +113,11 @@ def measure(
     devices: NDArray[Any],
     work: Work,
 ) -> bool:
-    """What the PMUs see at an instant, and the truth: fills `frame` (stations, channels), MACHINE_TRUTH, DEVICE_TRUTH.
+    """What is at the stations at an instant, into `frame` (stations, channels) and `work.phasors`, and the truth.
 
-    Returns whether the plant is sound: all states finite, the network solved, and all rotors in synchronism.
+    The frequency is that of the voltage's angle, d theta / dt / (2 pi), on the plant's way from there on; there is no
+    rate of it (NaN). The truth goes into tables of MACHINE_TRUTH and DEVICE_TRUTH. Returns whether the plant is sound:
+    all states finite, the network solved, and all rotors in synchronism.
     """
     stage = begin_stage(plant, state, time_ns)
     x = state.x
@@ -98,16 +131,21 @@ def measure(
         _machine(plant, state, stage, g, machines[g], work)
     for d in range(plant.devices.size):
         _device(plant, state, d, devices[d], work)
+    _phasors(plant, stage, work.inputs, work.phasors)
+    _a_moment_later(plant, state, stage, work)
     first = plant.machines.size + plant.ports.size
-    stations = plant.station_machine.size
-    for s in range(stations):
-        voltage = row_times(plant, stage, first + s, work.inputs)
-        current = row_times(plant, stage, first + stations + s, work.inputs)
+    for s in range(plant.station_machine.size):
+        voltage, current = work.phasors[s, 0], work.phasors[s, 1]
         g = plant.station_machine[s]
         flow = voltage * current.conjugate()
+        later = row_times(plant, stage, first + s, work.inputs)
         frame[s, 0] = abs(voltage)
         frame[s, 1] = math.atan2(voltage.imag, voltage.real)
         frame[s, 2] = math.nan if g < 0 else x[plant.machines[g].offset + 1]
         frame[s, 3] = flow.real
         frame[s, 4] = flow.imag
+        frame[s, 5] = (plant.omega_0 + cmath.phase(later * voltage.conjugate()) / MOMENT) / (2.0 * math.pi)
+        frame[s, 6] = math.nan
+        frame[s, 7] = abs(current)
+        frame[s, 8] = cmath.phase(current)
     return sound

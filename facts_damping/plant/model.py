@@ -92,6 +92,8 @@ class Work(NamedTuple):
     matrix: NDArray[np.float64]  # (2 ports, 2 ports)
     change: NDArray[np.float64]  # (2 ports,)
     step: NDArray[np.float64]  # (2 ports,)
+    source: NDArray[np.complex128]  # (ports,), of a solution beside the state's own
+    phasors: NDArray[np.complex128]  # (stations, 2), voltages and currents of the stations, p.u.
 
 
 def workspace(plant: Plant, state: PlantState) -> Work:
@@ -111,6 +113,8 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros((2 * ports, 2 * ports)),
         np.zeros(2 * ports),
         np.zeros(2 * ports),
+        np.zeros(ports, np.complex128),
+        np.zeros((len(plant.station_machine), 2), np.complex128),
     )
 
 

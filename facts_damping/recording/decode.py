@@ -19,6 +19,7 @@ from facts_damping.signals import (
     DEVICE_TRUTH,
     ESTIMATE,
     LEARNING,
+    LOST,
     MACHINE_TRUTH,
     NANOSECONDS,
     SETPOINT,
@@ -129,14 +130,20 @@ def time_ns(time: Any) -> NDArray[np.int64]:
     return np.asarray(np.asarray(time.sec, np.int64) * NANOSECONDS + time.nanosec, np.int64)
 
 
-def frames(source: Series, stations: Sequence[str]) -> NDArray[np.float64]:
-    """Measured frames, (ticks, stations, channels); NaN where a station did not report."""
+def frames(source: Series, stations: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Reported frames, (ticks, stations, channels), their times and status, (ticks, stations).
+
+    NaN, LOST and 0 where a station did not report.
+    """
     values = np.full((len(source.ticks), len(stations), len(CHANNELS)), np.nan)
+    measured_ns, status = np.full(values.shape[:2], LOST), np.zeros(values.shape[:2], np.int64)
     index = _index(stations)
     for block in source.blocks:
         for entry in block.message.frames:
-            values[block.rows, index[entry.station]] = _values(entry, FRAME_FIELDS)
-    return values
+            at = block.rows, index[entry.station]
+            values[at], status[at] = _values(entry, FRAME_FIELDS), entry.status
+            measured_ns[at] = time_ns(entry.header.stamp)
+    return values, measured_ns, status
 
 
 def truth(source: Series, entries: str, name: str, names: Sequence[str]) -> NDArray[Any]:
@@ -163,6 +170,7 @@ def deliveries(sources: Sequence[Series], stations: Sequence[str]) -> NDArray[An
             source,
             station=_lookup(index, entry.station, source.topic),
             link=link,
+            status=entry.status,
             measured_ns=time_ns(entry.header.stamp),
             arrival_ns=time_ns(entry.arrival),
             values=_values(entry, FRAME_FIELDS),

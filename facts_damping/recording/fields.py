@@ -27,7 +27,7 @@ FIELDS: dict[str, dict[str, str]] = {
     TIME: {"sec": "int32", "nanosec": "uint32"},
     HEADER: {"stamp": TIME},
     f"{OURS}PmuDataFrame": {"tick": "uint64", "frames": f"{OURS}PmuFrame[]"},
-    f"{OURS}PmuFrame": {"header": HEADER, "station": "string", "arrival": TIME}
+    f"{OURS}PmuFrame": {"header": HEADER, "station": "string", "arrival": TIME, "status": "uint16"}
     | dict.fromkeys(FRAME_FIELDS, "float64"),
     f"{OURS}VoltageSetpoints": {"tick": "uint64", "controller": "string", "setpoints": f"{OURS}VoltageSetpoint[]"},
     f"{OURS}VoltageSetpoint": {"header": HEADER, "device": "string", "controller": "string"}

@@ -121,6 +121,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     controllers, issued = _controllers(cut["issued"], cut["applied"])
     applied = decode.setpoints(cut["applied"], controllers, devices)
     state = plant["state"]
+    frames, measured_ns, status = decode.frames(plant["frames"], stations)
     return Record(
         configuration=configuration,
         stations=stations,
@@ -128,7 +129,9 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         device_names=devices,
         controller_names=controllers,
         time_ns=decode.column(state, lambda message: decode.time_ns(message.header.stamp), np.int64),
-        frames=decode.frames(plant["frames"], stations),
+        frames=frames,
+        measured_ns=measured_ns,
+        status=status,
         delivered=decode.deliveries(cut["delivered"], stations),
         issued=decode.setpoints(issued, controllers, devices),
         applied=applied if len(cut["applied"]) < 2 else decode.merged(applied),

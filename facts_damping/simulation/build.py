@@ -19,6 +19,7 @@ from facts_damping.control.table import kind
 from facts_damping.errors import InputError
 from facts_damping.link.chain import DirectionSpec
 from facts_damping.link.transfer import Links, links
+from facts_damping.measurement.build import pmus
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.plant.build import Built, build
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.control.state_space import StateSpace
+    from facts_damping.measurement.pmu import Pmus, PmuState
     from facts_damping.neurofuzzy.network import Network
     from facts_damping.parameters.run import Controller
 
@@ -71,6 +73,12 @@ def build_plant(case: Case) -> Built:
         case.scenario.events,
         watchdog_settings(case.run.watchdog, case.run.frame_rate),
     )
+
+
+def build_pmus(case: Case, draws: int = 0) -> tuple[Pmus, PmuState]:
+    """The PMUs of a case; `draws`: frames after which chance repeats itself, at least those of the case."""
+    stations, run = [station.name for station in case.system.stations], case.run
+    return pmus(case.measurement, stations, case.system.frequency, run.frame_rate, max(case.ticks, draws), run.seed)
 
 
 def build_links(case: Case) -> Links:
@@ -129,14 +137,14 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
         _design(c)(plant, case.system, c, f"controllers.{i}") if _optimal(c) else None
         for i, c in enumerate(case.controllers)
     ]
-    rate = case.run.frame_rate
-    made, state = bank(case.controllers, case.system.signals, stations, limits, rate, known, omega, designs)
+    rate, nominal = case.run.frame_rate, case.system.frequency
+    made, state = bank(case.controllers, case.system.signals, stations, limits, rate, known, omega, designs, nominal)
     rows = [
         _identified(case, i, made, own)
         for i, own in enumerate(known)
         if own is not None and case.controllers[i].scheme == "indirect"
     ]
-    return made, state, *identifiers(rows, case.system.signals, stations, rate)
+    return made, state, *identifiers(rows, case.system.signals, stations, rate, nominal)
 
 
 def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from facts_damping.case.links import read_link, with_number
 from facts_damping.case.loading import make_case
+from facts_damping.case.measurement import with_number as with_measured
 from facts_damping.control.bank import put
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
@@ -20,8 +21,9 @@ from facts_damping.link.transfer import Links, changed, replaced
 from facts_damping.parameters.files import read_value
 from facts_damping.plant.watchdog import let_go, rearm, watching
 from facts_damping.signals import NANOSECONDS, SETPOINT
-from facts_damping.simulation.build import build_plant, commands, grid_events, ways
-from facts_damping.simulation.loop import Loop, build_loop, record, setpoint_buffer, signals_for, step, tick_ns
+from facts_damping.simulation.build import build_plant, build_pmus, commands, grid_events, ways
+from facts_damping.simulation.loop import Loop, build_loop, record, setpoint_buffer, signals_for, step
+from facts_damping.simulation.measured_plant import tick_ns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
+    from facts_damping.measurement.pmu import Pmus
     from facts_damping.parameters.link import Link
     from facts_damping.plant.build import Built
     from facts_damping.signals import Record
@@ -89,6 +92,12 @@ def renumbered(made: Links, case: Case, index: int, path: str, value: float) -> 
     return made._replace(up=own) if way == "up" else made._replace(down=own), with_links(case, index, link)
 
 
+def measured_otherwise(case: Case, path: str, value: float, draws: int = 0) -> tuple[Pmus, Case]:
+    """PMUs with a number of the measurement changed, `noise.angle`; and the case that has it."""
+    now = replace(case, measurement=with_measured(case.measurement, path, value))
+    return build_pmus(now, draws)[0], now
+
+
 def pending(case: Case, events: Sequence[dict[str, Any]], at_ns: int) -> list[dict[str, Any]]:
     """Events of the grid that are still to be told at a time: those told late, and all of the case from then on."""
     late = [event for event in events if event["time_ns"] < at_ns]
@@ -106,7 +115,7 @@ def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[L
 
     `change`: tick, role, index, kind, name, value, as `Record.changes` has them.
     """
-    at, what, value = tick_ns(change["tick"], loop.frame_rate), change["kind"], change["value"]
+    at, what, value = tick_ns(change["tick"], loop.pmus.frame_rate), change["kind"], change["value"]
     index = change["index"]
     change_watch(now.run.devices, loop.plant_state.watch, change, at)
     if what == "event":
@@ -121,6 +130,9 @@ def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[L
         links = relinked(loop.links, now, index)
         issued = setpoint_buffer(commands(now), links.up.out.shape[1])
         loop = loop._replace(links=links, issued=issued, applied=np.zeros(links.down.out.size, SETPOINT))
+    elif what == "parameter" and change["role"] == "plant":
+        measured, now = measured_otherwise(now, change["name"], float(value))
+        loop = loop._replace(pmus=measured)
     elif what == "parameter" and change["role"] == "link":
         links, now = renumbered(loop.links, now, index, change["name"], float(value))
         loop = loop._replace(links=links)
@@ -161,12 +173,12 @@ def set_parameter(case: Case, bank: Any, identifiers: Any, change: dict[str, Any
 def rerun(case: Case, changes: Sequence[dict[str, Any]]) -> Record:
     """A closed loop in process with changes under way, as a recording has them: what a lockstep graph recorded."""
     loop, now, events = build_loop(case), case, grid_events(case)
-    if any(change["kind"] == "link" for change in changes):  # it may copy entries, and give each a stamp of its own
+    if any(change["kind"] in ("link", "parameter") for change in changes):  # copies of entries, stamps of their own
         loop = loop._replace(signals=signals_for(case, stamps=len(case.system.stations), up=2, down=2))
     told: list[dict[str, Any]] = []
     acting = by_tick(changes)
     for tick in range(case.ticks):
-        at = tick_ns(tick, loop.frame_rate)
+        at = tick_ns(tick, loop.pmus.frame_rate)
         for change in acting.get(tick, ()):
             loop, now = apply(loop, now, case, change)
             events = pending(now, events, at)

@@ -18,10 +18,9 @@ from facts_damping.control.table import DIRECT, INDIRECT
 from facts_damping.errors import RunError
 from facts_damping.link.stages import SPOOF
 from facts_damping.link.transfer import Links, downlink, merge, uplink
+from facts_damping.measurement.build import clocks_differ
 from facts_damping.neurofuzzy.learning import view, write_learning
 from facts_damping.neurofuzzy.network import shape_of
-from facts_damping.plant.integration import advance
-from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import Plant, PlantState, Work, workspace
 from facts_damping.signals import (
     CHANNELS,
@@ -30,7 +29,6 @@ from facts_damping.signals import (
     ESTIMATE,
     LEARNING,
     MACHINE_TRUTH,
-    NANOSECONDS,
     SETPOINT,
     Record,
 )
@@ -38,17 +36,20 @@ from facts_damping.simulation.build import (
     build_control,
     build_links,
     build_plant,
+    build_pmus,
     commands,
     derivatives,
     grid_events,
     learning_rates,
 )
+from facts_damping.simulation.measured_plant import go_on, observe, tick_ns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
     from facts_damping.control.identifier_model import Identifiers, IdentifierState
+    from facts_damping.measurement.pmu import Pmus, PmuState
     from facts_damping.plant.build import Built
     from facts_damping.small_signal.residues import Residues
 
@@ -58,6 +59,8 @@ class Signals(NamedTuple):
 
     time_ns: NDArray[np.int64]
     frames: NDArray[np.float64]
+    measured_ns: NDArray[np.int64]
+    status: NDArray[np.int64]
     machines: NDArray[Any]
     devices: NDArray[Any]
     in_synchronism: NDArray[np.bool_]
@@ -75,6 +78,8 @@ class Loop(NamedTuple):
     plant: Plant
     plant_state: PlantState
     work: Work
+    pmus: Pmus
+    pmu_state: PmuState
     links: Links
     bank: Bank
     bank_state: BankState
@@ -82,15 +87,7 @@ class Loop(NamedTuple):
     identifier_state: IdentifierState
     issued: NDArray[Any]  # SETPOINT, what the controllers issue in a tick
     applied: NDArray[Any]  # SETPOINT, what all links deliver to the devices in a tick
-    measured_ns: NDArray[np.int64]  # (stations,), when each has measured
-    frame_rate: int  # ticks a second
     signals: Signals
-
-
-@compiled
-def tick_ns(tick: int, frame_rate: int) -> int:
-    """Time of a tick, ns: t_k = k / f, rounded down."""
-    return tick * NANOSECONDS // frame_rate
 
 
 def setpoint_buffer(commands: int, entries: int) -> NDArray[Any]:
@@ -109,12 +106,16 @@ def build_loop(case: Case, residues: Residues | None = None, built: Built | None
     work = workspace(built.plant, built.state)
     issued = setpoint_buffer(commands(case), links.up.out.shape[1])
     applied = np.zeros(links.down.out.size, SETPOINT)
-    stamps = len(case.system.stations) if (links.up.chain.rows["model"] == SPOOF).any() else 1
+    spoofed = bool((links.up.chain.rows["model"] == SPOOF).any())
+    stamps = (
+        len(case.system.stations)
+        if spoofed or clocks_differ(case.measurement, [s.name for s in case.system.stations])
+        else 1
+    )
     up, down = (way.packets.now_ns.shape[1] for way in (links.up, links.down))
     signals = signals_for(case, stamps, up, down)
-    stations = np.zeros(len(case.system.stations), np.int64)
-    rate = case.run.frame_rate
-    return Loop(built.plant, built.state, work, links, *control, issued, applied, stations, rate, signals)
+    pmus, pmu_state = build_pmus(case)
+    return Loop(built.plant, built.state, work, pmus, pmu_state, links, *control, issued, applied, signals)
 
 
 def signals_for(case: Case, stamps: int, up: int, down: int) -> Signals:
@@ -129,6 +130,8 @@ def allocate_signals(case: Case, ticks: int, *, delivered: int, issued: int, app
     return Signals(
         np.zeros(ticks, np.int64),
         np.zeros((ticks, len(case.system.stations), len(CHANNELS))),
+        np.zeros((ticks, len(case.system.stations)), np.int64),
+        np.zeros((ticks, len(case.system.stations)), np.int64),
         np.zeros((ticks, len(case.system.machines)), MACHINE_TRUTH),
         np.zeros((ticks, len(case.run.devices)), DEVICE_TRUTH),
         np.zeros(ticks, np.bool_),
@@ -203,6 +206,8 @@ def _step(
     plant: Plant,
     plant_state: PlantState,
     work: Work,
+    pmus: Pmus,
+    pmu_state: PmuState,
     links: Links,
     bank: Bank,
     bank_state: BankState,
@@ -210,8 +215,6 @@ def _step(
     id_state: IdentifierState,
     given: NDArray[Any],
     taken: NDArray[Any],
-    measured_ns: NDArray[np.int64],
-    frame_rate: int,
     kept: Signals,
     tick: int,
 ) -> bool:
@@ -221,15 +224,15 @@ def _step(
     hundreds of numbers is put into it by an instruction that spells out the type of all.
     """
     several = links.up.ring.shape[0]
-    start, end = tick_ns(tick, frame_rate), tick_ns(tick + 1, frame_rate)
-    frame = kept.frames[tick]
-    sound = measure(plant, plant_state, start, frame, kept.machines[tick], kept.devices[tick], work)
+    start, end = tick_ns(tick, pmus.frame_rate), tick_ns(tick + 1, pmus.frame_rate)
+    frame, measured_ns, status = kept.frames[tick], kept.measured_ns[tick], kept.status[tick]
+    truth = kept.machines[tick], kept.devices[tick]
+    sound = observe(plant, plant_state, pmus, pmu_state, tick, frame, measured_ns, status, *truth, work)
     kept.time_ns[tick] = start
     kept.in_synchronism[tick] = sound
     kept.used[0] = tick + 1
-    measured_ns[:] = start
     for link in range(several):
-        delivered = uplink(links, link, tick, start, end, frame, measured_ns)
+        delivered = uplink(links, link, tick, start, end, frame, measured_ns, status)
         kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
     issued = control_step(
         bank, bank_state, ids, id_state, links.used, links.up.out, links.up.ring, given, given, -1, tick, kept
@@ -240,7 +243,7 @@ def _step(
         applied = merge(taken, applied, links.down.out[link], arrived)
     kept.used[3] = _append(kept.applied, kept.used[3], taken, applied)
     if sound:
-        advance(plant, plant_state, start, end, taken, applied, work)
+        go_on(plant, plant_state, pmus, pmu_state, tick, taken, applied, work)
     return sound
 
 
@@ -249,6 +252,8 @@ def _run(
     plant: Plant,
     plant_state: PlantState,
     work: Work,
+    pmus: Pmus,
+    pmu_state: PmuState,
     links: Links,
     bank: Bank,
     bank_state: BankState,
@@ -256,8 +261,6 @@ def _run(
     id_state: IdentifierState,
     given: NDArray[Any],
     taken: NDArray[Any],
-    measured_ns: NDArray[np.int64],
-    frame_rate: int,
     kept: Signals,
 ) -> None:
     """`run_loop`, with the loop's parts one by one."""
@@ -266,6 +269,8 @@ def _run(
             plant,
             plant_state,
             work,
+            pmus,
+            pmu_state,
             links,
             bank,
             bank_state,
@@ -273,8 +278,6 @@ def _run(
             id_state,
             given,
             taken,
-            measured_ns,
-            frame_rate,
             kept,
             tick,
         ):
@@ -319,6 +322,8 @@ def record(case: Case, loop: Loop) -> Record:
         controller_names=controller_names(case),
         time_ns=kept.time_ns[:ticks],
         frames=kept.frames[:ticks],
+        measured_ns=kept.measured_ns[:ticks],
+        status=kept.status[:ticks],
         delivered=kept.delivered[:delivered],
         issued=kept.issued[:issued],
         applied=kept.applied[:applied],

@@ -22,7 +22,8 @@ from facts_damping.plant.integration import watch
 from facts_damping.signals import DELIVERY, NANOSECONDS, REFUSED, SETPOINT
 from facts_damping.simulation.build import build_control, build_plant, commands
 from facts_damping.simulation.changes import by_tick, change_watch
-from facts_damping.simulation.loop import allocate_signals, control_step, setpoint_buffer, tick_ns
+from facts_damping.simulation.loop import allocate_signals, control_step, setpoint_buffer
+from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.replayed_changes import ReplayedChanges
 
 if TYPE_CHECKING:
@@ -122,6 +123,8 @@ def fitted(record: Record, case: Case) -> Record:
         controller_names=controller_names(case),
         time_ns=record.time_ns[kept],
         frames=record.frames[kept][:, stations],
+        measured_ns=record.measured_ns[kept][:, stations],
+        status=record.status[kept][:, stations],
         delivered=delivered[delivered["station"] >= 0],
         issued=_counted(record.issued, record, case, end),
         applied=_counted(record.applied, record, case, end),

@@ -16,7 +16,7 @@ from facts_damping.link.chain import DirectionSpec
 from facts_damping.link.transfer import Links, changed, downlink, links, uplink
 from facts_damping.parameters.link import Link, Stage
 from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
-from facts_damping.simulation.loop import tick_ns
+from facts_damping.simulation.measured_plant import tick_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 RATE, STATIONS, DEVICES = 50, 3, 2
+SOUND = np.zeros(STATIONS, np.int64)  # status of entries
 PERIOD_NS = 20_000_000
 MANY = 20_000  # frames of which shares are taken
 one_stage: TypeAdapter[Any] = TypeAdapter(Stage)
@@ -53,7 +54,14 @@ def send(own: Links, ticks: int, first: int = 0) -> NDArray[Any]:
     out = [np.zeros(0, DELIVERY)]
     for k in range(first, first + ticks):
         count = uplink(
-            own, 0, k, tick_ns(k, RATE), tick_ns(k + 1, RATE), values(k), np.full(len(values(k)), tick_ns(k, RATE))
+            own,
+            0,
+            k,
+            tick_ns(k, RATE),
+            tick_ns(k + 1, RATE),
+            values(k),
+            np.full(len(values(k)), tick_ns(k, RATE)),
+            SOUND,
         )
         out.append(own.up.out[0, :count].copy())
     return np.concatenate(out)
@@ -302,6 +310,7 @@ def added(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> NDArra
             tick_ns(k + 1, RATE),
             np.zeros(found.shape[1:]),
             np.full(found.shape[1], tick_ns(k, RATE)),
+            SOUND,
         )
         assert count == STATIONS
         found[k, own.up.out[0, :count]["station"]] = own.up.out[0, :count]["values"]
@@ -436,7 +445,7 @@ def test_random_chains_keep_count_and_order(chain: list[dict[str, Any]], down: l
     given["device"] = range(DEVICES)
     for k in range(60):
         start, end = tick_ns(k, RATE), tick_ns(k + 1, RATE)
-        count = uplink(own, 0, k, start, end, values(k), np.full(len(values(k)), start))
+        count = uplink(own, 0, k, start, end, values(k), np.full(len(values(k)), start), SOUND)
         given["issued_ns"] = given["measured_ns"] = start
         there = downlink(own, 0, k, end, given, DEVICES)
         for arrival in (own.up.out[0, :count]["arrival_ns"], own.down.out[0, :there]["effective_ns"]):

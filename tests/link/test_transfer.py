@@ -8,12 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.link.chain import Chain, DirectionSpec, Packets, longest_delay_ns
-from facts_damping.link.stages import LOST
 from facts_damping.link.transfer import Direction, Links, downlink, links, merge, uplink
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.stages import Constant, Wait
-from facts_damping.signals import CHANNELS, DELIVERY, SETPOINT, to_ns
-from facts_damping.simulation.loop import tick_ns
+from facts_damping.signals import CHANNELS, DELIVERY, LOST, SETPOINT, to_ns
+from facts_damping.simulation.measured_plant import tick_ns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 STATIONS, DEVICES, TICKS = 3, 2, 40
+SOUND = np.zeros(STATIONS, np.int64)  # status of entries
 MS = 1_000_000  # ns
 some = settings(deadline=None, max_examples=40)
 rates = st.integers(1, 1000)
@@ -70,7 +70,7 @@ def send_up(delays_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
         made = np.zeros(STATIONS, DELIVERY)
         made["station"], made["measured_ns"], made["values"] = np.arange(STATIONS), start, frame
         given.append(made)
-        count = uplink(link, 0, k, start, end, frame, np.full(len(frame), start))
+        count = uplink(link, 0, k, start, end, frame, np.full(len(frame), start), SOUND)
         assert count == way.ring[2]
         out.append(way.out[:count].copy())
         assert (out[-1]["tick"] == k).all()
@@ -218,7 +218,7 @@ def test_directions_have_room_for_the_longest_delay(delay: float) -> None:
     for k in range(round(delay * 30) + 60):
         start, end = tick_ns(k, 30), tick_ns(k + 1, 30)
         given["issued_ns"] = start
-        uplink(made, 0, k, start, end, frame, np.full(len(frame), start))
+        uplink(made, 0, k, start, end, frame, np.full(len(frame), start), SOUND)
         downlink(made, 0, k, end, given, len(given))
     assert up.statistics["lost"].sum() == down.statistics["lost"].sum() == 0
     assert up.statistics["delivered"].min() > 0
@@ -268,7 +268,9 @@ def through(case: Several, order: Sequence[int]) -> list[tuple[NDArray[Any], NDA
         start, end = tick_ns(k, case.rate), tick_ns(k + 1, case.rate)
         due = given[(given["issued_ns"] >= start) & (given["issued_ns"] < end)]
         for link in order:
-            uplink(made, link, k, start, end, np.full((STATIONS, len(CHANNELS)), float(k)), np.full(STATIONS, start))
+            uplink(
+                made, link, k, start, end, np.full((STATIONS, len(CHANNELS)), float(k)), np.full(STATIONS, start), SOUND
+            )
             downlink(made, link, k, end, due, len(due))
         count, up = 0, []
         for link in range(len(case.chains)):
@@ -337,6 +339,7 @@ def test_stages_that_fill_up_a_chain_do_not_delay() -> None:
                 tick_ns(k + 1, 60),
                 np.zeros((STATIONS, len(CHANNELS))),
                 np.full(STATIONS, tick_ns(k, 60)),
+                SOUND,
             )
             out = made.up.out[link, :count]
             arrived[link] += (out["arrival_ns"] - out["measured_ns"]).tolist()
@@ -349,10 +352,11 @@ def test_an_absent_station_stays_absent_and_others_keep_their_own_stamps() -> No
     frame = np.arange(STATIONS * len(CHANNELS), dtype=np.float64).reshape(STATIONS, len(CHANNELS))
     measured = np.array([10 * MS, LOST, 7 * MS], np.int64)
     frame[1] = np.nan
-    count = uplink(made, 0, 1, 10 * MS, 20 * MS, frame, measured)
+    count = uplink(made, 0, 1, 10 * MS, 20 * MS, frame, measured, np.array([0, 0, 8192]))
     out = made.up.out[0, :count]
     assert out["station"].tolist() == [0, 2]
     assert out["measured_ns"].tolist() == [10 * MS, 7 * MS]
+    assert out["status"].tolist() == [0, 8192]
     assert out["arrival_ns"].tolist() == [11 * MS, 11 * MS]
     assert made.up.statistics[0]["sent"].tolist() == [1, 0, 1]
 
@@ -360,9 +364,9 @@ def test_an_absent_station_stays_absent_and_others_keep_their_own_stamps() -> No
 def test_what_stands_in_for_an_absent_station_is_one_of_now() -> None:
     made = alone([Wait(wait=0.002, missing="hold", model="wait")], [], 1, 100)
     frame = np.full((STATIONS, len(CHANNELS)), 5.0)
-    assert uplink(made, 0, 0, 0, 10 * MS, frame, np.zeros(STATIONS, np.int64)) == STATIONS
+    assert uplink(made, 0, 0, 0, 10 * MS, frame, np.zeros(STATIONS, np.int64), SOUND) == STATIONS
     absent = np.array([10 * MS, LOST, 10 * MS], np.int64)
-    count = uplink(made, 0, 1, 10 * MS, 20 * MS, frame + 1.0, absent)
+    count = uplink(made, 0, 1, 10 * MS, 20 * MS, frame + 1.0, absent, SOUND)
     out = made.up.out[0, :count]
     (held,) = out[out["station"] == 1]
     assert held["measured_ns"] == 10 * MS

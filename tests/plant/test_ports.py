@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(len(CHANNELS))
+VOLTAGE, ANGLE, _, ACTIVE, REACTIVE, *_ = range(len(CHANNELS))
 BOTH = ["sssc", "statcom"]
 POWER = {"P_shares": {"power": 1.0}, "Q_shares": {"power": 1.0}}
 

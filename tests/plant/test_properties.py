@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.grid import Line, Transformer
     from facts_damping.parameters.system import System
 
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(len(CHANNELS))
+VOLTAGE, ANGLE, _, ACTIVE, REACTIVE, *_ = range(len(CHANNELS))
 LOAD_STEP = {"time": 0.1, "kind": "load_step", "load": "load_2", "change": -0.1}
 some = settings(deadline=None, max_examples=15)
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.system import System
     from facts_damping.signals import Record
 
-VOLTAGE, ANGLE, _, ACTIVE, _ = range(len(CHANNELS))
+VOLTAGE, ANGLE, _, ACTIVE, *_ = range(len(CHANNELS))
 LOADINGS = ("nominal", "light", "heavy")
 
 

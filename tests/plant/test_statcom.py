@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(len(CHANNELS))
+VOLTAGE, ANGLE, _, ACTIVE, REACTIVE, *_ = range(len(CHANNELS))
 BOTH = ["sssc", "statcom"]
 OMEGA_0 = 2 * np.pi * 60
 LOAD_STEP = {"time": 0.0, "kind": "load_step", "load": "load_2", "change": -0.1}

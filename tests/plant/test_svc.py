@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(len(CHANNELS))
+VOLTAGE, ANGLE, _, ACTIVE, REACTIVE, *_ = range(len(CHANNELS))
 AT_ONCE = 1000.0  # p.u./s
 
 

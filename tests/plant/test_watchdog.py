@@ -20,6 +20,7 @@ from facts_damping.plant.model import workspace
 from facts_damping.signals import SETPOINT, to_ns
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_plant
+from facts_damping.simulation.measured_plant import tick_ns
 
 RATE = 60
 TICK = -(-1_000_000_000 // RATE)
@@ -219,7 +220,7 @@ def test_whatever_comes_the_reference_keeps_its_limits_and_is_zero_in_time(data:
     times = st.one_of(st.integers(-(2**62), 2**62), st.integers(0, 600 * MS))
     taken = 0
     for k in range(30):
-        start, end = loop.tick_ns(k, RATE), loop.tick_ns(k + 1, RATE)
+        start, end = tick_ns(k, RATE), tick_ns(k + 1, RATE)
         come = np.zeros(data.draw(st.integers(0, 3)), SETPOINT)
         for one in come:
             one["measured_ns"], one["issued_ns"] = data.draw(times), data.draw(times)
@@ -234,5 +235,5 @@ def test_whatever_comes_the_reference_keeps_its_limits_and_is_zero_in_time(data:
     slow = 0.2 + row["v_max"] / row["watchdog"]["release_rate"]
     nothing = np.zeros(0, SETPOINT)
     for k in range(30, 31 + int(np.ceil(RATE * slow))):
-        advance(plant, state, loop.tick_ns(k, RATE), loop.tick_ns(k + 1, RATE), nothing, 0, work)
+        advance(plant, state, tick_ns(k, RATE), tick_ns(k + 1, RATE), nothing, 0, work)
     assert state.reference[0] == 0.0

@@ -98,7 +98,9 @@ def make_record(seed: int, ticks: int = 30) -> Record:
         controller_names=CONTROLLERS,
         time_ns=np.arange(ticks) * NANOSECONDS // RATE,
         frames=floats(ticks, 3, len(CHANNELS)),
-        delivered=table(DELIVERY, 70, {"tick": ticks, "station": 3}, "values"),
+        measured_ns=random.integers(0, 10**12, (ticks, 3)),
+        status=random.integers(0, 2**16, (ticks, 3)),
+        delivered=table(DELIVERY, 70, {"tick": ticks, "station": 3, "status": 2**16}, "values"),
         issued=issued[np.lexsort((issued["controller"], issued["tick"]))],
         applied=table(SETPOINT, 40, setpoint, "value"),
         machines=machines,
@@ -129,10 +131,10 @@ class Messages:
     def header(self, ns: int) -> Any:
         return self.make("std_msgs/msg/Header", stamp=self.time(ns), frame_id="")
 
-    def frame(self, station: str, tick: int, measured: int, arrival: int, values: Any) -> Any:
+    def frame(self, station: str, tick: int, measured: int, arrival: int, values: Any, status: int) -> Any:
         units = dict(zip([f"{name}_{unit}" for name, unit in CHANNELS.items()], map(float, values), strict=True))
         head = {"header": self.header(measured), "station": station, "tick": tick}
-        return self.make("PmuFrame", **head, arrival=self.time(arrival), **units, status=0)
+        return self.make("PmuFrame", **head, arrival=self.time(arrival), **units, status=int(status))
 
     def frames(self, stamp: int, tick: int, entries: list[Any]) -> Any:
         head = {"header": self.header(stamp), "tick": tick, "fresh": bool(entries)}
@@ -200,9 +202,12 @@ class Messages:
         delivered = record.delivered[record.delivered["tick"] == tick]
         issued, applied = (rows[rows["tick"] == tick] for rows in (record.issued, record.applied))
         names = record.stations
-        measured = [self.frame(name, tick, stamp, stamp, record.frames[tick, i]) for i, name in enumerate(names)]
+        measured = [
+            self.frame(name, tick, record.measured_ns[tick, i], stamp, record.frames[tick, i], record.status[tick, i])
+            for i, name in enumerate(names)
+        ]
         arrived = [
-            self.frame(names[row["station"]], tick, row["measured_ns"], row["arrival_ns"], row["values"])
+            self.frame(names[row["station"]], tick, *row[["measured_ns", "arrival_ns", "values", "status"]])
             for row in delivered
         ]
         return {

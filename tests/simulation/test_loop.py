@@ -11,10 +11,9 @@ from facts_damping.case.loading import load_case
 from facts_damping.control.bank import act
 from facts_damping.link.transfer import downlink, merge, uplink
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
-from facts_damping.plant.integration import advance
-from facts_damping.plant.measurement import measure
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
+from facts_damping.simulation.measured_plant import go_on, observe, tick_ns
 
 ARRAYS = ("time_ns", "frames", "delivered", "issued", "applied", "machines", "devices", "in_synchronism")
 
@@ -33,13 +32,15 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
     parts = loop.build_loop(case)
     kept, rate = parts.signals, case.run.frame_rate
     for k in range(case.ticks):
-        start, end = loop.tick_ns(k, rate), loop.tick_ns(k + 1, rate)
-        measure(parts.plant, parts.plant_state, start, kept.frames[k], kept.machines[k], kept.devices[k], parts.work)
-        delivered = uplink(parts.links, 0, k, start, end, kept.frames[k], np.full(len(kept.frames[k]), start))
+        start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
+        plant = parts.plant, parts.plant_state, parts.pmus, parts.pmu_state
+        reported = kept.frames[k], kept.measured_ns[k], kept.status[k]
+        observe(*plant, k, *reported, kept.machines[k], kept.devices[k], parts.work)
+        delivered = uplink(parts.links, 0, k, start, end, *reported)
         issued = act(parts.bank, parts.bank_state, 0, k, parts.links.up.out[0], delivered, parts.issued, 0)
         arrived = downlink(parts.links, 0, k, end, parts.issued, issued)
         applied = merge(parts.applied, 0, parts.links.down.out[0], arrived)
-        advance(parts.plant, parts.plant_state, start, end, parts.applied, applied, parts.work)
+        go_on(*plant, k, parts.applied, applied, parts.work)
     assert kept.frames.tobytes() == whole.frames.tobytes()
     assert kept.machines.tobytes() == whole.machines.tobytes()
     assert kept.devices.tobytes() == whole.devices.tobytes()
@@ -58,7 +59,7 @@ def test_delays_are_exact_and_nothing_acts_before_its_cause(up: int, down: int, 
     assert np.all(record.delivered["arrival_ns"] - record.delivered["measured_ns"] == up)
     assert np.all(record.issued["issued_ns"] - record.issued["measured_ns"] == up)
     assert np.all(record.applied["effective_ns"] - record.applied["issued_ns"] == down)
-    ends = np.append(record.time_ns[1:], loop.tick_ns(len(record.time_ns), rate))
+    ends = np.append(record.time_ns[1:], tick_ns(len(record.time_ns), rate))
     for entries, stamp in ((record.delivered, "arrival_ns"), (record.applied, "effective_ns")):
         assert np.all(entries[stamp] >= record.time_ns[entries["tick"]])
         assert np.all(entries[stamp] < ends[entries["tick"]])
@@ -115,7 +116,7 @@ def test_delays_are_exact_on_every_link(delays: tuple[int, ...], rate: int) -> N
     np.testing.assert_array_equal(applied["effective_ns"] - applied["issued_ns"], down[applied["controller"]])
     assert np.all(np.diff(applied["effective_ns"]) >= 0)
     assert np.all(np.diff(applied["controller"])[np.diff(applied["effective_ns"]) == 0] > 0)
-    end = loop.tick_ns(len(record.time_ns), rate)
+    end = tick_ns(len(record.time_ns), rate)
     for c in range(2):
         expected = np.count_nonzero(record.time_ns + up[c] < end)
         assert np.count_nonzero(issued["controller"] == c) == expected

@@ -1,0 +1,73 @@
+"""How the PMUs of a run measure: read, checked, and with a number changed while it goes on."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.errors import InputError, check_known
+from facts_damping.measurement.filters import reference_filter
+from facts_damping.parameters.files import find, read_table
+from facts_damping.parameters.measurement import Measurement
+from facts_damping.parameters.validation import check, origin
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from facts_damping.case.model import Case
+
+FOLDER = "measurement"  # below config
+FIXED = ("start", "duration", "lost", "voltage_range", "current_range")  # not to be changed while a run goes on
+
+
+def read_measurement(given: str | dict[str, Any], source: str, sets: dict[str, str] | None = None) -> Measurement:
+    """How PMUs measure, by name or path, or inline in a field of the run."""
+    if isinstance(given, str):
+        path = find(FOLDER, given)
+        return check(Measurement, read_table(path), str(path))
+    return check(Measurement, given, source, sets, "measurement")
+
+
+def check_measurement(case: Case, source: str, sets: dict[str, str] | None) -> None:
+    """Filters fit the frame rate, stations are there, and controllers are given what is measured."""
+    measurement, stations = case.measurement, [s.name for s in case.system.stations]
+    for name in measurement.stations:
+        check_known(origin("measurement.stations", source, sets), name, stations)
+    for i, one in enumerate(measurement.bad_data):
+        for name in one.stations or []:
+            check_known(origin(f"measurement.bad_data.{i}.stations", source, sets), name, stations)
+    reference_filter(measurement, case.system.frequency, case.run.frame_rate)
+    missing = "rocof" if measurement.filter == "ideal" else "speed_deviation"
+    for c, controller in enumerate(case.run.controllers):
+        for name in controller.signals:
+            signal = case.system.signals.get(name)
+            if signal is not None and signal.channel == missing:
+                measured = [other for other, own in case.system.signals.items() if own.channel != missing]
+                raise InputError(
+                    f"{origin(f'controllers.{c}.signals', source, sets)}: '{name}' given, a signal of {missing}, which "
+                    f"PMUs do not report with filter {measurement.filter}; allowed: {', '.join(measured) or 'none'}"
+                )
+
+
+def numbers(measurement: Measurement) -> dict[str, float]:
+    """Numbers that may be changed while a run goes on, by path: `noise.angle`, `stations.G1.clock.offset`."""
+    return {path: value for path, value in _floats(measurement.model_dump(), "") if path.split(".")[-1] not in FIXED}
+
+
+def _floats(content: Any, path: str) -> Iterator[tuple[str, float]]:
+    if isinstance(content, float):
+        yield path.removesuffix("."), content
+    rows = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, value in rows:
+        yield from _floats(value, f"{path}{key}.")
+
+
+def with_number(measurement: Measurement, path: str, value: float) -> Measurement:
+    """The same with a number changed. Raises `InputError` for a value that is not allowed."""
+    content = deepcopy(measurement.model_dump())
+    here: Any = content
+    *above, last = path.split(".")
+    for key in above:
+        here = here[int(key)] if isinstance(here, list) else here[key]
+    here[last] = value
+    return check(Measurement, content, "measurement")

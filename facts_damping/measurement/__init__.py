@@ -1,0 +1,1 @@
+"""What PMUs make of the voltages and currents at their places."""

@@ -1,0 +1,98 @@
+"""PMUs from what a run says of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from facts_damping.measurement import pmu
+from facts_damping.measurement.filters import reference_filter
+from facts_damping.measurement.pmu import Pmus, PmuState
+from facts_damping.signals import CHANNELS, LOST, to_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping.parameters.measurement import Clock, Measurement, Noise
+
+KINDS = {
+    "stuck": pmu.STUCK,
+    "spike": pmu.SPIKE,
+    "wrong_sign": pmu.WRONG_SIGN,
+    "swapped_phases": pmu.SWAPPED_PHASES,
+    "invalid": pmu.INVALID,
+}
+STREAM = 2  # of a run's random numbers; its links have 0 and 1
+
+
+def wrong_at(measurement: Measurement, station: str) -> tuple[Noise, Clock]:
+    """Noise and clock of a station: its own, else those of all."""
+    own = measurement.stations.get(station)
+    if own is None:
+        return measurement.noise, measurement.clock
+    return own.noise or measurement.noise, own.clock or measurement.clock
+
+
+def clocks_differ(measurement: Measurement, stations: Sequence[str]) -> bool:
+    """Whether the entries of a frame may have stamps of their own."""
+    return len({wrong_at(measurement, name)[1] for name in stations}) > 1
+
+
+def pmus(
+    measurement: Measurement, stations: Sequence[str], nominal: float, frame_rate: int, draws: int, seed: int
+) -> tuple[Pmus, PmuState]:
+    """The PMUs of a run, and their state at the start; `draws`: frames after which chance repeats itself.
+
+    Each station has a stream of random numbers of its own. Raises `InputError` for a rate that has no filter.
+    """
+    made = reference_filter(measurement, nominal, frame_rate)
+    errors = np.zeros(len(stations), pmu.ERRORS)
+    for row, name in zip(errors, stations, strict=True):
+        noise, clock = wrong_at(measurement, name)
+        for field in ("magnitude", "angle", "frequency", "rocof"):
+            row[field] = getattr(noise, field)
+        row["offset"], row["drift"] = clock.offset, clock.drift
+        row["lost_ns"] = LOST if clock.lost is None else to_ns(clock.lost)
+    bad = np.zeros(len(measurement.bad_data), pmu.BAD)
+    for row, one in zip(bad, measurement.bad_data, strict=True):
+        row["kind"], row["from_ns"] = KINDS[one.kind], to_ns(one.start)
+        row["until_ns"] = LOST if one.duration is None else to_ns(one.start) + to_ns(one.duration)
+        row["probability"], row["size"] = one.probability, one.size
+    concerns = np.array([[one.stations is None or s in one.stations for s in stations] for one in measurement.bad_data])
+    plain = np.zeros(len(stations), pmu.ERRORS)
+    plain["lost_ns"] = LOST
+    integers = measurement.quantisation == "int16"
+    exact = not integers and not len(bad) and bool((errors == plain).all())
+    normal = np.zeros((1 if exact else draws, len(stations), pmu.NORMALS))
+    uniform = np.zeros((draws if (bad["kind"] == pmu.SPIKE).any() else 1, len(bad), len(stations)))
+    for s in range(len(stations)):
+        random = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, s, i))) for i in range(2)]
+        if not exact:
+            normal[:, s] = random[0].standard_normal(normal[:, s].shape)
+        uniform[:, :, s] = random[1].random(uniform[:, :, s].shape)
+    frozen = Pmus(
+        filtered=measurement.filter != "ideal",
+        exact=exact,
+        p_class=measurement.filter == "p_class",
+        nominal=nominal,
+        frame_rate=frame_rate,
+        weights=made.weights,
+        per_frame=made.per_frame,
+        delay=made.delay,
+        errors=errors,
+        bad=bad,
+        concerns=concerns.reshape(len(bad), len(stations)),
+        normal=normal,
+        uniform=uniform,
+        voltage_step=measurement.voltage_range / pmu.MOST_UNSIGNED if integers else 0.0,
+        current_step=measurement.current_range / pmu.MOST_UNSIGNED if integers else 0.0,
+    )
+    capacity = made.delay * made.per_frame + len(made.weights) + 1
+    state = PmuState(
+        np.zeros((len(stations), 2, 2 * capacity), np.complex128),
+        np.zeros(1, np.int64),
+        np.zeros((len(bad), len(stations), len(CHANNELS))),
+        np.full((len(bad), len(stations)), -1, np.int64),
+    )
+    return frozen, state

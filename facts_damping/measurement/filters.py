@@ -1,0 +1,101 @@
+"""The reference filters of IEEE/IEC 60255-118-1 (before: IEEE C37.118.1), annex D, as weights of samples.
+
+A filter acts on the positive sequence, demodulated at the nominal frequency: on the complex phasor of a simulation as
+it is, as the image at twice that frequency cancels among three balanced phases. Its weights are those of the annex as a
+function of time, taken at the samples that there are.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.measurement import Measurement
+
+LEAST_RATE = 480  # samples/s: eight a cycle, and as many as the integrator has steps
+ANNEX_SAMPLES = 16  # of the annex, a cycle
+
+# M class: nominal frequency (Hz) and frames/s: reference frequency (Hz), order at 16 samples a cycle (table D.1).
+M_CLASS = {
+    50: {10: (1.779, 806), 25: (4.355, 338), 50: (7.75, 142), 100: (14.1, 66)},
+    60: {
+        10: (1.78, 968),
+        12: (2.125, 816),
+        15: (2.64, 662),
+        20: (3.5, 502),
+        30: (5.02, 306),
+        60: (8.19, 164),
+        120: (16.25, 70),
+    },
+}
+
+
+class Filter(NamedTuple):
+    """A symmetric filter: what is measured at an instant is made of samples to both sides of it."""
+
+    weights: NDArray[np.float64]  # (samples to one side + 1,), from the middle outwards; all of them sum to one
+    per_frame: int  # samples from frame to frame
+    delay: int  # frames from the instant until all samples are there, those for the frequency too
+
+    @property
+    def side(self) -> int:
+        """Samples to each side of the middle."""
+        return len(self.weights) - 1
+
+
+def reference_filter(measurement: Measurement, nominal: float, frame_rate: int) -> Filter:
+    """The filter of a measurement at a nominal frequency (Hz) and a frame rate; the ideal one is the sample itself.
+
+    P class (D.6): W(t) = 1 - f_0 |t|, two cycles long. M class (D.7): W(t) = sin(4 pi F_fr t) / (4 pi F_fr t) h(t), h
+    Hamming's window. Raises `InputError` for a rate that the annex has no M class filter for.
+    """
+    if measurement.filter == "ideal":
+        return Filter(np.ones(1), 1, 0)
+    per_frame = math.ceil(LEAST_RATE / frame_rate)
+    step = 1.0 / (per_frame * frame_rate)
+    if measurement.filter == "p_class":
+        t = step * np.arange(math.ceil(1.0 / (nominal * step)))
+        weights = 1.0 - nominal * t
+        weights = weights[weights > 1e-9]  # at the ends there is nothing
+    else:
+        reference, length = _m_class(nominal, frame_rate)
+        t = step * np.arange(math.floor(length / 2.0 / step + 1e-9) + 1)
+        weights = np.sinc(4.0 * reference * t) * (0.54 + 0.46 * np.cos(2.0 * np.pi * t / length))
+    weights = weights / (weights[0] + 2.0 * weights[1:].sum())
+    return Filter(np.asarray(weights, np.float64), per_frame, -(-len(weights) // per_frame))
+
+
+def _m_class(nominal: float, frame_rate: int) -> tuple[float, float]:
+    """Reference frequency (Hz) and length (s) of the M class filter."""
+    rows = M_CLASS.get(round(nominal), {}) if nominal == round(nominal) else {}
+    if frame_rate not in rows:
+        those = "; ".join(f"{', '.join(map(str, own))} at {f} Hz" for f, own in M_CLASS.items())
+        raise InputError(
+            f"frame_rate: {frame_rate} given at a nominal frequency of {nominal:g} Hz; "
+            f"allowed with measurement m_class: {those}"
+        )
+    reference, order = rows[frame_rate]
+    return reference, order / (ANNEX_SAMPLES * nominal)
+
+
+def taps(made: Filter, channel: str, frame_rate: int) -> NDArray[np.float64]:
+    """What a channel is made of: weights of samples of its phasor, from the newest in the report's tick backwards.
+
+    Of frequency and ROCOF (Hz, Hz/s) weights of its angle (rad): its first and second differences, as in D.4.
+    """
+    step = 1.0 / (made.per_frame * frame_rate)
+    whole = np.concatenate([made.weights[:0:-1], made.weights])
+    beside: dict[str, list[float]] = {"frequency": [1.0, 0.0, -1.0], "rocof": [1.0, -2.0, 1.0]}
+    if channel == "frequency":
+        whole = np.convolve(whole, beside[channel]) / (4.0 * np.pi * step)
+    elif channel == "rocof":
+        whole = np.convolve(whole, beside[channel]) / (2.0 * np.pi * step**2)
+    first = made.delay * made.per_frame - (len(whole) - 1) // 2  # samples between the newest of the tick and the first
+    return np.concatenate([np.zeros(first), whole])

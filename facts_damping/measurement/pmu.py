@@ -1,0 +1,255 @@
+"""PMUs: frames made of samples of phasors, and what is wrong with them; compiled.
+
+Several a plant, side by side. Samples are taken `per_frame` times a frame; a frame tells of an instant in the middle of
+its samples, and is there a whole number of frames later.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.compiling import compiled, inner
+from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+# Columns of a frame.
+VM, VA, SPEED, P, Q, FREQUENCY, ROCOF, IM, IA = range(len(CHANNELS))
+
+# What is wrong at a station.
+ERRORS = np.dtype(
+    [
+        *((name, "f8") for name in ("magnitude", "angle", "frequency", "rocof")),  # noise, standard deviations
+        ("offset", "f8"),  # s, of its clock
+        ("drift", "f8"),  # s/s
+        ("lost_ns", "i8"),  # when its clock loses the time; LOST: never
+    ]
+)
+NORMALS = 6  # draws a frame: of |V|, theta, |I|, phi, frequency, ROCOF
+
+# Wrong frames for a time.
+STUCK, SPIKE, WRONG_SIGN, SWAPPED_PHASES, INVALID = range(5)
+BAD = np.dtype(
+    [
+        ("kind", "i8"),
+        ("from_ns", "i8"),
+        ("until_ns", "i8"),
+        ("probability", "f8"),
+        ("size", "f8"),
+    ]
+)
+
+# Bits of a frame's status, as in the STAT word of C37.118.2.
+DATA_ERROR, UNSYNCHRONISED = 32768, 8192
+
+# Steps of the 16-bit integers of C37.118.2: angle, frequency, ROCOF; and how far they reach.
+STEP_ANGLE, STEP_FREQUENCY, STEP_ROCOF = 1e-4, 1e-3, 1e-2  # rad, Hz, Hz/s
+MOST_UNSIGNED, MOST_SIGNED = 65535.0, 32767.0
+
+
+class Pmus(NamedTuple):
+    """Frozen parameters of all PMUs of a run."""
+
+    filtered: bool
+    exact: bool  # nothing is wrong: a frame is as it is measured
+    p_class: bool
+    nominal: float  # Hz
+    frame_rate: int
+    weights: NDArray[np.float64]  # of the filter, from its middle outwards
+    per_frame: int  # samples a frame
+    delay: int  # frames
+    errors: NDArray[Any]  # ERRORS, (stations,)
+    bad: NDArray[Any]  # BAD
+    concerns: NDArray[np.bool_]  # (bad, stations)
+    normal: NDArray[np.float64]  # (draws, stations, NORMALS)
+    uniform: NDArray[np.float64]  # (draws, bad, stations)
+    voltage_step: float  # p.u., of 16 bits; 0: not quantised
+    current_step: float  # p.u.
+
+
+class PmuState(NamedTuple):
+    """What PMUs keep."""
+
+    samples: NDArray[np.complex128]  # (stations, 2, twice the capacity): voltage and current, each sample twice
+    taken: NDArray[np.int64]  # (1,): samples so far
+    stuck: NDArray[np.float64]  # (bad, stations, channels)
+    stuck_since: NDArray[np.int64]  # (bad, stations): tick at which it got stuck; -1: it is not
+
+
+@compiled
+def take_sample(state: PmuState, phasors: NDArray[np.complex128]) -> None:
+    """Keep a sample of all stations' phasors, (stations, 2), p.u.; before the first one all were as it is.
+
+    Each stands in two places, a capacity apart, so that the newest ones always lie side by side.
+    """
+    capacity = state.samples.shape[2] // 2
+    place = state.taken[0] % capacity
+    for s in range(phasors.shape[0]):
+        for j in range(2):
+            if state.taken[0] == 0:
+                state.samples[s, j] = phasors[s, j]
+            state.samples[s, j, place] = phasors[s, j]
+            state.samples[s, j, place + capacity] = phasors[s, j]
+    state.taken[0] += 1
+
+
+@inner
+def _filtered(weights: NDArray[np.float64], samples: NDArray[np.complex128], middle: int) -> complex:
+    """The filter about a sample: sum_k w_|k| x_(m + k)."""
+    real, imag = weights[0] * samples[middle].real, weights[0] * samples[middle].imag
+    for k in range(1, weights.size):
+        both = samples[middle - k] + samples[middle + k]
+        real += weights[k] * both.real
+        imag += weights[k] * both.imag
+    return complex(real, imag)
+
+
+@inner
+def _estimate(m: Pmus, state: PmuState, s: int, frame: NDArray[np.float64]) -> None:
+    """Frame of station s, of the instant that lies `delay` frames back.
+
+    Frequency f_0 + (theta_+1 - theta_-1) / (4 pi T), ROCOF (theta_+1 - 2 theta_0 + theta_-1) / (2 pi T^2), T from one
+    sample to the next (D.4). P class: magnitudes over sin(pi (f_0 + 1.625 (f - f_0)) / (2 f_0)), which its filter takes
+    off (D.6).
+    """
+    capacity = state.samples.shape[2] // 2
+    middle = (state.taken[0] - 1) % capacity + capacity - m.delay * m.per_frame
+    step = 1.0 / (m.per_frame * m.frame_rate)
+    voltages, currents = state.samples[s, 0], state.samples[s, 1]
+    before = _filtered(m.weights, voltages, middle - 1)
+    voltage = _filtered(m.weights, voltages, middle)
+    after = _filtered(m.weights, voltages, middle + 1)
+    current = _filtered(m.weights, currents, middle)
+    forward, backward = cmath.phase(after * voltage.conjugate()), cmath.phase(voltage * before.conjugate())
+    frame[FREQUENCY] = m.nominal + (forward + backward) / (4.0 * math.pi * step)
+    frame[ROCOF] = (forward - backward) / (2.0 * math.pi * step * step)
+    lift = 1.0
+    if m.p_class:
+        lift = math.sin(math.pi * (m.nominal + 1.625 * (frame[FREQUENCY] - m.nominal)) / (2.0 * m.nominal))
+    frame[VM], frame[VA] = abs(voltage) / lift, cmath.phase(voltage)
+    frame[IM], frame[IA] = abs(current) / lift, cmath.phase(current)
+    frame[SPEED] = math.nan
+
+
+@inner
+def _wrapped(angle: float) -> float:
+    """An angle within -pi to pi."""
+    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+
+
+@inner
+def _rounded(value: float, step: float, low: float, high: float) -> float:
+    """A value in whole steps, as far as integers reach."""
+    return step * min(max(math.floor(value / step + 0.5), low), high)
+
+
+@inner
+def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: NDArray[np.float64]) -> None:
+    """Noise, clock, bad data and integers into the frame of station s, measured at `at_ns`."""
+    own, draw = m.errors[s], m.normal[tick % m.normal.shape[0], s]
+    frame[VM] *= 1.0 + own.magnitude * draw[0]
+    frame[IM] *= 1.0 + own.magnitude * draw[2]
+    turned = -2.0 * math.pi * m.nominal * error_s
+    frame[VA] = _wrapped(frame[VA] + own.angle * draw[1] + turned)
+    frame[IA] = _wrapped(frame[IA] + own.angle * draw[3] + turned)
+    if at_ns >= own.lost_ns:
+        frame[FREQUENCY] /= 1.0 + own.drift
+    frame[FREQUENCY] += own.frequency * draw[4]
+    frame[SPEED] += own.frequency * draw[4] / m.nominal
+    frame[ROCOF] += own.rocof * draw[5]
+    for b in range(m.bad.size):
+        row = m.bad[b]
+        if not m.concerns[b, s] or at_ns < row.from_ns or at_ns >= row.until_ns:
+            continue
+        if row.kind == SPIKE and m.uniform[tick % m.uniform.shape[0], b, s] < row.probability:
+            for j in (VM, IM, SPEED, ROCOF):
+                frame[j] *= 1.0 + row.size
+        elif row.kind == WRONG_SIGN:
+            frame[IA] = _wrapped(frame[IA] + math.pi)
+        elif row.kind == SWAPPED_PHASES:
+            frame[VM] = 0.0
+    if m.voltage_step > 0.0:
+        frame[VM] = _rounded(frame[VM], m.voltage_step, 0.0, MOST_UNSIGNED)
+        frame[IM] = _rounded(frame[IM], m.current_step, 0.0, MOST_UNSIGNED)
+        frame[VA] = _rounded(frame[VA], STEP_ANGLE, -MOST_SIGNED, MOST_SIGNED)
+        frame[IA] = _rounded(frame[IA], STEP_ANGLE, -MOST_SIGNED, MOST_SIGNED)
+        frame[FREQUENCY] = m.nominal + _rounded(frame[FREQUENCY] - m.nominal, STEP_FREQUENCY, -MOST_SIGNED, MOST_SIGNED)
+        frame[ROCOF] = _rounded(frame[ROCOF], STEP_ROCOF, -MOST_SIGNED, MOST_SIGNED)
+
+
+@inner
+def _power(frame: NDArray[np.float64]) -> None:
+    """P + j Q = V I*, of the phasors as they are reported."""
+    size, angle = frame[VM] * frame[IM], frame[VA] - frame[IA]
+    frame[P], frame[Q] = size * math.cos(angle), size * math.sin(angle)
+
+
+@inner
+def _copy(values: NDArray[np.float64], into: NDArray[np.float64]) -> None:
+    for j in range(values.size):
+        into[j] = values[j]
+
+
+@inner
+def _hold(m: Pmus, state: PmuState, tick: int, at_ns: int, s: int, frame: NDArray[np.float64]) -> None:
+    """What is stuck stays as it was, what is invalid has no values."""
+    for b in range(m.bad.size):
+        row = m.bad[b]
+        concerned = m.concerns[b, s] and at_ns >= row.from_ns and at_ns < row.until_ns
+        if row.kind == STUCK and not concerned:
+            state.stuck_since[b, s] = -1
+        elif row.kind == STUCK and state.stuck_since[b, s] < 0:
+            state.stuck_since[b, s] = tick
+            _copy(frame, state.stuck[b, s])
+        elif row.kind == STUCK:
+            _copy(state.stuck[b, s], frame)
+        elif row.kind == INVALID and concerned:
+            frame[:] = math.nan
+
+
+@compiled
+def report(
+    m: Pmus,
+    state: PmuState,
+    tick: int,
+    phasors: NDArray[np.complex128],
+    frame: NDArray[np.float64],
+    measured_ns: NDArray[np.int64],
+    status: NDArray[np.int64],
+) -> None:
+    """The frame of a tick: `frame` (stations, channels) holds exact values of its start, and then what PMUs say.
+
+    `phasors`: voltages and currents at the tick's start, (stations, 2), a sample; `measured_ns`: the stamp of each
+    station's entry, LOST where it has none yet; `status`: bits as in C37.118.2.
+    """
+    if m.filtered:
+        take_sample(state, phasors)
+    told = tick - m.delay
+    at_ns = told * NANOSECONDS // m.frame_rate
+    for s in range(frame.shape[0]):
+        own = frame[s]
+        measured_ns[s], status[s] = at_ns, 0
+        if told < 0:
+            own[:] = math.nan
+            measured_ns[s] = LOST
+            continue
+        if m.filtered:
+            _estimate(m, state, s, own)
+        if not m.exact:
+            error = m.errors[s].offset
+            if at_ns >= m.errors[s].lost_ns:
+                error += m.errors[s].drift * (at_ns - m.errors[s].lost_ns) * 1e-9
+                status[s] = UNSYNCHRONISED
+            _spoil(m, told, at_ns, s, error, own)
+            measured_ns[s] += math.floor(error * 1e9 + 0.5)
+        if m.filtered or not m.exact:
+            _power(own)
+        if not m.exact:
+            _hold(m, state, told, at_ns, s, own)
+        if not (math.isfinite(own[VM]) and math.isfinite(own[IM])):
+            status[s] |= DATA_ERROR

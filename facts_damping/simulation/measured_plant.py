@@ -1,0 +1,70 @@
+"""The plant with the PMUs at its stations: what they report, and how it goes on while they sample; compiled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.compiling import compiled
+from facts_damping.measurement.pmu import report, take_sample
+from facts_damping.plant.integration import advance
+from facts_damping.plant.measurement import measure, sample
+from facts_damping.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from facts_damping.measurement.pmu import Pmus, PmuState
+    from facts_damping.plant.model import Plant, PlantState, Work
+
+
+@compiled
+def tick_ns(tick: int, frame_rate: int) -> int:
+    """Time of a tick, ns: t_k = k / f, rounded down."""
+    return tick * NANOSECONDS // frame_rate
+
+
+@compiled
+def observe(
+    plant: Plant,
+    plant_state: PlantState,
+    pmus: Pmus,
+    pmu_state: PmuState,
+    tick: int,
+    frame: NDArray[np.float64],
+    measured_ns: NDArray[np.int64],
+    status: NDArray[np.int64],
+    machines: NDArray[Any],
+    devices: NDArray[Any],
+    work: Work,
+) -> bool:
+    """What PMUs report at a tick (`measurement.pmu.report`), and the truth; whether the plant is sound."""
+    sound = measure(plant, plant_state, tick_ns(tick, pmus.frame_rate), frame, machines, devices, work)
+    report(pmus, pmu_state, tick, work.phasors, frame, measured_ns, status)
+    return sound
+
+
+@compiled
+def go_on(
+    plant: Plant,
+    plant_state: PlantState,
+    pmus: Pmus,
+    pmu_state: PmuState,
+    tick: int,
+    setpoints: NDArray[Any],
+    count: int,
+    work: Work,
+) -> None:
+    """Advance the plant from a tick to the next, under `count` setpoints ordered by time; PMUs sample on the way."""
+    now, first = tick_ns(tick, pmus.frame_rate), 0
+    samples = pmus.per_frame * pmus.frame_rate
+    for i in range(1, pmus.per_frame + 1):
+        end = (tick * pmus.per_frame + i) * NANOSECONDS // samples
+        last = first
+        while last < count and (setpoints[last].effective_ns < end or i == pmus.per_frame):
+            last += 1
+        advance(plant, plant_state, now, end, setpoints[first:last], last - first, work)
+        if i < pmus.per_frame:
+            sample(plant, plant_state, end, work)
+            take_sample(pmu_state, work.phasors)
+        now, first = end, last
