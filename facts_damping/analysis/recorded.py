@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-UNITS = {"pu": "p.u.", "rad": "rad", "s": "s", "pu/pu": "p.u./p.u."}  # of columns that may be analysed, as drawn
+# Units of columns that may be analysed, as drawn.
+UNITS = {"pu": "p.u.", "rad": "rad", "hz": "Hz", "hz_per_s": "Hz/s", "s": "s", "pu/pu": "p.u./p.u."}
 
 
 def recorded(record: Record, name: str) -> tuple[NDArray[np.float64], str]:

@@ -32,6 +32,8 @@ def make_record(ticks: int = 1200, damping: float = 0.3, **changes: Any) -> Reco
     delivered["station"] = np.tile([0, 1, 2], ticks - 6)
     delivered["measured_ns"] = time_ns[arrived]
     delivered["arrival_ns"] = delivered["measured_ns"] + 100_000_000
+    machines = np.zeros((ticks, 2), MACHINE_TRUTH)
+    machines["speed_deviation"] = frames[:, :2, 2]
     record: dict[str, Any] = {
         "configuration": {
             "asked": {"system": "pair", "controllers": []},
@@ -50,10 +52,12 @@ def make_record(ticks: int = 1200, damping: float = 0.3, **changes: Any) -> Reco
         "controller_names": ["controller_0_LLC"],
         "time_ns": time_ns,
         "frames": frames,
+        "measured_ns": np.repeat(time_ns[:, None], 3, axis=1),
+        "status": np.zeros((ticks, 3), np.int64),
         "delivered": delivered,
         "issued": applied,
         "applied": applied,
-        "machines": np.zeros((ticks, 2), MACHINE_TRUTH),
+        "machines": machines,
         "devices": devices,
         "in_synchronism": np.ones(ticks, np.bool_),
         "events": [{"time_ns": NANOSECONDS, "kind": "load_step", "element": "L", "value": 0.1, "location": np.nan}],

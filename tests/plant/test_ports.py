@@ -14,7 +14,6 @@ from facts_damping.plant.devices import KINDS
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.laws import law
 from facts_damping.plant.model import DEVICE, LOAD, SALIENT, copy, workspace
-from facts_damping.signals import CHANNELS
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 from tests.plant.small import SPUR, between_infinite_buses
 from tests.plant.test_properties import branches, everywhere
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE, *_ = range(len(CHANNELS))
+VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(5)
 BOTH = ["sssc", "statcom"]
 POWER = {"P_shares": {"power": 1.0}, "Q_shares": {"power": 1.0}}
 

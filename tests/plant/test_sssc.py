@@ -13,7 +13,6 @@ from scipy.linalg import expm
 
 from facts_damping.parameters.placement import place
 from facts_damping.parameters.system import System
-from facts_damping.signals import CHANNELS
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes, ssscs
 from tests.plant.small import TIE, between_infinite_buses
 from tests.plant.test_properties import everywhere
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE, *_ = range(len(CHANNELS))
+VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(5)
 LOAD_STEP = {"time": 0.1, "kind": "load_step", "load": "load_2", "change": -0.1}
 
 

@@ -13,7 +13,6 @@ from scipy.linalg import expm
 
 from facts_damping.parameters.devices import Statcom
 from facts_damping.plant import statcom
-from facts_damping.signals import CHANNELS
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 from tests.plant.small import SPUR, between_infinite_buses
 from tests.plant.test_properties import everywhere
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE, *_ = range(len(CHANNELS))
+VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(5)
 BOTH = ["sssc", "statcom"]
 OMEGA_0 = 2 * np.pi * 60
 LOAD_STEP = {"time": 0.0, "kind": "load_step", "load": "load_2", "change": -0.1}

@@ -28,7 +28,7 @@ def recording(tmp_path: Path, write_record: Callable[..., None]) -> Iterator[Pat
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (["--spwvd", "w12,w99"], "signal: 'w99' given; allowed: angle, angle_rate, power, "),
+        (["--spwvd", "w12,w99"], "signal: 'w99' given; allowed: angle, angle_rate, f12, "),
         (["--spwvd", "w12", "--windows", "fast"], "argument --windows: fast given; allowed: two numbers with a comma"),
         (["--spwvd", "w12", "--windows", "0,1"], "signal w12: lag window: 0 s given; allowed: above 0 s, or inf"),
         (["--spwvd", "w12", "--band", "0.1,70"], "signal w12: band: 0.1 to 70 Hz given; allowed: rising, within 0 to"),

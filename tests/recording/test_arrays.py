@@ -32,9 +32,9 @@ def test_every_column_is_on_the_grid_and_has_a_unit(record: Record) -> None:
     assert record.arrays.keys() == record.units.keys()
     assert all(values.shape == (100,) for values in record.arrays.values())
     assert record.arrays["tick"].tolist() == list(range(100))
-    assert set(record.units.values()) == {"-", "s", "pu", "rad", "pu/pu"}
+    assert set(record.units.values()) == {"-", "s", "pu", "rad", "hz", "hz_per_s", "pu/pu"}
     for name, unit in record.units.items():
-        ending = {"pu": "_pu", "rad": "_rad", "s": "_s", "pu/pu": "_pu_per_pu", "-": ""}[unit]
+        ending = {"pu/pu": "_pu_per_pu", "-": ""}.get(unit, f"_{unit}")
         assert name.endswith(ending)
 
 

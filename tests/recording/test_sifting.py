@@ -12,7 +12,7 @@ import pytest
 from facts_damping.recording import RecordingWriter, events, load
 from facts_damping.recording.columns import Block
 from facts_damping.recording.scan import scan
-from facts_damping.signals import NANOSECONDS, SETPOINT
+from facts_damping.signals import CHANNELS, NANOSECONDS, SETPOINT
 from tests.nodes.graphs import assert_same
 from tests.recording.test_fields import with_estimates
 
@@ -92,7 +92,7 @@ def rows(device: int = 0) -> Any:
         ),
         (
             "/pmu/delivered",
-            lambda m, _: m.cdr(m.frames(stamp(3), 3, [m.frame("x" * 99, 3, 0, 0, np.zeros(5))])),
+            lambda m, _: m.cdr(m.frames(stamp(3), 3, [m.frame("x" * 99, 3, 0, 0, np.zeros(len(CHANNELS)), 0)])),
             "with the unknown name 'xxxxxxxxxxxxxxxxxxxx'",
         ),
     ],

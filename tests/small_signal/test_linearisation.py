@@ -274,7 +274,8 @@ def test_feedthrough_is_that_of_the_series_voltage_to_the_tie_power() -> None:
     assert D["power"][0] == pytest.approx(5, abs=0.3)
     for name in ("w12", "w34", "w13", "speed"):
         assert (D[name] == 0).all()
-    assert all(abs(row[1]) < 1e-9 for row in D.values())  # a current does not jump
+    turning = [name for name, signal in found.system.signals.items() if signal.channel == "frequency"]
+    assert all(abs(row[1]) < 1e-9 for name, row in D.items() if name not in turning)  # a current does not jump
     for name in ("power", "voltage"):
         ends = []
         for u in (-1e-3, 1e-3):
