@@ -25,9 +25,18 @@ SPAN = 6.0  # frames of `identifier_span`, where an identifier predicts: with on
 
 
 def filled(
-    controller: Controller, here: str, system: System, link: Link, source: str, sets: dict[str, str] | None
+    controller: Controller,
+    here: str,
+    system: System,
+    link: Link,
+    source: str,
+    sets: dict[str, str] | None,
+    latency: float = 0.0,
 ) -> Controller:
-    """A controller with scheme, all parameters and its weights: the table's, then the system's tuned, then its own."""
+    """A controller with scheme, all parameters and its weights: the table's, then the system's tuned, then its own.
+
+    `latency`: s, of its PMUs' filter.
+    """
 
     def where(field: str) -> str:
         return origin(f"{here}.{field}", source, sets)
@@ -70,7 +79,7 @@ def filled(
         )
     whole, down = mean_delays(controller, system, link)
     if values.get("loop_delay") == -1.0:
-        values["loop_delay"] = whole
+        values["loop_delay"] = latency + whole
     if values.get("down_delay") == -1.0:
         values["down_delay"] = down
     weights = _weights(controller, scheme, values, where)

@@ -12,6 +12,7 @@ from facts_damping.case.links import open_own, read_links, with_own
 from facts_damping.case.measurement import FOLDER, read_measurement
 from facts_damping.case.model import Case
 from facts_damping.errors import check_known
+from facts_damping.measurement.filters import reference_filter
 from facts_damping.parameters.files import each_path, find, parse_set, read_table, read_value, set_field
 from facts_damping.parameters.placement import place
 from facts_damping.parameters.run import Run, Scenario
@@ -120,8 +121,9 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
     link, links, used = read_links(run, source, sets)
     scenario_file = str(path) if isinstance(run.scenario, str) else ""
     placed = place(_dispatched(system, scenario, scenario_file))
+    latency = reference_filter(measurement, system.frequency, run.frame_rate).delay / run.frame_rate
     rows = [
-        filled(with_own(c, links[used[i]]), f"controllers.{i}", system, links[used[i]], source, sets)
+        filled(with_own(c, links[used[i]]), f"controllers.{i}", system, links[used[i]], source, sets, latency)
         for i, c in enumerate(run.controllers)
     ]
     case = Case(run, rows, placed, scenario, measurement, link, links, used)

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.measurement.filters import reference_filter
+
 if TYPE_CHECKING:
+    from facts_damping.measurement.filters import Filter
     from facts_damping.parameters.link import Link
     from facts_damping.parameters.measurement import Measurement
     from facts_damping.parameters.run import Controller, Run, Scenario
@@ -33,6 +36,11 @@ class Case:
     def duration(self) -> float:
         """Simulated time, s."""
         return self.scenario.duration if self.run.duration is None else self.run.duration
+
+    @property
+    def filter(self) -> Filter:
+        """The filter of its PMUs."""
+        return reference_filter(self.measurement, self.system.frequency, self.run.frame_rate)
 
     @property
     def ticks(self) -> int:

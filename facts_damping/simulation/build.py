@@ -117,7 +117,7 @@ def _optimal(controller: Controller) -> bool:
 def plant_residues(case: Case) -> Residues | None:
     """The residues of a case's plant, without events; none without a swing mode."""
     start = build(case.system, case.run.devices, [])
-    return residues(start, case.system, case.run.devices, case.run.frame_rate)
+    return residues(start, case.system, case.run.devices, case.run.frame_rate, case.filter)
 
 
 def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:

@@ -7,23 +7,28 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.linalg import eig
 
+from facts_damping.control.inputs import station_weights
 from facts_damping.matrices import product
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH
+from facts_damping.small_signal.sampled_output import Filtered, filtered
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.measurement.filters import Filter
     from facts_damping.parameters.stations import Signal
     from facts_damping.parameters.system import System
     from facts_damping.plant.build import Built
 
 STEP = 1e-6  # of the central differences, p.u., rad
 NEGLIGIBLE = 0.02  # share of a state in a mode below which it is not listed
+ANGLE = list(CHANNELS).index("voltage_angle")
+TURNING = ("frequency", "rocof")  # channels that the voltage's angle makes
 SWING_SHARE = 0.5  # share of rotor angles and speeds from which a mode is electromechanical
 COMMON_SHARE = 0.2  # the same for one in which all machines move together: governors take part
 
@@ -31,7 +36,8 @@ COMMON_SHARE = 0.2  # the same for one in which all machines move together: gove
 class LinearModel(NamedTuple):
     """dx = A x + B u, y = C x + D u, deviations from the start: u the devices' references, y the signals, p.u.
 
-    y is what stands before the signals' washouts.
+    y is what stands before the signals' washouts, and before the filters of PMUs that have one (`filtered`): of a
+    frequency the turning of its voltage on the plant's way, without what a setpoint's jump makes of it.
     """
 
     A: NDArray[np.float64]  # (states, states), 1/s
@@ -39,15 +45,23 @@ class LinearModel(NamedTuple):
     C: NDArray[np.float64]  # (signals, states)
     D: NDArray[np.float64]  # (signals, devices)
     washout: NDArray[np.float64]  # (signals,), time constants, s; 0: none
+    filtered: Filtered | None = None
 
     def response(self, s: complex) -> NDArray[np.complex128]:
         """Transfer function F (C (s I - A)^-1 B + D) at a complex frequency (1/s), shape (signals, devices)."""
         states = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B)
-        return np.asarray(self.washed(s)[:, None] * (self.C @ states + self.D))
+        C, D = (self.C, self.D) if self.filtered is None else (self.filtered.C, self.filtered.D)
+        return np.asarray(self.gain(s)[:, None] * (C @ states + D))
 
-    def washed(self, s: complex) -> NDArray[np.complex128]:
-        """Washouts F = s T / (1 + s T) of all signals at a complex frequency (1/s); 1 where there is none."""
-        return np.where(self.washout > 0.0, s * self.washout / (1.0 + s * self.washout), 1.0 + 0j)
+    @property
+    def seen(self) -> NDArray[np.float64]:
+        """What goes into the filters: C, or of PMUs that have one what they sample."""
+        return self.C if self.filtered is None else self.filtered.C
+
+    def gain(self, s: complex) -> NDArray[np.complex128]:
+        """F of all signals at a complex frequency (1/s): washouts s T / (1 + s T), and filters with their delay."""
+        washed = np.where(self.washout > 0.0, s * self.washout / (1.0 + s * self.washout), 1.0 + 0j)
+        return washed if self.filtered is None else washed * self.filtered.gain(s)
 
 
 class Residue(NamedTuple):
@@ -111,30 +125,49 @@ def linearise(built: Built) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     )
 
 
-def linear_model(built: Built, signals: Mapping[str, Signal], stations: Sequence[str]) -> LinearModel:
-    """The plant at its start from the devices' references to signals of the stations; of the same functions."""
+def linear_model(
+    built: Built,
+    signals: Mapping[str, Signal],
+    stations: Sequence[str],
+    measured: Filter | None = None,
+    frame_rate: int = 1,
+) -> LinearModel:
+    """The plant at its start from the devices' references to signals of the stations; of the same functions.
+
+    `measured`: the filter of its PMUs at a frame rate; none: exact signals.
+    """
     plant, state = built.plant, built.state
     work = workspace(plant, state)
     machines, devices = np.zeros(len(plant.machines), MACHINE_TRUTH), np.zeros(len(plant.devices), DEVICE_TRUTH)
-    weights = np.array([weights_of(signal, stations).ravel() for signal in signals.values()])
-    weights = weights.reshape(len(signals), len(stations) * len(CHANNELS))
+    nominal = plant.omega_0 / (2.0 * np.pi)
+    turning = [i for i, signal in enumerate(signals.values()) if signal.channel in TURNING]
+    weights = np.zeros((len(signals), len(stations), len(CHANNELS)))
+    for i, signal in enumerate(signals.values()):
+        column = ANGLE if i in turning else list(CHANNELS).index(signal.channel)
+        weights[i, :, column] = station_weights(signal, stations, nominal)
 
     def seen(x: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
         frame = np.zeros((len(stations), len(CHANNELS)))
         measure(plant, copy(state)._replace(x=x, reference=reference), 0, frame, machines, devices, work)
-        return product(weights, np.nan_to_num(frame.ravel()))
+        return product(weights.reshape(len(signals), frame.size), np.nan_to_num(frame.ravel()))
 
     A, B = linearise(built)
     C = _central(lambda x: seen(x, state.reference), state.x)
     D = _central(lambda reference: seen(state.x, reference), state.reference)
-    return LinearModel(A, B, C, D, np.array([signal.washout for signal in signals.values()]))
+    sampled_C, sampled_D = C.copy(), D.copy()
+    # Frequency: the angle's derivative; here exactly, which differences of a difference would not be.
+    for i in turning:
+        C[i], D[i] = product(sampled_C[i], A) / (2.0 * np.pi), product(sampled_C[i], B) / (2.0 * np.pi)
+    own = None
+    if measured is not None and measured.delay > 0:
+        own = filtered(measured, [one.channel for one in signals.values()], sampled_C, sampled_D, frame_rate)
+    return LinearModel(A, B, C, D, np.array([signal.washout for signal in signals.values()]), own)
 
 
-def weights_of(signal: Signal, stations: Sequence[str]) -> NDArray[np.float64]:
-    """Weights of a signal over all stations' channels, (stations, channels)."""
+def weights_of(signal: Signal, stations: Sequence[str], nominal: float) -> NDArray[np.float64]:
+    """Weights of a signal over all stations' channels, (stations, channels); `nominal`: frequency, Hz."""
     made = np.zeros((len(stations), len(CHANNELS)))
-    for station, weight in signal.weights.items():
-        made[stations.index(station), list(CHANNELS).index(signal.channel)] = weight
+    made[:, list(CHANNELS).index(signal.channel)] = station_weights(signal, stations, nominal)
     return made
 
 
@@ -159,7 +192,7 @@ def modes(
         v, w = right[:, i], left[:, i].conj()
         one = mode(complex(values[i]), v, w, names, system)
         if model is not None and system is not None and one.label not in ("common", "control"):
-            seen = model.washed(values[i]) * (model.C @ v)
+            seen = model.gain(values[i]) * (model.seen @ v)
             matrix_of_residues = np.outer(seen, w @ model.B) / (w @ v)
             one = one._replace(residues=_residues(matrix_of_residues, list(system.signals), devices))
         found.append(one)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.measurement.filters import Filter
     from facts_damping.parameters.system import System
     from facts_damping.plant.build import Built
 
@@ -76,12 +77,15 @@ class Residues(NamedTuple):
         return complex(self.mode_shape[self.signals.index(signal)] / self.mode_shape[self.signals.index(to)])
 
 
-def residues(built: Built, system: System, devices: Sequence[str], frame_rate: int) -> Residues | None:
+def residues(
+    built: Built, system: System, devices: Sequence[str], frame_rate: int, measured: Filter | None = None
+) -> Residues | None:
     """The residues from the installed devices to a system's signals; none without a swing mode.
 
-    Residues are F (C v)(w B), the swing F (C v), F the washouts (Kundur 1994, 12.3.4).
+    Residues are F (C v)(w B), the swing F (C v), F washouts and the PMUs' filter `measured` (Kundur 1994, 12.3.4).
     """
-    model = linearisation.linear_model(built, system.signals, [s.name for s in system.stations])
+    stations = [s.name for s in system.stations]
+    model = linearisation.linear_model(built, system.signals, stations, measured, frame_rate)
     swings = [
         mode
         for mode in linearisation.modes(model.A, built.state_names, system)
@@ -91,7 +95,7 @@ def residues(built: Built, system: System, devices: Sequence[str], frame_rate: i
         return None
     least = min(swings, key=lambda mode: mode.damping_ratio)
     eigenvalue, v, w = eigenvalue_near(model.A, least.eigenvalue)
-    swing = model.washed(eigenvalue) * product(model.C, v)
+    swing = model.gain(eigenvalue) * product(model.seen, v)
     residue = swing[:, None] * product(w, model.B) / product(w, v)
     known = list(system.signals), list(devices), eigenvalue, residue, swing
     return Residues(*known, frame_rate, model, list(built.state_names), v)

@@ -115,7 +115,9 @@ def closed_loop(case: Case) -> Record:
     built = shared(_plants, f"{events} {system}", lambda: build_plant(case))
     plant = None
     if needs_residues(case):
-        plant = shared(_residues, f"{case.run.frame_rate} {system}", lambda: plant_residues(case))
+        plant = shared(
+            _residues, f"{case.run.frame_rate} {case.measurement.filter} {system}", lambda: plant_residues(case)
+        )
     own = built._replace(state=copy(built.state))
     return loop.finish(case, loop.build_loop(case, plant, own))
 

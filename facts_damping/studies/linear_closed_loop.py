@@ -31,6 +31,7 @@ from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT, to_ns
 from facts_damping.simulation.build import build_control
 from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.lqg import washouts
+from facts_damping.small_signal.sampled_output import remember, samples
 from facts_damping.small_signal.zero_order_hold import held_for, rigid
 
 if TYPE_CHECKING:
@@ -100,7 +101,8 @@ def delayed_loop(case: Case) -> DelayedLoop:
                 "allowed: none (of others a sweep of runs gives the margin)"
             )
     built = build(case.system, case.run.devices, [])
-    model = linearisation.linear_model(built, case.system.signals, [s.name for s in case.system.stations])
+    stations, rate = [s.name for s in case.system.stations], case.run.frame_rate
+    model = linearisation.linear_model(built, case.system.signals, stations, case.filter, rate)
     delays = link_delays(case)
     made, state, *_ = build_control(case)
     controllers, names = [], list(built.state_names)
@@ -138,6 +140,7 @@ def with_delay(case: Case, delay: float) -> Case:
 def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
     """A, B, C, D of controller c: what the bank's own step makes of unit states and a unit signal, before limits."""
     inputs, held = made.inputs, state.held
+    base = inputs.offset[c, 0] / inputs.weight[c, 0].sum() if inputs.offset[c, 0] else 0.0
     devices = int(np.sum(made.device[c] >= 0))
     stations, period = held.entry_ns.shape[1], int(made.period_ns[c])
     washed = [held.washed[c, 0]] if inputs.washout[c, 0] > 0.0 else []
@@ -153,7 +156,7 @@ def _difference_equations(made: Bank, state: BankState, c: int) -> Matrices:
         for part, values in zip(memory, np.split(z, sizes[:-1]), strict=True):
             part[:] = values
         frame["values"] = 0.0
-        frame["values"][:, inputs.channel[c, 0]] = y * weight / (weight @ weight)
+        frame["values"][:, inputs.channel[c, 0]] = base + y * weight / (weight @ weight)
         act(made, state, c, 0, frame, stations, out, 0)
         return np.concatenate([*memory, state.unlimited[c, :devices]])
 
@@ -183,21 +186,28 @@ def _observer(made: Bank, c: int) -> Matrices:
 
 
 def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
-    """The loop from frame to frame with a total delay (s): states of plant and controllers, then setpoints sent.
+    """The loop from frame to frame with a total delay (s): states of plant and controllers, setpoints sent, filters.
 
-    Of each controller these are u(k-1) to u(k-n-1); delays are taken to the nanosecond.
+    Of each controller these are u(k-1) to u(k-n-1); delays are taken to the nanosecond. What filters of PMUs have to
+    remember comes last; their latency counts beside the delay.
     """
     model, period = loop.model, 1.0 / loop.frame_rate
     ways = [divmod(to_ns(delay + c.extra_delay) * loop.frame_rate, NANOSECONDS) for c in loop.controllers]
     sizes = [len(model.A), *(len(c.A) for c in loop.controllers)]
     sizes += [(frames + 1) * len(c.devices) for c, (frames, _) in zip(loop.controllers, ways, strict=True)]
+    used = sorted({signal for c in loop.controllers for signal in c.signals})
+    own = None if model.filtered is None else model.filtered.of(used)
+    sizes.append(0 if own is None else own.frames * len(used))
     plant, *others = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])  # rows that pick each part
     memories, sent = others[: len(loop.controllers)], others[len(loop.controllers) :]
-    seen = model.C @ plant
+    sent, filters = sent[:-1], sent[-1]
+    seen = model.seen @ plant
     for c, buffer in zip(loop.controllers, sent, strict=True):
-        seen += model.D[:, c.devices] @ buffer[-len(c.devices) :]
+        seen += (model.D if model.filtered is None else model.filtered.D)[:, c.devices] @ buffer[-len(c.devices) :]
+    if own is not None:
+        seen[used] = own.taps[:, 0, None] * seen[used] + filters[: len(used)]
     moved, following = held_for(model.A, model.B, period)[0] @ plant, []
-    buffers = []
+    buffers, inputs = [], []
     for c, z, buffer, (frames, rest) in zip(loop.controllers, memories, sent, ways, strict=True):
         y = seen[c.signals]
         given = np.vstack([c.C @ z + c.D @ y, buffer])  # u(k) to u(k-n-1)
@@ -208,16 +218,20 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
         moved = moved + onward @ before[:, c.devices] @ old + after[:, c.devices] @ new
         following.append(c.A @ z + c.B @ y)
         buffers.append(given[: -len(c.devices)])
+        inputs.append((c.devices, old, new, part))
+    if own is not None:
+        buffers.append(remember(own, samples(own, model.A, model.B, plant, inputs), filters))
     return np.vstack([moved, *following, *buffers])
 
 
 def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDArray[np.float64]:
     """The loop in continuous time, 1/s, with a Pade term of an order for each total delay and the hold (s).
 
-    A hold over a frame is taken for half a frame of delay. States are the plant's, then each controller's with those of
-    its term.
+    A hold over a frame is taken for half a frame of delay, a filter of PMUs for its latency. States are the plant's,
+    then each controller's with those of its term.
     """
     model, ways = loop.model, []
+    hold += 0.0 if model.filtered is None else model.filtered.delay
     for c in loop.controllers:
         many = np.eye(len(c.devices))
         A, B, C, D = (np.kron(many, part) for part in pade(delay + c.extra_delay + hold, order))

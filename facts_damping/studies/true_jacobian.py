@@ -58,7 +58,7 @@ class Respondent:
             self._advance(state, k, rows)
         stations = [station.name for station in case.system.stations]
         own = [case.system.signals[name] for name in case.controllers[0].signals]
-        self.weights = np.array([weights_of(signal, stations) for signal in own])
+        self.weights = np.array([weights_of(signal, stations, case.system.frequency) for signal in own])
         self.washout = [signal.washout for signal in own]
         self.devices = [case.run.devices.index(name) for name in case.controllers[0].devices]
 

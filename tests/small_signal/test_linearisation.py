@@ -195,10 +195,10 @@ def test_residue_is_the_eigenvalue_s_slope_by_a_gain_around_the_linear_model(
 ) -> None:
     """u = K y: d lambda / dK = R at K = 0, for each swing mode; with the feed-through u = K (1 - K D)^-1 C x."""
     found = linearised("two_area", devices)
-    A, B, C, D, _ = found.model
+    A, B, C, D, *_ = found.model
     row, column = list(found.system.signals).index(signal), devices.index(device)
     for mode in found.swings:
-        r = value(residue(mode, device, signal)) / found.model.washed(mode.eigenvalue)[row]
+        r = value(residue(mode, device, signal)) / found.model.gain(mode.eigenvalue)[row]
         K = 1e-4 / abs(r)
         ends = [
             eigenvalue(A + np.outer(B[:, column], C[row]) * k / (1 - k * D[row, column]), mode.eigenvalue)
@@ -224,7 +224,7 @@ def test_residue_is_the_eigenvalue_s_slope_by_a_gain_around_the_plant(device: st
 
     mode = interarea(found)
     row = list(found.system.signals).index(signal)
-    r = value(residue(mode, device, signal)) / found.model.washed(mode.eigenvalue)[row]
+    r = value(residue(mode, device, signal)) / found.model.gain(mode.eigenvalue)[row]
     K = 1e-2 / abs(r)
     ends = [
         eigenvalue(jacobian(lambda x, k=k: closed(x, k), built.state.x), mode.eigenvalue)  # type: ignore[misc]

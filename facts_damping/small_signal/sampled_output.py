@@ -1,0 +1,101 @@
+"""The filters of PMUs in the linearised plant: what a signal is made of, sample by sample, and from frame to frame."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.matrices import product
+from facts_damping.measurement.filters import Filter, taps
+from facts_damping.small_signal.zero_order_hold import held_for
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+
+class Filtered(NamedTuple):
+    """Signals as PMUs with a filter report them: y(k) = sum_j g_j (C x + D u) at t_k - j / rate.
+
+    C and D give what is sampled: of a frequency and its rate the voltage's angle, of which `taps` make them.
+    """
+
+    C: NDArray[np.float64]  # (signals, states)
+    D: NDArray[np.float64]  # (signals, devices)
+    taps: NDArray[np.float64]  # (signals, 1 + frames * per_frame)
+    per_frame: int
+    rate: float  # samples/s
+    delay: float  # s, from the instant that a frame tells of until it is there
+
+    @property
+    def frames(self) -> int:
+        """How many frames back samples count."""
+        return int(self.taps.shape[1] - 1) // self.per_frame
+
+    def gain(self, s: complex) -> NDArray[np.complex128]:
+        """Transfer functions sum_j g_j exp(-s j / rate) at a complex frequency (1/s), (signals,)."""
+        powers = np.exp(-s / self.rate * np.arange(self.taps.shape[1]))
+        return np.asarray(self.taps @ powers)
+
+    def of(self, signals: Sequence[int]) -> Filtered:
+        """The same of some signals."""
+        rows = list(signals)
+        return self._replace(C=self.C[rows], D=self.D[rows], taps=self.taps[rows])
+
+
+def filtered(
+    made: Filter, channels: Sequence[str], C: NDArray[np.float64], D: NDArray[np.float64], frame_rate: int
+) -> Filtered:
+    """The filter of a measurement on signals of some channels, of which C and D give what is sampled."""
+    rows = [taps(made, channel, frame_rate) for channel in channels]
+    frames = -(-(max(map(len, rows)) - 1) // made.per_frame)
+    padded = np.zeros((len(rows), 1 + frames * made.per_frame))
+    for row, one in zip(padded, rows, strict=True):
+        row[: len(one)] = one
+    return Filtered(C, D, padded, made.per_frame, float(made.per_frame * frame_rate), made.delay / frame_rate)
+
+
+def samples(
+    own: Filtered,
+    A: NDArray[np.float64],
+    B: NDArray[np.float64],
+    x: NDArray[np.float64],
+    inputs: Sequence[tuple[list[int], NDArray[np.float64], NDArray[np.float64], float]],
+) -> NDArray[np.float64]:
+    """What is sampled in a frame, at t_k + i / rate, (per_frame, signals, columns), as rows of what `x` and inputs are.
+
+    `inputs`: columns of B, the setpoints in force at first, those that follow, and when these take effect (s). What is
+    sampled at that very instant goes with the first.
+    """
+    found = []
+    for i in range(own.per_frame):
+        at = i / own.rate
+        state, seen = product(held_for(A, B, at)[0], x), np.zeros((len(own.C), x.shape[1]))
+        for columns, old, new, switch in inputs:
+            b = B[:, columns]
+            if at <= switch:
+                state = state + product(held_for(A, b, at)[1], old)
+                seen = seen + product(own.D[:, columns], old)
+            else:
+                onward, later = held_for(A, b, at - switch)
+                state = state + product(onward, held_for(A, b, switch)[1], old) + product(later, new)
+                seen = seen + product(own.D[:, columns], new)
+        found.append(product(own.C, state) + seen)
+    return np.array(found)
+
+
+def remember(own: Filtered, sampled: NDArray[np.float64], memory: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What is remembered for the next frames, of a frame's samples: rows of `memory`, (frames * signals, columns).
+
+    The transposed form: w_m(k+1) = w_(m+1)(k) + sum_i g_(m M - i) y(t_k + i / rate), y(k) = g_0 y(t_k) + w_1(k), with M
+    samples a frame.
+    """
+    n, frames = len(own.taps), own.frames
+    kept = memory.reshape(frames, n, -1)
+    following = np.concatenate([kept[1:], np.zeros_like(kept[:1])])
+    for m in range(1, frames + 1):
+        for i in range(own.per_frame):
+            following[m - 1] += own.taps[:, m * own.per_frame - i, None] * sampled[i]
+    return following.reshape(frames * n, -1)
