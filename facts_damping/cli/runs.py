@@ -98,7 +98,7 @@ def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome
 
 
 def label(run: dict[str, Any]) -> str:
-    """A short name of a run: system, scenario, controllers, links."""
+    """A short name of a run: system, scenario, controllers, links, and how it is measured where that is not ideal."""
     links = [run["link"] if c.get("link") is None else c["link"] for c in run["controllers"]] or [run["link"]]
     parts = [
         [run["system"]],
@@ -106,6 +106,8 @@ def label(run: dict[str, Any]) -> str:
         [c["name"] for c in run["controllers"]] or ["none"],
         links if any(c.get("link") is not None for c in run["controllers"]) else links[:1],
     ]
+    if run.get("measurement", "ideal") != "ideal":
+        parts.append([run["measurement"]])
     named = ("+".join(one if isinstance(one, str) else "custom" for one in part) for part in parts)
     return "-".join(named).replace("/", "_")
 

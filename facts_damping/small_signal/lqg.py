@@ -15,7 +15,8 @@ mode where the speed differences, as a vector, swing by one.
    Analysis in Linear Systems, IEEE Trans. Automatic Control 26(1), 1981; the division by the sign of a matrix:
    P. Benner, E. S. Quintana-Orti, G. Quintana-Orti, State-Space Truncation Methods for Parallel Model Reduction of
    Large-Scale Systems, Parallel Computing 29(11-12), 2003).
-3. It is sampled with hold, washouts by the bilinear transform as controllers have them, and Riccati's equations are
+3. Where PMUs have a filter, the states are those of its samples, too (`sampled_output`).
+4. It is sampled with hold, washouts by the bilinear transform as controllers have them, and Riccati's equations are
    solved for regulator and Kalman filter (G. F. Franklin, J. D. Powell, M. Workman, Digital Control of Dynamic Systems,
    3rd ed. 1998, 9). With loop_delay = (f + part) T the regulator acts on the state as it will be f frames on, which
    the setpoints on their way have settled: the optimum of the plant with its delay.
@@ -32,6 +33,7 @@ from facts_damping.control.state_space import StateSpace
 from facts_damping.errors import InputError
 from facts_damping.matrices import lyapunov, product, riccati, sign, singular, solve
 from facts_damping.signals import NANOSECONDS, to_ns
+from facts_damping.small_signal.sampled_output import remember, samples
 from facts_damping.small_signal.zero_order_hold import held_for, rigid
 
 if TYPE_CHECKING:
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.system import System
     from facts_damping.small_signal.residues import Residues
+    from facts_damping.small_signal.sampled_output import Filtered
 
 DECAYS = 1e-2  # 1/s: what decays more slowly, or grows, is not truncated
 DRIFTS = 1e-3  # 1/s: a mode as slow as this stands still
@@ -74,16 +77,20 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
     size = np.abs(plant.mode_shape[rows]) / np.sqrt((np.abs(product(whole.Z, plant.shape)) ** 2).sum())
     _check(plant, system, controller, size, here)
     limits = np.array([system.device(name).v_max for name in controller.devices])
-    small = reduced(whole, plant.names, limits, size)
+    filters = None if plant.model.filtered is None else plant.model.filtered.of(rows)
+    swing = size if filters is None else np.abs(product(filters.C, plant.shape)) * size / np.abs(plant.mode_shape[rows])
+    small = reduced(whole, plant.names, limits, swing)
     if np.abs(np.linalg.eigvals(small.A)).min() < DRIFTS:
         raise InputError(
             f"{here}.signals: {', '.join(controller.signals)} given, which see a motion that nothing brings back "
             "(all speeds raised alike); allowed: for LQG differences of speeds, or signals with a washout"
         )
-    step = sampled(small, plant.frame_rate, controller.number("loop_delay"))
+    filters = None if filters is None else filters._replace(C=small.C, D=small.D)
+    latency = 0.0 if filters is None else filters.delay  # its samples are within the model
+    step = sampled(small, plant.frame_rate, max(0.0, controller.number("loop_delay") - latency))
     weight, noise = controller.number("control_weight"), np.array(controller.parameters["measurement_noise"]) * size
     try:
-        return optimal(small, step, plant.model.washout[rows], 1.0 / plant.frame_rate, limits, weight, noise)
+        return optimal(small, step, filters, plant.model.washout[rows], 1.0 / plant.frame_rate, limits, weight, noise)
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"{here}: LQG given, but Riccati's equations have no solution: a mode that does not decay is not seen "
@@ -96,10 +103,10 @@ def _check(plant: Residues, system: System, controller: Controller, size: NDArra
     """Signals come back to zero at rest, and swing."""
     for i, (name, swing) in enumerate(zip(controller.signals, size, strict=True)):
         signal = system.signals[name]
-        if signal.channel != "speed_deviation" and signal.washout == 0.0:
+        if signal.channel not in ("speed_deviation", "frequency") and signal.washout == 0.0:
             raise InputError(
                 f"{here}.signals.{i}: '{name}' given, which does not come back to zero at rest; "
-                "allowed: for LQG speed deviations, or signals with a washout"
+                "allowed: for LQG speed deviations, frequencies, or signals with a washout"
             )
         if not swing > STILL:
             raise InputError(
@@ -109,7 +116,7 @@ def _check(plant: Residues, system: System, controller: Controller, size: NDArra
 
 
 def model(plant: Residues, system: System, controller: Controller) -> DesignModel:
-    """The linearised plant as a controller meets it; signals before their washouts."""
+    """The linearised plant as a controller meets it; signals before washouts and filters."""
     rows = [plant.signals.index(name) for name in controller.signals]
     columns = [plant.devices.index(name) for name in controller.devices]
     machine = {station.name: station.machine for station in system.stations}
@@ -121,7 +128,8 @@ def model(plant: Residues, system: System, controller: Controller) -> DesignMode
         for station, weight in weights.items():
             Z[i, plant.names.index(f"{machine[station]}.omega")] += weight
     own = plant.model
-    return DesignModel(own.A, own.B[:, columns], G, own.C[rows], own.D[np.ix_(rows, columns)], Z)
+    C, D = (own.C, own.D) if own.filtered is None else (own.filtered.C, own.filtered.D)
+    return DesignModel(own.A, own.B[:, columns], G, C[rows], D[np.ix_(rows, columns)], Z)
 
 
 def reduced(
@@ -171,6 +179,7 @@ class SampledModel(NamedTuple):
     new: NDArray[np.float64]  # (states, devices)
     torque: NDArray[np.float64]  # (states, machines)
     f: int
+    part: float  # s, from a frame on, until u(k-f) is in force
 
 
 def sampled(small: DesignModel, frame_rate: int, loop_delay: float) -> SampledModel:
@@ -180,37 +189,44 @@ def sampled(small: DesignModel, frame_rate: int, loop_delay: float) -> SampledMo
     part = rest / NANOSECONDS * period
     onward, new = held_for(small.A, small.B, period - part)
     Phi, both = held_for(small.A, np.hstack([small.B, small.G]), period)
-    return SampledModel(Phi, product(onward, held_for(small.A, small.B, part)[1]), new, both[:, devices:], f)
+    return SampledModel(Phi, product(onward, held_for(small.A, small.B, part)[1]), new, both[:, devices:], f, part)
 
 
 def optimal(
     small: DesignModel,
     step: SampledModel,
+    filters: Filtered | None,
     washout: NDArray[np.float64],
     period: float,
     limits: NDArray[np.float64],
     control_weight: float,
     measurement_noise: NDArray[np.float64],
 ) -> StateSpace:
-    """Regulator and filter; states are the model's, those of the washouts, then setpoints u(k-1) to u(k-f-1).
+    """Regulator and filter; states are the model's, those of washouts, of PMUs' filters, then u(k-1) to u(k-f-1).
 
     `washout`, s, and `measurement_noise`, standard deviation, of each signal; `control_weight`, of a setpoint at its
     limit, p.u.^2.
     """
     through, pole, pick = washouts(washout, period)
-    own, devices = len(step.Phi) + len(pole), len(limits)
-    ends = np.cumsum([len(step.Phi), len(pole), *[devices] * (step.f + 1)])
-    x, faded, *sent = np.split(np.eye(ends[-1] + devices), ends)  # rows that pick each part
+    devices, memory = len(limits), 0 if filters is None else filters.frames * len(washout)
+    own = len(step.Phi) + len(pole) + memory
+    ends = np.cumsum([len(step.Phi), len(pole), memory, *[devices] * (step.f + 1)])
+    x, faded, kept, *sent = np.split(np.eye(ends[-1] + devices), ends)  # rows that pick each part
     sent = [sent[-1], *sent[:-1]]  # u(k) to u(k-f-1)
-    raw = product(small.C, x) + product(small.D, sent[-1])
+    raw, remembered = product(small.C, x) + product(small.D, sent[-1]), kept
+    if filters is not None:
+        raw = filters.taps[:, 0, None] * raw + kept[: len(washout)]
+        inputs = [(list(range(devices)), sent[-1], sent[step.f], step.part)]
+        remembered = remember(filters, samples(filters, small.A, small.B, x, inputs), kept)
     y = product(through, raw - product(pick.T, faded))
     moved = product(step.Phi, x) + product(step.old, sent[-1]) + product(step.new, sent[step.f])
-    after = np.vstack([moved, product(pole, faded) + product(np.eye(len(pole)) - pole, pick, raw), *sent[:-1]])
+    washed = product(pole, faded) + product(np.eye(len(pole)) - pole, pick, raw)
+    after = np.vstack([moved, washed, remembered, *sent[:-1]])
     ahead = x  # as it will be f frames on
     for i in range(step.f, 0, -1):
         ahead = product(step.Phi, ahead) + product(step.old, sent[i + 1]) + product(step.new, sent[i])
 
-    torque = np.vstack([step.torque, np.zeros((len(pole), step.torque.shape[1]))])
+    torque = np.vstack([step.torque, np.zeros((own - len(step.torque), step.torque.shape[1]))])
     M = np.zeros((ends[-1], len(measurement_noise)))
     rest = solve(np.eye(own) - after[:own, :own], torque)  # by a step of each torque
     M[:own] = _filter(after[:own, :own], rest, y[:, :own], measurement_noise)

@@ -159,7 +159,7 @@ def test_the_regulator_is_riccatis_of_the_plant_with_its_delay(which: str, lag: 
     small, limits = reduced_of(case), np.array([0.1] * len(case.controllers[0].devices))
     step = sampled(small, 60, lag)
     washout, noise = np.zeros(len(small.C)), np.ones(len(small.C))
-    own = optimal(small, step, washout, 1 / 60, limits, 1e-6, noise)
+    own = optimal(small, step, None, washout, 1 / 60, limits, 1e-6, noise)
     Q = np.zeros((len(own.A), len(own.A)))
     Q[: len(small.A), : len(small.A)] = small.Z.T @ small.Z
     K, *_ = dlqr(own.A, own.B, Q, np.diag(1e-6 / limits**2), method="scipy")
@@ -176,7 +176,7 @@ def test_no_other_gains_cost_less(which: str, lag: float) -> None:
     small, limits = reduced_of(case), np.array([0.1] * len(controller.devices))
     washout = plant.model.washout[[plant.signals.index(name) for name in controller.signals]]
     noise = 0.1 * np.abs([plant.ratio(name, controller.signals[0]) for name in controller.signals])
-    own = optimal(small, sampled(small, 60, lag), washout, 1 / 60, limits, 1e-5, noise)
+    own = optimal(small, sampled(small, 60, lag), None, washout, 1 / 60, limits, 1e-5, noise)
     torque = np.zeros((len(own.A), small.G.shape[1]))  # a jump away from where each step leads
     jump = np.linalg.solve(small.A, small.G)
     torque[: len(jump)] = jump
