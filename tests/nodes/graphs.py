@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 ARRAYS = (
-    *("time_ns", "frames", "delivered", "issued", "applied"),
+    *("time_ns", "frames", "measured_ns", "status", "delivered", "issued", "applied"),
     *("machines", "devices", "in_synchronism", "estimates", "learning"),
 )
 PATIENCE_S = 60.0

@@ -68,6 +68,20 @@ PLANTS = {
         "system.devices=" + json.dumps([{**SVC, "name": "a", "bus": "B8"}, {**SVC, "name": "b", "bus": "B9", "K": 10}]),
         "controllers=" + json.dumps([{"name": "LLC", "signals": ["w13"], "devices": ["a"]}]),
     ],
+    "PMUs of class M, noise, wrong clocks and data": [
+        *("scenario=large", "duration=8", "measurement=m_class", "measurement.quantisation=int16", "link=pdci"),
+        "controllers=" + json.dumps([{"name": "HBsWC", "signals": ["frequency"]}]),
+        "measurement.stations={G1: {clock: {offset: 2.0e-5, lost: 2.0, drift: 1.0e-5}}, G2: {noise: {angle: 0.002}}}",
+        "measurement.bad_data="
+        + json.dumps(
+            [
+                {"kind": "stuck", "stations": ["G4"], "start": 3.0, "duration": 0.5},
+                {"kind": "spike", "stations": ["G1", "TIE"], "probability": 0.05},
+                {"kind": "invalid", "stations": ["G3"], "start": 5.0, "duration": 0.2},
+                {"kind": "wrong_sign", "stations": ["TIE"], "start": 6.0},
+            ]
+        ),
+    ],
     "stabilisers and governors": [
         *("devices=[statcom]", "controllers=[]", "scenario=multiple", "link=delay_100ms"),
         *(f"system.{table}.{g}.enabled=true" for table in ("stabilisers", "governors") for g in range(4)),

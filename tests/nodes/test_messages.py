@@ -99,7 +99,7 @@ def refusal(message: Any, data: bytes) -> str:
 def test_a_message_with_unknown_names_is_refused(case: Case) -> None:
     rows = np.zeros(3, DELIVERY)
     rows["station"] = [0, 1, 2]
-    rows["values"] = np.arange(15.0).reshape(3, 5)
+    rows["values"] = np.arange(3.0 * len(CHANNELS)).reshape(3, -1)
     frames, setpoints = FramesMessage(case), SetpointsMessage(case)
     message = deserialize_message(frames.fill(5, start_ns(5), rows, 3), msg.PmuDataFrame)
     message.frames[1].station = "ELSEWHERE"

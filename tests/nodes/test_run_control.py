@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 SETS = [
     *("scenario=large", "duration=12", "watchdog={good: 3}", "link=delay_100ms"),
-    *("controllers.0.name=HBsWC", "controllers.0.scheme=indirect"),
+    *("controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "controllers.0.signals=[frequency]"),
+    "measurement=p_class",
 ]
 
 
@@ -72,6 +73,8 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     assert apply("plant_sim", "{kind: load_step, load: load_1, change: 0.05}")
     assert set_to("wan_link", "up.0.delay", 0.03)
     assert not set_to("wan_link", "up.0.start", 1.0)
+    assert set_to("plant_sim", "noise.angle", 0.002)
+    assert not set_to("plant_sim", "noise.angle", -1.0)
     step(60)
     delays = "{model: uniform, low: 0.01, high: 0.05}"
     assert apply("wan_link", f"{{up: [{delays}, {{model: duplicate, probability: 0.2}}], down: [{{delay: 0.5}}]}}")
@@ -94,6 +97,7 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     assert sorted(kinds) == sorted(
         [
             *(("plant", kind, "") for kind in ("pause", "step", "event", "step", "step", "reset", "event", "resume")),
+            ("plant", "parameter", "noise.angle"),
             ("controller", "parameter", "leakage"),
             ("identifier", "parameter", "identifier_eta"),
             ("link", "parameter", "up.0.delay"),
