@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.validation import devices, small_signal, start, time_domain
+from facts_damping.validation import devices, pmus, small_signal, start, time_domain
 from facts_damping.validation.table import markdown
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "ringdown": small_signal.ringdown,
     "converters": devices.converters,
     "balance": devices.balance,
+    "pmus": pmus.standard,
     "time-domain": time_domain.andes,
     "step": time_domain.steps,
 }
