@@ -13,6 +13,7 @@ from facts_damping.parameters.run import Run
 from facts_damping.parameters.validation import check, origin
 
 if TYPE_CHECKING:
+    from facts_damping.parameters.measurement import Measurement
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.system import System
 
@@ -56,6 +57,14 @@ def read_link(given: str | dict[str, Any], field: str, source: str, sets: dict[s
         path = find("links", given)
         return with_traces(check(Link, read_table(path), str(path)), str(path))
     return with_traces(check(Link, given, source, sets, field), origin(field, source, sets))
+
+
+def beside(link: Link, measurement: Measurement) -> Link:
+    """A link beside PMUs that have a filter: without its constant stages `pmu`, which stand for one."""
+    if measurement.filter == "ideal":
+        return link
+    up = [stage for stage in link.up if not (stage.stage == "pmu" and stage.model == "constant")]
+    return link.model_copy(update={"up": up})
 
 
 def with_number(link: Link, path: str, value: float) -> tuple[str, int, Link]:

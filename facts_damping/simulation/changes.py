@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.case.links import read_link, with_number
+from facts_damping.case.links import beside, read_link, with_number
 from facts_damping.case.loading import make_case
 from facts_damping.case.measurement import with_number as with_measured
 from facts_damping.control.bank import put
@@ -68,7 +68,7 @@ def with_link(case: Case, index: int, given: Any) -> Case:
     content = case.document()
     (content if own is None else content["controllers"][own])["link"] = link.model_dump()
     make_case(content, SOURCE)
-    return with_links(case, index, link)
+    return with_links(case, index, beside(link, case.measurement))
 
 
 def with_links(case: Case, index: int, link: Link) -> Case:

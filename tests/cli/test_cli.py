@@ -188,7 +188,7 @@ def test_modes_with_both_devices_gives_the_promised_fields_and_pictures(tmp_path
     swings = [mode for mode in result["modes"] if mode["residues"]]
     assert [mode["label"] for mode in swings] == ["interarea", "local", "local"]
     washed = ["power", "power_rate", "voltage", "angle", "angle_rate"]
-    signals = ["w12", "w34", "w13", "speed", *washed]
+    signals = ["w12", "w34", "w13", "speed", "frequency", "f12", "f34", "f13", *washed]
     channels = [(device, signal) for device in ("sssc", "statcom") for signal in signals]
     for mode in swings:
         assert [(r["device"], r["signal"]) for r in mode["residues"]] == channels
