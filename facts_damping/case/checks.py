@@ -45,6 +45,8 @@ def check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
         check_known(origin(f"devices.{i}", source, sets), device, [d.name for d in system.devices])
         if device in run.devices[:i]:
             raise InputError(f"{origin(f'devices.{i}', source, sets)}: '{device}' given twice; allowed: each once")
+    for name in run.load_noise.loads if run.load_noise else ():
+        check_known(origin(f"load_noise.loads.{name}", source, sets), name, [load.name for load in system.loads])
     _check_channels(case, source, sets)
     check_measurement(case, source, sets)
     commanded: set[str] = set()

@@ -74,7 +74,7 @@ def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str
 def _open_name(content: dict[str, Any], key: str) -> None:
     """Where a `--set` goes below a name (FOLDERS), put the named file's content in its place.
 
-    Below a watchdog that is off it is switched on.
+    Below a watchdog or a noise of loads that is off it is switched on.
     """
     top, _, below = key.partition(".")
     if not below:
@@ -82,7 +82,7 @@ def _open_name(content: dict[str, Any], key: str) -> None:
     if top == "controllers":
         content.setdefault(top, [{}])
         open_own(content, below)
-    if top == "watchdog" and content.get(top) in ("off", False, None):
+    if top in ("watchdog", "load_noise") and content.get(top) in ("off", False, None):
         content[top] = {}
     if top not in FOLDERS:
         return

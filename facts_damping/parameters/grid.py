@@ -67,9 +67,9 @@ CONSTANT_IMPEDANCE = Shares(impedance=1.0)
 
 
 class Load(ParameterModel):
-    """A load: what it draws at a reference voltage V0, and how that depends on the voltage (ZIP model).
+    """A load: what it draws at a reference voltage V0, and how that depends on voltage (ZIP model) and frequency.
 
-    P(V) = P [z (V/V0)^2 + i V/V0 + p], the same for Q with its own shares.
+    P(V) = P [z (V/V0)^2 + i V/V0 + p] (1 + kpf df), the same for Q with its own shares and kqf (Kundur 1994, 7.1.1).
     """
 
     name: Name
@@ -84,6 +84,9 @@ class Load(ParameterModel):
     V_min: float = quantity(
         0.7, "p.u. of V0", "voltage below which the shares of current and power become an impedance", gt=0, le=1
     )
+    kpf: float = quantity(0.0, "p.u./p.u.", "active power per deviation of the bus's frequency", ge=-20, le=20)
+    kqf: float = quantity(0.0, "p.u./p.u.", "reactive power per deviation of the bus's frequency", ge=-20, le=20)
+    T_f: float = quantity(0.02, "s", "time constant of the lag and of the washout that give it", ge=0.01, le=10)
 
 
 class Shunt(ParameterModel):

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.parameters.load_noise import LoadNoise
 from facts_damping.parameters.security import Security
 from facts_damping.parameters.watchdog import Watchdog
 
@@ -183,12 +184,13 @@ class Run(ParameterModel):
     )
     watchdog: Watchdog | None = Field(Watchdog(), description="of every device; `off`: none")
     security: Security | None = Field(None, description="of the messages of its graph; none: not signed")
+    load_noise: LoadNoise | None = Field(None, description="random noise of all loads; `off`: none")
     frame_rate: int = quantity(60, "frames/s", "PMU frames per second", ge=1, le=1000)
     duration: float | None = quantity(None, "s", "simulated time; none: the scenario's", gt=0, le=1e5)
     seed: int = quantity(0, "-", "seed of all randomness", ge=0, le=2**31 - 1)
     asked: dict[str, Any] | None = Field(None, description="in stored runs: the run as the user wrote it, by names")
 
-    @field_validator("watchdog", mode="before")
+    @field_validator("watchdog", "load_noise", mode="before")
     @classmethod
-    def _watchdog_off(cls, value: Any) -> Any:
+    def _off(cls, value: Any) -> Any:
         return None if value == "off" or value is False else value

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from facts_damping.parameters.devices import Series
-from facts_damping.plant import devices, excitation, governor, load, machine, stabiliser
+from facts_damping.plant import devices, excitation, governor, load, load_noise, machine, stabiliser
 from facts_damping.plant.events import Stage, stages
 from facts_damping.plant.model import DEVICE, LOAD, PORT, SALIENT, Plant, PlantState, Site
 from facts_damping.plant.power_flow import PowerFlow, solve
@@ -17,10 +18,11 @@ from facts_damping.plant.watchdog import watching
 from facts_damping.signals import to_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from facts_damping.parameters.grid import Load
     from facts_damping.parameters.run import Event
     from facts_damping.parameters.system import Device, System
 
@@ -35,11 +37,16 @@ class Built(NamedTuple):
 
 
 def build(
-    system: System, installed: Sequence[str], listed: Sequence[Event], watchdog: NDArray[Any] | None = None
+    system: System,
+    installed: Sequence[str],
+    listed: Sequence[Event],
+    watchdog: NDArray[Any] | None = None,
+    noise: Mapping[str, NDArray[np.float64]] | None = None,
 ) -> Built:
     """Power flow, steady state of machines, controls and devices, and the reduced network of every stage.
 
-    `watchdog`: the devices', a row of WATCHDOG; none: off.
+    `watchdog`: the devices', a row of WATCHDOG; none: off. `noise`: of loads by their names, as `load_noise.draw` gives
+    it.
     Raises `InputError` for a power flow that does not converge, limits that do not admit the start, or an
     event that cannot happen.
     """
@@ -55,10 +62,9 @@ def build(
             rotating.rows[g]["column"] = len(system.machines) + len(system.infinite_buses) + port
             rotating.rows[g]["salient"] = 1.0
     magnitude = {name: float(abs(v)) for name, v in zip(flow.names, flow.voltage, strict=True)}
-    loads = [x for x in system.loads if not load.is_impedance(x)]
-    for i, x in enumerate(loads):
-        ports.add(LOAD, i, Place(x.bus))
-    load_rows = [load.row(x, system.base_power, 1.0 if x.at == "nominal" else magnitude[x.bus]) for x in loads]
+    drawn = noise or {}
+    loads = [x for x in system.loads if not load.is_impedance(x) or x.name in drawn]
+    load_rows = _loads(system, loads, flow, magnitude, states, ports)
     placed = _devices(system, [system.device(name) for name in installed], flow, magnitude, states, ports)
     if watchdog is not None:
         placed["watchdog"] = watchdog
@@ -71,7 +77,7 @@ def build(
         exciters=rotating.exciters,
         stabilisers=rotating.stabilisers,
         governors=rotating.governors,
-        loads=np.array(load_rows, load.LOAD),
+        loads=load_rows,
         ports=np.array(ports.rows, PORT),
         devices=placed,
         infinite=np.array([flow.voltage[flow.names.index(i.bus)] for i in system.infinite_buses], np.complex128),
@@ -79,6 +85,7 @@ def build(
         mechanical_power=np.array([_mechanical_power(system, rotating.power, s) for s in steps]),
         online=np.array([[float(m.name not in s.topology.machines_out) for m in system.machines] for s in steps]),
         load_scale=np.array([[s.topology.load_scale.get(x.name, 1.0) for x in loads] for s in steps]),
+        load_noise=load_noise.table(drawn, loads),
         network=np.array([reduce_network(system, ports.places, norton, s.topology, magnitude) for s in steps]),
         station_machine=np.array(stations),
     )
@@ -156,6 +163,25 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
         if m.name in governors:
             states.add(m.name, governor.STATE_NAMES, governor.start(governors[m.name], start.power))
     return made
+
+
+def _loads(
+    system: System,
+    loads: Sequence[Load],
+    flow: PowerFlow,
+    magnitude: dict[str, float],
+    states: _States,
+    ports: _Ports,
+) -> NDArray[Any]:
+    """Loads that are more than impedances; those that depend on the frequency at rest, too."""
+    rows = []
+    for i, x in enumerate(loads):
+        voltage = 1.0 if x.at == "nominal" else magnitude[x.bus]
+        rows.append(load.row(x, system.base_power, voltage, ports.add(LOAD, i, Place(x.bus)), states.offset))
+        if load.depends_on_frequency(x):
+            angle = cmath.phase(flow.voltage[flow.names.index(x.bus)])
+            states.add(x.name, load.STATE_NAMES, [angle, angle])
+    return np.array(rows, load.LOAD)
 
 
 def _devices(

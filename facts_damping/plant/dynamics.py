@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import inlined
-from facts_damping.plant import devices, excitation, governor, stabiliser
+from facts_damping.plant import devices, excitation, governor, load, stabiliser
 from facts_damping.plant.ports import solve_ports
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def derivatives(
     dx: NDArray[np.float64],
     work: Work,
 ) -> None:
-    """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, devices; solves into `source`.
+    """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, loads, devices; solves into `source`.
 
     ddelta = omega_0 omega; 2 H domega = Pm - Pe - D omega.
     """
@@ -144,6 +144,9 @@ def derivatives(
         excitation.derivatives(plant.exciters[g], x, size, added, efd, dx)
         stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
         governor.derivatives(plant.governors[g], x, asked, omega, dx)
+    for i in range(plant.loads.size):
+        if plant.loads[i].offset >= 0:
+            load.derivatives(plant.loads[i], x, work.response[plant.loads[i].port], dx)
     for i in range(plant.devices.size):
         d = plant.devices[i]
         if work.blocked[d.port]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, inner
 from facts_damping.plant.dynamics import derivatives
+from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import begin_stage
 from facts_damping.plant.watchdog import NEVER, accepts, due_ns, release
 
@@ -21,8 +22,12 @@ if TYPE_CHECKING:
 
 
 @inner
-def _runge_kutta(plant: Plant, state: PlantState, ramp: NDArray[np.float64], stage: int, h: float, work: Work) -> None:
+def _runge_kutta(
+    plant: Plant, state: PlantState, ramp: NDArray[np.float64], stage: int, elapsed: float, h: float, work: Work
+) -> None:
     """One classical fourth-order Runge-Kutta step of `h` seconds; references move by `ramp` p.u./s.
+
+    It begins `elapsed` seconds after this part of the loads' noise.
 
     `derivatives` stands at one place, so that it can be written into it: a call would copy the plant's arrays.
     """
@@ -34,12 +39,14 @@ def _runge_kutta(plant: Plant, state: PlantState, ramp: NDArray[np.float64], sta
                 trial[i] = x[i]
             for d in range(reference.size):
                 reference[d] = state.reference[d]
+            move_noise(plant, work, elapsed)
         else:
             share = h if part == 3 else 0.5 * h
             for i in range(x.size):
                 trial[i] = x[i] + share * k[part - 1, i]
             for d in range(reference.size):
                 reference[d] = state.reference[d] + share * ramp[d]
+            move_noise(plant, work, elapsed + share)
         derivatives(plant, trial, reference, state.source, stage, k[part], work)
     for i in range(x.size):
         x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
@@ -122,8 +129,8 @@ def advance(
 ) -> None:
     """Advance the plant in place from `start_ns` to `end_ns` under `count` setpoints, ordered by time.
 
-    Setpoints, events and the ends of reference ramps split the interval exactly; each part is divided
-    into equal steps of at most `plant.step_ns`. Each device's watchdog decides which setpoints act, and when it is
+    Setpoints, events, points of the loads' noise and the ends of reference ramps split the interval exactly; each part
+    is divided into equal steps of at most `plant.step_ns`. Each device's watchdog decides which setpoints act, and when it is
     released.
     """
     now, following = start_ns, 0
@@ -136,10 +143,10 @@ def advance(
             end = min(end, setpoints[following].effective_ns)
         if stage + 1 < plant.stage_start_ns.size:
             end = min(end, plant.stage_start_ns[stage + 1])
-        end = _ramp(plant, state, ramp, end, now)
+        end = begin_noise(plant, work, now, _ramp(plant, state, ramp, end, now))
         steps = (end - now + plant.step_ns - 1) // plant.step_ns
         h = (end - now) * 1e-9 / steps
-        for _ in range(steps):
-            _runge_kutta(plant, state, ramp, stage, h, work)
+        for n in range(steps):
+            _runge_kutta(plant, state, ramp, stage, n * h, h, work)
             _move_reference(state, ramp, h)
         now = end

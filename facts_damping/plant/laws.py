@@ -47,7 +47,12 @@ def characteristic(
     port = plant.ports[p]
     if port.kind == DEVICE:
         return devices.characteristic(plant.devices[port.row], x, reference[port.row], size)
-    value, slope = load.characteristic(plant.loads[port.row], size, work.low[p])
+    d = plant.loads[port.row]
+    active, reactive = 1.0 + work.noise[port.row, 0], 1.0 + work.noise[port.row, 1]
+    if d.offset >= 0:
+        deviation = load.frequency(d, x, plant.omega_0)
+        active, reactive = active * (1.0 + d.kpf * deviation), reactive * (1.0 + d.kqf * deviation)
+    value, slope = load.characteristic(d, size, work.low[p], active, reactive)
     scale = plant.load_scale[stage, port.row]
     return value * scale, slope * scale
 

@@ -1,11 +1,12 @@
-"""Loads whose power depends on their voltage (ZIP model); compiled.
+"""Loads whose power depends on their voltage (ZIP model) and frequency, or is noisy; compiled.
 
-The network holds every load as the impedance that it is at its reference voltage V0. A load with shares of
-constant current or power injects beside it what makes up the difference.
+The network holds every load as the impedance that it is at its reference voltage V0. A load that is more than that
+injects beside it what makes up the difference.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,20 +26,35 @@ LOAD = np.dtype(
         ("Q_current", "f8"),
         ("Q_power", "f8"),
         ("V_min", "f8"),  # p.u. of V0
+        ("port", "i8"),
+        ("offset", "i8"),  # of its states in the plant's; -1: it does not depend on the frequency
+        ("kpf", "f8"),
+        ("kqf", "f8"),
+        ("T_f", "f8"),  # s
     ]
 )
+STATE_NAMES = ["theta", "theta_w"]  # angles of the bus voltage that run after it (rad)
+LEAST = 0.05  # p.u., voltage below which its angle tells nothing
+TURN = 2.0 * math.pi
 
 
-def row(load: Load, base_power: float, reference_voltage: float) -> Any:
-    """A row of LOAD."""
+def row(load: Load, base_power: float, reference_voltage: float, port: int, offset: int) -> Any:
+    """A row of LOAD; `offset`: of its states, where it depends on the frequency."""
     p, q = load.P_shares, load.Q_shares
     power = load.P / base_power, load.Q / base_power
-    return (*power, reference_voltage, p.current, p.power, q.current, q.power, load.V_min)
+    shares = p.current, p.power, q.current, q.power
+    own = port, offset if depends_on_frequency(load) else -1, load.kpf, load.kqf, load.T_f
+    return (*power, reference_voltage, *shares, load.V_min, *own)
 
 
 def is_impedance(load: Load) -> bool:
     """Whether a load is one of constant impedance alone."""
-    return load.P_shares.impedance == load.Q_shares.impedance == 1.0
+    return load.P_shares.impedance == load.Q_shares.impedance == 1.0 and not depends_on_frequency(load)
+
+
+def depends_on_frequency(load: Load) -> bool:
+    """Whether a load depends on the frequency."""
+    return load.kpf != 0.0 or load.kqf != 0.0
 
 
 @compiled
@@ -55,14 +71,43 @@ def excess(r: float, current: float, power: float, v_min: float, low: bool) -> t
 
 
 @compiled
-def characteristic(d: Any, magnitude: float, low: bool) -> tuple[complex, complex]:
+def frequency(d: Any, x: NDArray[np.float64], omega_0: float) -> float:
+    """Deviation of the frequency at a load's bus, p.u.: (theta - theta_w) / (T_f omega_0)."""
+    return (x[d.offset] - x[d.offset + 1]) / (d.T_f * omega_0)  # type: ignore[no-any-return]
+
+
+@compiled
+def derivatives(d: Any, x: NDArray[np.float64], voltage: complex, dx: NDArray[np.float64]) -> None:
+    """Write the derivatives of a load's angles, rad/s: T_f dtheta = arg V - theta, T_f dtheta_w = theta - theta_w.
+
+    So `frequency` is s arg V / (1 + s T_f)^2, a lag and a washout, as of BusFreq of ANDES. Where there is next to no
+    voltage they stand still.
+    """
+    o = d.offset
+    if not abs(voltage) > LEAST:
+        dx[o] = dx[o + 1] = 0.0
+        return
+    ahead = math.atan2(voltage.imag, voltage.real) - x[o]
+    dx[o] = (ahead - TURN * math.floor(ahead / TURN + 0.5)) / d.T_f
+    dx[o + 1] = (x[o] - x[o + 1]) / d.T_f
+
+
+@compiled
+def characteristic(
+    d: Any, magnitude: float, low: bool, active_factor: float, reactive_factor: float
+) -> tuple[complex, complex]:
     """Current injected beside the impedance over the direction of the bus voltage, and its derivative by |V|, p.u.
 
-    -conj(dS) / |V| with dS the power drawn beyond the impedance.
+    -conj(dS) / |V| with dS the power drawn beyond the impedance: with the power at a voltage m times as large, m times
+    what it is beyond the impedance, and (m - 1) r^2 more.
     """
     r = magnitude / d.V0
     active, active_slope = excess(r, d.P_current, d.P_power, d.V_min, low)
     reactive, reactive_slope = excess(r, d.Q_current, d.Q_power, d.V_min, low)
+    more, more_reactive = active_factor - 1.0, reactive_factor - 1.0
+    active, active_slope = active_factor * active + more * r * r, active_factor * active_slope + 2.0 * more * r
+    reactive = reactive_factor * reactive + more_reactive * r * r
+    reactive_slope = reactive_factor * reactive_slope + 2.0 * more_reactive * r
     drawn = complex(d.P * active, -d.Q * reactive)
     slope = complex(d.P * active_slope, -d.Q * reactive_slope) / d.V0
     return -drawn / magnitude, (drawn / magnitude - slope) / magnitude

@@ -10,6 +10,7 @@ from facts_damping.compiling import compiled, inner
 from facts_damping.plant import devices as facts
 from facts_damping.plant import excitation, governor, stabiliser
 from facts_damping.plant.dynamics import derivatives, row_times, solve_network, stator
+from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import begin_stage
 
 if TYPE_CHECKING:
@@ -87,6 +88,7 @@ def _phasors(plant: Plant, stage: int, inputs: NDArray[np.complex128], phasors: 
 def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
     """Voltage and current of each station at an instant, into `work.phasors`."""
     stage = begin_stage(plant, state, time_ns)
+    begin_noise(plant, work, time_ns, time_ns)
     solve_network(plant, state.x, state.reference, state.source, stage, work)
     _phasors(plant, stage, work.inputs, work.phasors)
 
@@ -100,6 +102,7 @@ def _a_moment_later(plant: Plant, state: PlantState, stage: int, work: Work) -> 
     derivatives(plant, state.x, state.reference, work.source, stage, dx, work)
     for i in range(dx.size):
         trial[i] = state.x[i] + MOMENT * dx[i]
+    move_noise(plant, work, MOMENT)
     solve_network(plant, trial, state.reference, work.source, stage, work)
 
 
@@ -121,6 +124,7 @@ def measure(
     """
     stage = begin_stage(plant, state, time_ns)
     x = state.x
+    begin_noise(plant, work, time_ns, time_ns)
     solve_network(plant, x, state.reference, state.source, stage, work)
     sound = _in_synchronism(plant, x, stage)
     for i in range(x.size):

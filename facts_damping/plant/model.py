@@ -58,6 +58,7 @@ class Plant(NamedTuple):
     mechanical_power: NDArray[np.float64]  # (stages, machines), p.u. of the rating
     online: NDArray[np.float64]  # (stages, machines), 1 or 0
     load_scale: NDArray[np.float64]  # (stages, loads)
+    load_noise: NDArray[np.float64]  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: none
     network: NDArray[np.complex128]
     station_machine: NDArray[np.int64]  # (stations,), machine index or -1
 
@@ -94,6 +95,9 @@ class Work(NamedTuple):
     step: NDArray[np.float64]  # (2 ports,)
     source: NDArray[np.complex128]  # (ports,), of a solution beside the state's own
     phasors: NDArray[np.complex128]  # (stations, 2), voltages and currents of the stations, p.u.
+    noise: NDArray[np.float64]  # (loads, 2), relative, of P and Q, as it is
+    noise_start: NDArray[np.float64]  # the same as it was at the start of this part of its grid
+    noise_slope: NDArray[np.float64]  # 1/s
 
 
 def workspace(plant: Plant, state: PlantState) -> Work:
@@ -115,6 +119,7 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(2 * ports),
         np.zeros(ports, np.complex128),
         np.zeros((len(plant.station_machine), 2), np.complex128),
+        *(np.zeros((len(plant.loads), 2)) for _ in range(3)),
     )
 
 

@@ -24,6 +24,7 @@ from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
+from facts_damping.plant.load_noise import draw as draw_noise
 from facts_damping.plant.watchdog import settings as watchdog_settings
 from facts_damping.signals import CHANNELS
 from facts_damping.small_signal.residues import Residues, residues
@@ -72,6 +73,7 @@ def build_plant(case: Case) -> Built:
         case.run.devices,
         case.scenario.events,
         watchdog_settings(case.run.watchdog, case.run.frame_rate),
+        draw_noise(case.run.load_noise, case.system.loads, case.duration, case.run.seed),
     )
 
 

@@ -49,7 +49,8 @@ def with_event(case: Case, text: str, at_ns: int) -> Case:
         raise InputError(f"{SOURCE}: {text!r} given; allowed: an event without time, {{kind: line_out, line: NAME}}")
     content = case.document()
     content["scenario"] = [*content["scenario"], {"time": at_ns / NANOSECONDS, **event}]
-    return replace(case, scenario=make_case(content, SOURCE).scenario)
+    listed = make_case(content, SOURCE).scenario.events
+    return replace(case, scenario=case.scenario.model_copy(update={"events": listed}))
 
 
 def with_reset(case: Case, at_ns: int) -> Case:

@@ -33,7 +33,7 @@ def rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str]) 
     """
     found = np.zeros((len(A), 0))
     whole = np.vstack([A, C])
-    for end in (".delta", ".omega"):
+    for end in ((".delta", ".theta", ".theta_w"), ".omega"):  # with the rotors the angles that loads know
         motion = np.array([float(name.endswith(end)) for name in names])
         answer = product(whole, motion)
         answer[: len(A)] -= product(found, found.T, answer[: len(A)])  # all speeds raised turn all rotors

@@ -112,7 +112,8 @@ def closed_loop(case: Case) -> Record:
     # By content, not by name: a worker of a cluster may outlive a file.
     system = f"{case.run.devices} {case.system.model_dump_json()}"
     events = [event.model_dump_json() for event in case.scenario.events]
-    built = shared(_plants, f"{events} {system}", lambda: build_plant(case))
+    noise = f"{case.run.load_noise.model_dump_json()} {case.run.seed} {case.duration}" if case.run.load_noise else ""
+    built = shared(_plants, f"{events} {system} {noise}", lambda: build_plant(case))
     plant = None
     if needs_residues(case):
         plant = shared(

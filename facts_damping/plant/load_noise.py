@@ -1,0 +1,116 @@
+"""Random noise of loads: Ornstein-Uhlenbeck processes, drawn before a run; compiled.
+
+    dx = -x / T dt + s sqrt(2 / T) dW
+
+has the standard deviation s and the autocorrelation exp(-|t| / T). It is exact at the points of a grid of its own, RATE
+a second, `x(k+1) = a x(k) + s sqrt(1 - a^2) n(k)`, `a = exp(-1 / (RATE T))`, n normal (D. T. Gillespie, Exact numerical
+simulation of the Ornstein-Uhlenbeck process and its integral, Phys. Rev. E 54 (1996) 2084-2091), and linear in between:
+a load without jumps. It is a function of time alone, however often and from where to where a plant is advanced.
+
+It starts from 0, so that a run starts at its equilibrium. After the last point it runs backwards, then forwards again,
+and so on: that is the same process, which knows no direction of time, and has no jump.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from facts_damping.compiling import compiled, inner
+from facts_damping.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.grid import Load
+    from facts_damping.parameters.load_noise import LoadNoise
+    from facts_damping.plant.model import Plant, Work
+
+RATE = 120  # points/s: with 60, 30 or 120 frames/s the integrator's steps are those without noise
+LONGEST = 3600.0  # s, of what is drawn
+STREAM = int.from_bytes(b"LOAD", "big")  # first of the spawn keys: nobody else's draws begin with it
+
+
+def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: int) -> dict[str, NDArray[np.float64]]:
+    """Relative deviations of P and Q at all points of the grid, (points, 2), of each load that has noise.
+
+    Each load has a stream of its own by the run's seed and its place; a longer run begins as a shorter one.
+    """
+    if noise is None:
+        return {}
+    points, found = math.ceil(min(duration, LONGEST) * RATE) + 1, {}
+    for i, load in enumerate(loads):
+        std, time, correlation = noise.of(load.name)
+        if std == 0.0:
+            continue
+        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, i)))
+        n = random.standard_normal((points, 2))
+        n[:, 1] = correlation * n[:, 0] + math.sqrt(1.0 - correlation**2) * n[:, 1]
+        found[load.name] = np.zeros((points, 2))
+        _follow(std, math.exp(-1.0 / (RATE * time)), n, found[load.name])
+    return found
+
+
+def table(drawn: dict[str, NDArray[np.float64]], loads: Sequence[Load]) -> NDArray[np.float64]:
+    """What was drawn for a plant's loads, (points, loads, 2): zeros for those without noise; no points without any."""
+    points = len(next(iter(drawn.values()))) if drawn else 0
+    made = np.zeros((points, len(loads), 2))
+    for i, load in enumerate(loads):
+        if load.name in drawn:
+            made[:, i] = drawn[load.name]
+    return made
+
+
+@compiled
+def _follow(std: float, a: float, n: NDArray[np.float64], x: NDArray[np.float64]) -> None:
+    """x(k+1) = a x(k) + s sqrt(1 - a^2) n(k), (points, 2), from 0."""
+    size = std * math.sqrt(1.0 - a * a)
+    for k in range(1, x.shape[0]):
+        for j in range(2):
+            x[k, j] = a * x[k - 1, j] + size * n[k, j]
+
+
+@inner
+def _place(time_ns: int) -> int:
+    """The last point of the grid at or before a time; point k is at k / RATE, rounded down to ns."""
+    k = time_ns * RATE // NANOSECONDS
+    return k + 1 if (k + 1) * NANOSECONDS // RATE <= time_ns else k
+
+
+@inner
+def _folded(k: int, last: int) -> int:
+    """Point k of what runs to `last`, backwards, forwards again."""
+    k %= 2 * last
+    return k if k <= last else 2 * last - k
+
+
+@inner
+def begin_noise(plant: Plant, work: Work, time_ns: int, end_ns: int) -> int:
+    """Deviations of all loads at a time, and their slopes, into `work`; where the slopes change next, or `end_ns`."""
+    last = plant.load_noise.shape[0] - 1
+    if last < 1:
+        return end_ns
+    k = _place(time_ns)
+    here, following = k * NANOSECONDS // RATE, (k + 1) * NANOSECONDS // RATE
+    one, other = _folded(k, last), _folded(k + 1, last)
+    for i in range(plant.load_noise.shape[1]):
+        for j in range(2):
+            work.noise_slope[i, j] = (plant.load_noise[other, i, j] - plant.load_noise[one, i, j]) / (
+                (following - here) * 1e-9
+            )
+            work.noise_start[i, j] = plant.load_noise[one, i, j] + work.noise_slope[i, j] * ((time_ns - here) * 1e-9)
+            work.noise[i, j] = work.noise_start[i, j]
+    return min(end_ns, following)
+
+
+@inner
+def move_noise(plant: Plant, work: Work, seconds: float) -> None:
+    """Deviations of all loads so long after `begin_noise`."""
+    if plant.load_noise.shape[0] > 1:
+        for i in range(work.noise.shape[0]):
+            for j in range(2):
+                work.noise[i, j] = work.noise_start[i, j] + work.noise_slope[i, j] * seconds
