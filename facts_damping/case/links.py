@@ -37,13 +37,21 @@ def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link
 
 
 def mean_delays(controller: Controller, system: System, link: Link) -> tuple[float, float]:
-    """Mean delay, s, of what a controller waits for longest: from station to device, and of that the way down."""
+    """Mean delay, s, of what a controller waits for longest: from station to device, and of that the way down.
+
+    The devices' dead times are part of both: it ends where a setpoint acts.
+    """
     signals = [name for name in controller.signals if name in system.signals]
     stations = {station for name in signals for station in system.signals[name].weights}
     groups = {s: {s, *(n for n, signal in system.signals.items() if s in signal.weights)} for s in stations}
-    ways = [[*groups[s], device] for s in sorted(stations) for device in controller.devices]
-    whole = [mean_delay([*link.up, *link.down], names) for names in ways]
-    return max(whole, default=0.0), max((mean_delay(link.down, [device]) for device in controller.devices), default=0.0)
+    dead = {device.name: device.dead_time for device in system.devices}
+    whole = [
+        mean_delay([*link.up, *link.down], [*groups[s], device]) + dead[device]
+        for s in sorted(stations)
+        for device in controller.devices
+    ]
+    down = [mean_delay(link.down, [device]) + dead[device] for device in controller.devices]
+    return max(whole, default=0.0), max(down, default=0.0)
 
 
 def with_own(controller: Controller, link: Link) -> Controller:

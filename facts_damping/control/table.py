@@ -128,7 +128,7 @@ COMPENSATION_PARAMETERS = {
         0.0, "Hz", 0.0, 10.0, "frequency that compensation is for; 0: the plant's, as linearised", live=False
     ),
     "down_delay": Parameter(
-        -1.0, "s", -1.0, 10.0, "delay after the controller; -1: mean of the link's way down", live=False
+        -1.0, "s", -1.0, 10.0, "delay after the controller; -1: mean of the way down, and dead time", live=False
     ),
     "latency_filter": Parameter(0.5, "s", 0.0, 100.0, "time constant of the filter of measured latency"),
     "phasor_rate": Parameter(4.0, "1/s", 0.01, 100.0, "rate at which the phasor forgets"),
@@ -174,7 +174,7 @@ LQG_PARAMETERS = {
         search=powers(1e-3, 1e3),
     ),
     "loop_delay": Parameter(
-        -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's mean", live=False
+        -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: link's mean and dead time", live=False
     ),
 }
 
@@ -250,7 +250,7 @@ NEURO_FUZZY_PARAMETERS = {
     ),
     "identifier_weight": _start(1.5, 0.2, 5.0, "start of the identifier's weights", search=Range(0.5, 4.0)),
     "loop_delay": Parameter(
-        -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: the link's mean", live=False
+        -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: link's mean and dead time", live=False
     ),
     **COMPENSATION_PARAMETERS,
 }

@@ -18,6 +18,8 @@ class DeviceModel(ParameterModel):
 
     name: Name
     kind: str
+    response_time: float = quantity(0.0, "s", "first-order lag behind its reference; 0: none", ge=0, le=10)
+    dead_time: float = quantity(0.0, "s", "time after which an accepted setpoint acts; 0: at once", ge=0, le=0.5)
 
     @model_validator(mode="before")
     @classmethod
@@ -59,9 +61,14 @@ class Series(DeviceModel):
 
 
 class Parallel(DeviceModel):
-    """What every kind in parallel has: a bus. It starts without current, and is nothing where it is not installed."""
+    """What every kind in parallel has: a bus. It is nothing where it is not installed."""
 
     bus: Name
+
+    @property
+    def buses(self) -> list[str]:
+        """The buses of its ports."""
+        return [self.bus]
 
     @property
     def place(self) -> str:
@@ -89,6 +96,7 @@ class Sssc(Series):
     tau: float = quantity(0.006, "s", "DC link, C V^2 / S of the system base", ge=0.001, le=10)
     g: float = quantity(0.0, "p.u.", "loss conductance of the DC link", ge=0, le=10)
     I_rated: float = quantity(10.0, "p.u.", "rated current; above it the DC regulator keeps its power", gt=0, le=1000)
+    enforce_rating: bool = Field(False, description="above I_rated the converter is bypassed")
     I_min: float = quantity(0.02, "p.u.", "current below which the converter is blocked", gt=0, le=1)
 
     @model_validator(mode="after")
@@ -119,6 +127,8 @@ class Statcom(Parallel):
     Kci: float = quantity(10.0, "p.u./s", "current regulator, integral gain", ge=0, le=1e4)
     Kf: float = quantity(0.22, "p.u.", "current regulator, feed-forward of the transformer's voltage", ge=0, le=10)
     tau: float = quantity(0.006, "s", "DC link, C V^2 / S of the system base", ge=0.001, le=10)
+    g: float = quantity(0.0, "p.u.", "loss conductance of the DC link", ge=0, le=10)
+    enforce_rating: bool = Field(False, description="I_max limits the whole current, the active part first")
     V_min: float = quantity(0.05, "p.u.", "voltage of its bus below which the converter is blocked", gt=0, le=0.9)
 
 

@@ -6,9 +6,19 @@ from pydantic import Field
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
 
-STD = {"unit": "-", "description": "standard deviation of P and of Q, relative to what the load draws", "ge": 0, "le": 0.2}
+STD = {
+    "unit": "-",
+    "description": "standard deviation of P and of Q, relative to what the load draws",
+    "ge": 0,
+    "le": 0.2,
+}
 TIME = {"unit": "s", "description": "time in which the noise forgets what it was", "ge": 0.05, "le": 1e4}
-CORRELATION = {"unit": "-", "description": "of the noise of P with that of Q; 1: the power factor stays", "ge": -1, "le": 1}
+CORRELATION = {
+    "unit": "-",
+    "description": "of the noise of P with that of Q; 1: the power factor stays",
+    "ge": -1,
+    "le": 1,
+}
 
 
 class OwnNoise(ParameterModel):

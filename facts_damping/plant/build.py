@@ -10,6 +10,7 @@ import numpy as np
 
 from facts_damping.parameters.devices import Series
 from facts_damping.plant import devices, excitation, governor, load, load_noise, machine, stabiliser
+from facts_damping.plant.dead_time import line
 from facts_damping.plant.events import Stage, stages
 from facts_damping.plant.model import DEVICE, LOAD, PORT, SALIENT, Plant, PlantState, Site
 from facts_damping.plant.power_flow import PowerFlow, solve
@@ -91,7 +92,8 @@ def build(
     )
     n = len(installed)
     source = np.zeros(len(ports.rows), np.complex128)
-    state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), watching(n), source)
+    lines = line([system.device(name).dead_time for name in installed])
+    state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), watching(n), source, *lines)
     return Built(plant, state, flow, states.names)
 
 
@@ -115,11 +117,11 @@ class _Ports:
     """All ports: rows of PORT, and where they are."""
 
     def __init__(self) -> None:
-        self.rows: list[tuple[int, int, float]] = []
+        self.rows: list[tuple[int, int, float, float]] = []
         self.places: list[Place] = []
 
-    def add(self, kind: int, row: int, place: Place, least: float = 0.0) -> int:
-        self.rows.append((kind, row, least))
+    def add(self, kind: int, row: int, place: Place, least: float = 0.0, most: float = math.inf) -> int:
+        self.rows.append((kind, row, least, most))
         self.places.append(place)
         return len(self.rows) - 1
 
@@ -200,8 +202,9 @@ def _devices(
         else:
             place, size = Place(device.bus), magnitude[device.bus]
         start = devices.install(rows[d], device, Site(states.offset, 2 * math.pi * system.frequency, size))
-        rows[d]["port"] = ports.add(DEVICE, d, place, start.least)
-        states.add(device.name, devices.KINDS[device.kind].states, start.states)
+        rows[d]["port"] = ports.add(DEVICE, d, place, start.least, start.most)
+        names = devices.states_of(device)
+        states.add(device.name, names, [*start.states, *([0.0] * (len(names) - len(start.states)))])
     return rows
 
 

@@ -10,9 +10,10 @@ import numpy as np
 from facts_damping.compiling import branching, compiled
 from facts_damping.plant import sssc, statcom, svc
 from facts_damping.plant.watchdog import WATCHDOG
+from facts_damping.signals import to_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -27,11 +28,13 @@ def _no_more(_d: Any, _x: NDArray[np.float64], _u: float, _size: float, _blocked
 
 
 class DeviceKind(NamedTuple):
-    """A kind of device: fields of its table, names of its states, where it starts, and its compiled functions.
+    """A kind of device: fields of its table, names of its states, where it starts, and its functions.
 
-    These take `d`, a row of DEVICE (the kind's own fields are in the field of its name), `x`, the plant's states, `u`,
-    the reference, and `size`, the magnitude of the port's response: in series its current, in parallel its bus voltage;
-    p.u. `losses(device, |I|)` is the resistance (p.u.) that stands for the losses in series in the power flow.
+    The compiled ones take `d`, a row of DEVICE (the kind's own fields are in the field of its name), `x`, the plant's
+    states, `u`, the reference behind the response time, and `size`, the magnitude of the port's response: in series its
+    current, in parallel its bus voltage; p.u. For the power flow: `losses(device, |I|)`, the resistance (p.u.) that
+    stands for the losses in series; `drawn(device, |V|, base)`, what one in parallel draws from each of its buses at
+    rest, P + j Q (p.u. of the base, MVA).
     """
 
     table: np.dtype[Any]
@@ -41,6 +44,7 @@ class DeviceKind(NamedTuple):
     derivatives: Callable[..., None]  # (d, x, u, size, dx), 1/s
     truth: Callable[..., None] = _no_more  # (d, x, u, size, blocked, out): what it knows better than its port
     losses: Callable[[Any, float], float] | None = None
+    drawn: Callable[[Any, Sequence[float], float], list[complex]] | None = None
 
 
 KINDS = {
@@ -48,18 +52,25 @@ KINDS = {
         sssc.SSSC, sssc.STATE_NAMES, sssc.start, sssc.characteristic, sssc.derivatives, sssc.truth, sssc.losses
     ),
     "statcom": DeviceKind(
-        statcom.STATCOM, statcom.STATE_NAMES, statcom.start, statcom.characteristic, statcom.derivatives, statcom.truth
+        statcom.STATCOM,
+        statcom.STATE_NAMES,
+        statcom.start,
+        statcom.characteristic,
+        statcom.derivatives,
+        statcom.truth,
+        drawn=statcom.drawn,
     ),
     "svc": DeviceKind(svc.SVC, svc.STATE_NAMES, svc.start, svc.characteristic, svc.derivatives),
 }
 CODES = {name: code for code, name in enumerate(KINDS)}  # in compiled code
 
-# An installed device: its port, kind and states, the limits of its setpoint and of the rate of its reference, its
-# watchdog, and the row of its kind's table; those of the other kinds are empty.
+# An installed device: its port, kind and states, its dead time, the state and time constant of its response (0: none),
+# the limits of its setpoint and of the rate of its reference, its watchdog, and the row of its kind's table; those of
+# the other kinds are empty.
 DEVICE = np.dtype(
     [
-        *((name, "i8") for name in ("port", "kind", "offset", "states")),
-        *((name, "f8") for name in ("v_max", "rate_max")),
+        *((name, "i8") for name in ("port", "kind", "offset", "states", "dead_ns", "lag")),
+        *((name, "f8") for name in ("v_max", "rate_max", "response_time")),
         ("watchdog", WATCHDOG),
         *((name, kind.table) for name, kind in KINDS.items()),
     ]
@@ -72,14 +83,49 @@ def install(row: Any, device: Device, site: Site) -> Start:
     start = kind.start(device, site)
     row["kind"], row["offset"], row["states"] = CODES[device.kind], site.offset, len(kind.states)
     row["v_max"], row["rate_max"] = device.v_max, device.rate_max
+    row["dead_ns"], row["response_time"] = to_ns(device.dead_time), device.response_time
+    row["lag"] = site.offset + len(kind.states)
     row[device.kind] = start.row
     return start
+
+
+def states_of(device: Device) -> list[str]:
+    """Names of a device's states, in their order: its kind's, then its reference behind its response time."""
+    return [*KINDS[device.kind].states, *(["reference"] if device.response_time > 0.0 else [])]
+
+
+@compiled
+def behind(z: float, reference: float, ramp: float, T: float, t: float) -> float:
+    """A lag's output t s on, p.u., where its input starts at `reference` and moves by `ramp`, p.u./s.
+
+    T dz/dt = r - z with r = r0 + k t:  z(t) = z0 + (r0 - k T - z0) (1 - exp(-t/T)) + k t.
+    """
+    return z - (reference - ramp * T - z) * math.expm1(-t / T) + ramp * t
+
+
+@compiled
+def acting(d: Any, x: NDArray[np.float64], u: float) -> float:
+    """What a device acts on, p.u.: its reference u, behind its response time if it has one."""
+    return x[d.lag] if d.response_time > 0.0 else u
+
+
+@compiled
+def respond(d: Any, x: NDArray[np.float64], u: float, dx: NDArray[np.float64]) -> None:
+    """Write the derivative of the lag of a device's reference u, 1/s; also that of a blocked one moves."""
+    if d.response_time > 0.0:
+        dx[d.lag] = (u - x[d.lag]) / d.response_time
 
 
 def losses_of(device: Series, magnitude: float) -> float:
     """Resistance that stands for the losses of a device in series at a current, p.u."""
     losses = KINDS[device.kind].losses
     return losses(device, magnitude) if losses else 0.0
+
+
+def drawn_by(device: Device, voltages: Sequence[float], base_power: float) -> list[complex]:
+    """What a device in parallel draws from each of its buses at rest, P + j Q, p.u. of the base (MVA)."""
+    drawn = KINDS[device.kind].drawn
+    return drawn(device, voltages, base_power) if drawn else [0j] * len(voltages)
 
 
 @compiled
@@ -99,16 +145,16 @@ def characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tup
 
     In series a voltage drop, in parallel a current into the network.
     """
-    return _characteristic(d.kind, d, x, u, size)  # type: ignore[no-any-return]
+    return _characteristic(d.kind, d, x, acting(d, x, u), size)  # type: ignore[no-any-return]
 
 
 @compiled
 def derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArray[np.float64]) -> None:
     """Write the derivatives of a device's states, 1/s."""
-    _derivatives(d.kind, d, x, u, size, dx)
+    _derivatives(d.kind, d, x, acting(d, x, u), size, dx)
 
 
 @compiled
 def truth(d: Any, x: NDArray[np.float64], u: float, size: float, blocked: bool, out: Any) -> None:
     """Write into a row of DEVICE_TRUTH what a kind knows better than its port: see `measurement`."""
-    _truth(d.kind, d, x, u, size, blocked, out)
+    _truth(d.kind, d, x, acting(d, x, u), size, blocked, out)

@@ -149,6 +149,7 @@ def derivatives(
             load.derivatives(plant.loads[i], x, work.response[plant.loads[i].port], dx)
     for i in range(plant.devices.size):
         d = plant.devices[i]
+        devices.respond(d, x, reference[i], dx)
         if work.blocked[d.port]:
             for k in range(d.states):
                 dx[d.offset + k] = 0.0

@@ -9,6 +9,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, inner
+from facts_damping.plant.dead_time import arrive, send
+from facts_damping.plant.devices import behind
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import begin_stage
@@ -29,7 +31,8 @@ def _runge_kutta(
 
     It begins `elapsed` seconds after this part of the loads' noise.
 
-    `derivatives` stands at one place, so that it can be written into it: a call would copy the plant's arrays.
+    `derivatives` stands at one place, so that it can be written into it: a call would copy the plant's arrays. The lags
+    of references are known in closed form, so they are exact however short they are beside the step.
     """
     x, k, reference = state.x, work.slopes, work.reference
     trial = k[4]
@@ -46,27 +49,41 @@ def _runge_kutta(
                 trial[i] = x[i] + share * k[part - 1, i]
             for d in range(reference.size):
                 reference[d] = state.reference[d] + share * ramp[d]
+                row = plant.devices[d]
+                if row.response_time > 0.0:
+                    trial[row.lag] = behind(x[row.lag], state.reference[d], ramp[d], row.response_time, share)
             move_noise(plant, work, elapsed + share)
         derivatives(plant, trial, reference, state.source, stage, k[part], work)
     for i in range(x.size):
         x[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
+    for d in range(reference.size):
+        row = plant.devices[d]
+        if row.response_time > 0.0:
+            x[row.lag] = trial[row.lag]
 
 
 @inner
 def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], first: int, count: int, now: int) -> int:
-    """Put the setpoints that are effective by `now` in force, limited; returns the index of the next one."""
+    """Put the setpoints that are effective by `now` in force, limited, or under way; the index of the next one."""
     while first < count and setpoints[first].effective_ns <= now:
         d = setpoints[first].device
         row = plant.devices[d]
         if accepts(row.watchdog, state.watch[d], setpoints[first], row.v_max, now):
-            state.target[d] = min(max(setpoints[first].value, -row.v_max), row.v_max)
+            value = min(max(setpoints[first].value, -row.v_max), row.v_max)
+            if row.dead_ns > 0:
+                send(state.under_way, state.waiting, d, now + row.dead_ns, value)
+            else:
+                state.target[d] = value
         first += 1
     return first
 
 
 @inner
 def _let_go(plant: Plant, state: PlantState, end: int, now: int) -> int:
-    """Release the devices whose time-out is over: to zero with them; where the next one may be, or `end`."""
+    """Release the devices whose time-out is over: to zero with them; where the next one may be, or `end`.
+
+    A release is the device's own and waits for no dead time; what was under way acts no more.
+    """
     for d in range(state.target.size):
         due = due_ns(plant.devices[d].watchdog, state.watch[d])
         if due > now:
@@ -75,6 +92,7 @@ def _let_go(plant: Plant, state: PlantState, end: int, now: int) -> int:
             release(state.watch[d])
         if state.watch[d].released == 1:
             state.target[d] = 0.0
+            state.waiting[d] = 0
     return end
 
 
@@ -129,9 +147,9 @@ def advance(
 ) -> None:
     """Advance the plant in place from `start_ns` to `end_ns` under `count` setpoints, ordered by time.
 
-    Setpoints, events, points of the loads' noise and the ends of reference ramps split the interval exactly; each part
-    is divided into equal steps of at most `plant.step_ns`. Each device's watchdog decides which setpoints act, and when it is
-    released.
+    Setpoints, ends of dead times, events, points of the loads' noise and the ends of reference ramps split the interval
+    exactly; each part is divided into equal steps of at most `plant.step_ns`. Each device's watchdog decides which
+    setpoints act, and when it is released.
     """
     now, following = start_ns, 0
     ramp = work.slopes[5, : state.reference.size]
@@ -139,6 +157,7 @@ def advance(
         following = _take_setpoints(plant, state, setpoints, following, count, now)
         stage = begin_stage(plant, state, now)
         end = _let_go(plant, state, end_ns, now)
+        end = arrive(state.under_way, state.waiting, state.target, end, now)
         if following < count:
             end = min(end, setpoints[following].effective_ns)
         if stage + 1 < plant.stage_start_ns.size:

@@ -14,6 +14,8 @@ import numpy as np
 from facts_damping.compiling import compiled
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from facts_damping.parameters.grid import Load
 
 LOAD = np.dtype(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,8 +15,9 @@ if TYPE_CHECKING:
 # Kinds of ports: places where something beside the linear network acts.
 SALIENT, LOAD, DEVICE = 0, 1, 2
 
-# A port: its kind, the row of its table (machines, loads, devices), and the response below which it is blocked.
-PORT = np.dtype([("kind", "i8"), ("row", "i8"), ("least", "f8")])
+# A port: its kind, the row of its table (machines, loads, devices), and the responses below and above which it is
+# blocked.
+PORT = np.dtype([("kind", "i8"), ("row", "i8"), ("least", "f8"), ("most", "f8")])
 
 
 class Site(NamedTuple):
@@ -27,11 +29,12 @@ class Site(NamedTuple):
 
 
 class Start(NamedTuple):
-    """A device at rest: the row of its kind's table, its states, and the response below which it is blocked."""
+    """A device at rest: the row of its kind's table, its states, and between which responses it is not blocked."""
 
     row: tuple[Any, ...]
     states: list[float]
     least: float  # p.u.; 0: never for too small a response
+    most: float = math.inf  # p.u.
 
 
 class Plant(NamedTuple):
@@ -66,8 +69,8 @@ class Plant(NamedTuple):
 class PlantState(NamedTuple):
     """State of a plant: `x` as the kernels lay it out, and of each device the reference and its target, p.u.
 
-    `watch`: what their watchdogs know. `source` holds what the ports give (p.u.) as last solved: the next solution
-    starts from there.
+    `watch`: what their watchdogs know; `under_way`: setpoints in their dead times. `source` holds what the ports give
+    (p.u.) as last solved: the next solution starts from there.
     """
 
     x: NDArray[np.float64]
@@ -75,6 +78,8 @@ class PlantState(NamedTuple):
     target: NDArray[np.float64]
     watch: NDArray[Any]  # watchdog.WATCH
     source: NDArray[np.complex128]
+    under_way: NDArray[Any]  # dead_time.UNDER_WAY, (devices, room)
+    waiting: NDArray[np.int64]  # (devices,), how many of them are
 
 
 class Work(NamedTuple):

@@ -172,16 +172,17 @@ def _newton_single_port(
             direction = q0 / complex(m - a.real, -a.imag)
             source[0] = value * direction
             work.response[0] = m * direction
-            return bool(m > least)
+            return bool(least < m <= plant.ports[0].most)
     return False
 
 
 @inlined
 def _block(plant: Plant, work: Work) -> bool:
-    """Block the devices that have too little current or voltage; whether there is one more."""
+    """Block the devices that have too little current or voltage, or too much current; whether there is one more."""
     more = False
     for p in range(plant.ports.size):
-        if not work.blocked[p] and abs(work.response[p]) < plant.ports[p].least:
+        size = abs(work.response[p])
+        if not work.blocked[p] and (size < plant.ports[p].least or size > plant.ports[p].most):
             work.blocked[p] = more = True
     return more
 

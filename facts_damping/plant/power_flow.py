@@ -10,8 +10,9 @@ import numpy as np
 from facts_damping.errors import InputError
 from facts_damping.matrices import product
 from facts_damping.matrices import solve as solution
+from facts_damping.parameters.devices import Parallel
 from facts_damping.plant import load as loads
-from facts_damping.plant.devices import losses_of
+from facts_damping.plant.devices import drawn_by, losses_of
 from facts_damping.plant.network import (
     Topology,
     admittance,
@@ -40,8 +41,8 @@ STRAY = 1e-9  # p.u., of branches that carry nothing
 class PowerFlow:
     """Solved power flow, p.u.
 
-    Bus voltages, and generation less loads at them (buses,); generation by machine or infinite bus, magnitude
-    of the current by device in series; the largest mismatch of power that remains.
+    Bus voltages, and generation less what loads and devices draw at them (buses,); generation by machine or infinite
+    bus, magnitude of the current by device in series; the largest mismatch of power that remains.
     """
 
     names: list[str]
@@ -51,8 +52,12 @@ class PowerFlow:
     currents: dict[str, float]
     residual: float
 
+    def magnitudes(self, buses: Sequence[str]) -> list[float]:
+        """Voltage magnitudes of some buses, p.u."""
+        return [float(abs(self.voltage[self.names.index(bus)])) for bus in buses]
+
     def buses(self, base_power: float) -> list[dict[str, Any]]:
-        """A row a bus: name, voltage (p.u., deg), generation less loads (MW, Mvar)."""
+        """A row a bus: name, voltage (p.u., deg), generation less what loads and devices draw (MW, Mvar)."""
         return [
             {
                 "name": name,
@@ -68,20 +73,26 @@ class PowerFlow:
 def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     """Solve for all bus voltages before the first event.
 
-    An installed device in series that has losses draws them from the network, as a resistance in series would; as
-    that depends on |I|, which is not known before, the power flow is repeated until it is. A device in parallel
-    carries no current at the start.
+    An installed device in series that has losses draws them from the network, as a resistance in series would; one in
+    parallel draws what it needs at rest. As these depend on |I| and |V|, which are not known before, the power flow is
+    repeated until they are.
     """
-    devices = series_devices(system)
-    losses = {device.name: 0.0 for device in devices}
+    series = series_devices(system)
+    parallel = [d for d in system.devices if isinstance(d, Parallel) and d.name in installed]
+    losses = {device.name: 0.0 for device in series}
+    draws = {d.name: drawn_by(d, [1.0] * len(d.buses), system.base_power) for d in parallel}
     change = 0.0
     for _ in range(MAX_ITERATIONS):
-        flow = _solve(system, losses)
-        drawn = {d.name: losses_of(d, flow.currents[d.name]) for d in devices if d.name in installed}
-        change = max([abs(drawn[name] - losses[name]) for name in drawn], default=0.0)
+        flow = _solve(system, losses, [pair for d in parallel for pair in zip(d.buses, draws[d.name], strict=True)])
+        lost = {d.name: losses_of(d, flow.currents[d.name]) for d in series if d.name in installed}
+        drawn = {d.name: drawn_by(d, flow.magnitudes(d.buses), system.base_power) for d in parallel}
+        changes = [abs(lost[name] - losses[name]) for name in lost]
+        changes += [abs(a - b) for name in drawn for a, b in zip(drawn[name], draws[name], strict=True)]
+        change = max(changes, default=0.0)
         if change <= LOSS_TOLERANCE:
             return flow
-        losses |= drawn
+        losses |= lost
+        draws |= drawn
     raise InputError(
         f"system {system.name}: power flow does not converge: losses of the devices change by {change:.3g} p.u. "
         f"after {MAX_ITERATIONS} iterations; allowed: {LOSS_TOLERANCE:g}"
@@ -104,8 +115,10 @@ def demand(system: System, names: list[str], magnitude: NDArray[np.float64]) -> 
     return drawn
 
 
-def _solve(system: System, losses: dict[str, float]) -> PowerFlow:
+def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, complex]]) -> PowerFlow:
     """Newton's method on the power balance of all buses, `losses` in series with the devices (p.u.).
+
+    `draws`: what devices in parallel draw from buses, p.u.
 
     Unknowns are the angles of all buses but the slack's and the infinite ones, and the magnitudes at the buses
     without a machine; equations P_i + j Q_i = V_i conj(sum_j Y_ij V_j) (Kundur 1994, 6.4). A FACTS device in
@@ -122,6 +135,10 @@ def _solve(system: System, losses: dict[str, float]) -> PowerFlow:
     magnitude, angle = np.ones(len(names)), np.zeros(len(names))
     for machine in system.machines:
         scheduled[index[machine.bus]] = (machine.P or 0.0) / system.base_power
+    taken = np.zeros(len(names), np.complex128)
+    for bus, power in draws:
+        taken[index[bus]] += power
+    scheduled -= taken
     fixed: list[Machine | InfiniteBus] = [*system.infinite_buses, *(m for m in system.machines if m.slack)]
     held: list[Machine | InfiniteBus] = [*system.infinite_buses, *system.machines]
     for source in fixed:
@@ -146,7 +163,7 @@ def _solve(system: System, losses: dict[str, float]) -> PowerFlow:
             f"system {system.name}: power flow does not converge: mismatch {residual:.3g} p.u. after "
             f"{MAX_ITERATIONS} iterations; allowed: {TOLERANCE:g}"
         )
-    drawn = demand(system, names, np.abs(voltage))[0]
+    drawn = demand(system, names, np.abs(voltage))[0] + taken
     net = voltage * np.conj(product(matrix, voltage)) + drawn
     generation = {source.name: complex(net[index[source.bus]]) for source in held}
     injection = -drawn

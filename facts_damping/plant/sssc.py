@@ -44,13 +44,20 @@ def start(device: Sssc, site: Site) -> Start:
     """At rest with no injection, at rated DC voltage and the magnitude of the current there.
 
     The converter makes up for its transformer, s_q = -xs |I|, and draws what the DC link loses,
-    s_p |I| = g. Raises `InputError` where its limits do not admit that.
+    s_p |I| = g. With `enforce_rating` it is bypassed above I_rated. Raises `InputError` where its limits do not admit
+    the start.
     """
     magnitude = site.size
     if magnitude < device.I_min:
         raise InputError(
             f"devices: {device.name} carries {magnitude:.3g} p.u. at the start; "
             f"allowed: at least I_min, {device.I_min:g}"
+        )
+    most = device.I_rated if device.enforce_rating else math.inf
+    if magnitude > most:
+        raise InputError(
+            f"devices: {device.name} carries {magnitude:.4g} p.u. at the start; "
+            f"allowed: with enforce_rating at most I_rated, {most:g}"
         )
     share = min(1.0, device.I_rated / magnitude)
     s_p, s_q = device.g / magnitude, device.xs * magnitude
@@ -60,7 +67,7 @@ def start(device: Sssc, site: Site) -> Start:
             f"at the start; allowed: vp_max {device.vp_max:g}, vc_max {device.vc_max:g} in all"
         )
     row = (site.offset, *(getattr(device, name) for name in FIELDS))
-    return Start(row, [0.0, s_p / share, 1.0], device.I_min)
+    return Start(row, [0.0, s_p / share, 1.0], device.I_min, most)
 
 
 def losses(device: Sssc, magnitude: float) -> float:

@@ -6,14 +6,18 @@ loop); a setpoint is an offset of the voltage reference (thesis 2.90-2.92, 2.105
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.errors import InputError
 from facts_damping.plant.model import Start
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from facts_damping.parameters.devices import Statcom
@@ -21,15 +25,48 @@ if TYPE_CHECKING:
 
 STATE_NAMES = ["id", "iq", "vdc", "x_ac", "x_dc", "x_d", "x_q"]
 STATES = len(STATE_NAMES)
-FIELDS = ("R", "L", "I_max", "Kp", "Ki", "droop", "Kd", "Kdi", "Kc", "Kci", "Kf", "tau", "V_min")
+FIELDS = ("R", "L", "I_max", "Kp", "Ki", "droop", "Kd", "Kdi", "Kc", "Kci", "Kf", "tau", "V_min", "g")
 
-STATCOM = np.dtype([("offset", "i8"), ("omega_0", "f8"), ("Vref", "f8"), *((name, "f8") for name in FIELDS)])
+STATCOM = np.dtype(
+    [("offset", "i8"), ("whole", "i8"), ("omega_0", "f8"), ("Vref", "f8"), *((name, "f8") for name in FIELDS)]
+)
+
+
+def losses_current(device: Statcom, voltage: float) -> float:
+    """The active current that it draws at rest, p.u.: V i - R i^2 = g, which keeps the DC voltage.
+
+    Raises `InputError` where no current within I_max does.
+    """
+    root = voltage * voltage - 4.0 * device.R * device.g
+    drawn = 2.0 * device.g / (voltage + math.sqrt(root)) if root > 0.0 else math.inf
+    if drawn > device.I_max:
+        raise InputError(
+            f"devices: {device.name}.g: {device.g:g} given, whose losses at {voltage:.4g} p.u. of voltage need "
+            f"{drawn:.4g} p.u. of current; allowed: at most I_max, {device.I_max:g}"
+        )
+    return drawn
+
+
+def drawn(device: Statcom, voltages: Sequence[float], _base_power: float) -> list[complex]:
+    """What it draws from its bus at rest, p.u.: V i, of which R i^2 is lost in the transformer, g in the DC link."""
+    return [complex(voltages[0] * losses_current(device, voltages[0]))]
 
 
 def start(device: Statcom, site: Site) -> Start:
-    """At rest: no current, rated DC voltage, and the voltage reference that holds it."""
-    row = (site.offset, site.omega_0, site.size, *(getattr(device, name) for name in FIELDS))
-    return Start(row, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0], device.V_min)
+    """At rest: rated DC voltage, the current that makes up for its losses, and the voltage reference that holds it.
+
+    i_d = -i, c_d = V + R i_d and c_q = L i_d, so x_dc = i, x_d = R i_d, x_q = (L - Kf) i_d.
+    """
+    row = (
+        site.offset,
+        int(device.enforce_rating),
+        site.omega_0,
+        site.size,
+        *(getattr(device, name) for name in FIELDS),
+    )
+    i = losses_current(device, site.size)
+    states = [0.0 - i, 0.0, 1.0, 0.0, i, 0.0 - device.R * i, 0.0 - (device.L - device.Kf) * i]
+    return Start(row, states, device.V_min)
 
 
 @compiled
@@ -48,7 +85,9 @@ def derivatives(device: Any, x: NDArray[np.float64], u: float, voltage: float, d
     DC voltage: i_P* = clip(Kd (1 - vdc) + x_dc), dx_dc = Kdi (1 - vdc).
     Current: e_d = -i_P* - i_d, e_q = -i_Q* - i_q, dx_d = Kci e_d, dx_q = Kci e_q,
     c_d = vdc (V - Kf i_q + Kc e_d + x_d), c_q = vdc (Kf i_d + Kc e_q + x_q).
-    DC link: dvdc = -(c_d i_d + c_q i_q) / (tau vdc). An integrator stands still while its output is limited.
+    DC link: dvdc = -(c_d i_d + c_q i_q + g vdc^2) / (tau vdc). Where the rating counts for the whole current, i_Q* has
+    what i_P* leaves of it, sqrt(I_max^2 - i_P*^2): without its active current the DC link would fall. An integrator
+    stands still while its output is limited.
     """
     d = device.statcom
     o = d.offset
@@ -57,14 +96,18 @@ def derivatives(device: Any, x: NDArray[np.float64], u: float, voltage: float, d
     e_dc = 1.0 - vdc
     wanted_q = d.Kp * e_ac + x[o + 3]
     wanted_p = d.Kd * e_dc + x[o + 4]
-    e_d = -min(max(wanted_p, -d.I_max), d.I_max) - i_d
-    e_q = -min(max(wanted_q, -d.I_max), d.I_max) - i_q
+    active = min(max(wanted_p, -d.I_max), d.I_max)
+    room = d.I_max
+    if d.whole == 1:
+        room = math.sqrt(d.I_max * d.I_max - active * active)
+    e_d = -active - i_d
+    e_q = -min(max(wanted_q, -room), room) - i_q
     c_d = vdc * (voltage - d.Kf * i_q + d.Kc * e_d + x[o + 5])
     c_q = vdc * (d.Kf * i_d + d.Kc * e_q + x[o + 6])
     dx[o] = d.omega_0 / d.L * (c_d - voltage - d.R * i_d + d.L * i_q)
     dx[o + 1] = d.omega_0 / d.L * (c_q - d.R * i_q - d.L * i_d)
-    dx[o + 2] = -(c_d * i_d + c_q * i_q) / (d.tau * vdc)
-    dx[o + 3] = 0.0 if abs(wanted_q) > d.I_max else d.Ki * e_ac
+    dx[o + 2] = -(c_d * i_d + c_q * i_q + d.g * vdc * vdc) / (d.tau * vdc)
+    dx[o + 3] = 0.0 if abs(wanted_q) > room else d.Ki * e_ac
     dx[o + 4] = 0.0 if abs(wanted_p) > d.I_max else d.Kdi * e_dc
     dx[o + 5] = d.Kci * e_d
     dx[o + 6] = d.Kci * e_q

@@ -12,7 +12,7 @@ from facts_damping.matrices import product
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
-from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH
+from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS
 from facts_damping.small_signal.sampled_output import Filtered, filtered
 
 if TYPE_CHECKING:
@@ -46,12 +46,17 @@ class LinearModel(NamedTuple):
     D: NDArray[np.float64]  # (signals, devices)
     washout: NDArray[np.float64]  # (signals,), time constants, s; 0: none
     filtered: Filtered | None = None
+    dead_time: NDArray[np.float64] | float = 0.0  # (devices,), s, after which a setpoint is a reference
 
     def response(self, s: complex) -> NDArray[np.complex128]:
-        """Transfer function F (C (s I - A)^-1 B + D) at a complex frequency (1/s), shape (signals, devices)."""
+        """From setpoints, F (C (s I - A)^-1 B + D) exp(-s Td) at a complex frequency (1/s), (signals, devices)."""
         states = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B)
         C, D = (self.C, self.D) if self.filtered is None else (self.filtered.C, self.filtered.D)
-        return np.asarray(self.gain(s)[:, None] * (C @ states + D))
+        return np.asarray(self.gain(s)[:, None] * (C @ states + D) * self.late(s))
+
+    def late(self, s: complex) -> NDArray[np.complex128]:
+        """Dead times exp(-s Td) of all devices at a complex frequency (1/s); 1 where there is none."""
+        return np.asarray(np.exp(-s * np.asarray(self.dead_time)), np.complex128)
 
     @property
     def seen(self) -> NDArray[np.float64]:
@@ -161,7 +166,8 @@ def linear_model(
     own = None
     if measured is not None and measured.delay > 0:
         own = filtered(measured, [one.channel for one in signals.values()], sampled_C, sampled_D, frame_rate)
-    return LinearModel(A, B, C, D, np.array([signal.washout for signal in signals.values()]), own)
+    washout = np.array([signal.washout for signal in signals.values()])
+    return LinearModel(A, B, C, D, washout, own, plant.devices["dead_ns"] / NANOSECONDS)
 
 
 def weights_of(signal: Signal, stations: Sequence[str], nominal: float) -> NDArray[np.float64]:
@@ -182,7 +188,8 @@ def modes(
 
     Frequency |Im| / (2 pi), damping ratio -Re / |lambda|; participation |w_k v_k| of state k, left times
     right eigenvector, scaled to sum one (Kundur 1994, 12.2). With a linear model of the system's signals the
-    residues F (C v)(w B) of the electromechanical modes too, w scaled to w v = 1 (12.3.4), F the signals' washouts.
+    residues F (C v)(w B) exp(-lambda Td) of the electromechanical modes too, w scaled to w v = 1 (12.3.4), F the
+    signals' washouts, Td the devices' dead times.
     """
     values, left, right = eig(matrix, left=True, right=True)
     found = []
@@ -193,7 +200,7 @@ def modes(
         one = mode(complex(values[i]), v, w, names, system)
         if model is not None and system is not None and one.label not in ("common", "control"):
             seen = model.gain(values[i]) * (model.seen @ v)
-            matrix_of_residues = np.outer(seen, w @ model.B) / (w @ v)
+            matrix_of_residues = np.outer(seen, w @ model.B) / (w @ v) * model.late(values[i])
             one = one._replace(residues=_residues(matrix_of_residues, list(system.signals), devices))
         found.append(one)
     return found
@@ -277,7 +284,10 @@ def _residues(matrix: NDArray[Any], signals: Sequence[str], devices: Sequence[st
 
 
 class TransferFunction(NamedTuple):
-    """From a device's input to a signal: gain prod(s - z) / prod(s - p), zeros in 1/s; feed-through at s = inf."""
+    """From a device's input to a signal: gain prod(s - z) / prod(s - p), zeros in 1/s; feed-through at s = inf.
+
+    After a dead time, exp(-s Td).
+    """
 
     device: str
     signal: str
@@ -285,6 +295,7 @@ class TransferFunction(NamedTuple):
     zeros: list[complex]
     poles: list[complex]
     feedthrough: float
+    dead_time_s: float
 
 
 def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequence[str]) -> list[TransferFunction]:
@@ -305,7 +316,9 @@ def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequ
             zeros, own = values[np.isfinite(values) & (np.abs(values) < 1e6)], poles
             if model.washout[s] > 0.0:
                 zeros, own = np.append(zeros, 0.0), np.append(poles, -1.0 / model.washout[s])
-            value = model.response(probe)[s, d]
+            value = (model.response(probe) / model.late(probe))[s, d]
             gain = value * np.prod(probe - own) / np.prod(probe - zeros)
-            found.append(TransferFunction(device, signal, float(gain.real), zeros.tolist(), own.tolist(), float(D)))
+            zeros_and_poles = float(gain.real), zeros.tolist(), own.tolist()
+            dead_time = float(np.broadcast_to(model.dead_time, len(devices))[d])
+            found.append(TransferFunction(device, signal, *zeros_and_poles, float(D), dead_time))
     return found

@@ -57,7 +57,7 @@ class Residues(NamedTuple):
     def response(self, signals: Sequence[str], devices: Sequence[str], frames: int = 1) -> NDArray[np.float64]:
         """Signals after a setpoint of one was held for so many frames, p.u./p.u., (signals, devices).
 
-        C int_0^T exp(A t) dt B + D, with the washouts' states in A.
+        C int_0^T exp(A t) dt B + D, with the washouts' states in A; counted from where setpoints act, after dead times.
         """
         rows, columns = [self.signals.index(s) for s in signals], [self.devices.index(d) for d in devices]
         A, B, C, D = _with_washouts(self.model, rows)
@@ -82,7 +82,8 @@ def residues(
 ) -> Residues | None:
     """The residues from the installed devices to a system's signals; none without a swing mode.
 
-    Residues are F (C v)(w B), the swing F (C v), F washouts and the PMUs' filter `measured` (Kundur 1994, 12.3.4).
+    Residues are F (C v)(w B) exp(-lambda Td), the swing F (C v) (Kundur 1994, 12.3.4); F washouts and the PMUs' filter
+    `measured`, Td dead times.
     """
     stations = [s.name for s in system.stations]
     model = linearisation.linear_model(built, system.signals, stations, measured, frame_rate)
@@ -96,7 +97,7 @@ def residues(
     least = min(swings, key=lambda mode: mode.damping_ratio)
     eigenvalue, v, w = eigenvalue_near(model.A, least.eigenvalue)
     swing = model.gain(eigenvalue) * product(model.seen, v)
-    residue = swing[:, None] * product(w, model.B) / product(w, v)
+    residue = swing[:, None] * product(w, model.B) / product(w, v) * model.late(eigenvalue)
     known = list(system.signals), list(devices), eigenvalue, residue, swing
     return Residues(*known, frame_rate, model, list(built.state_names), v)
 

@@ -6,7 +6,8 @@ From frame to frame, T apart, with a delay of n frames and a rest `part` < T bet
     x(k+1) = Phi(T) x(k) + Phi(T - part) Gamma(part) u(k-n-1) + Gamma(T - part) u(k-n)
 
 with Phi(t) = exp(A t), Gamma(t) = int_0^t exp(A s) ds B. What is measured at t_k goes with the setpoints in force until
-then. How the delay is divided between both ways does not matter, for a controller acts at once on what arrives.
+then. How the delay is divided between both ways does not matter, for a controller acts at once on what arrives. A
+device's dead time is delay, too; each device has its own n and `part`.
 """
 
 from __future__ import annotations
@@ -55,6 +56,11 @@ class Discrete(NamedTuple):
     signals: list[int]  # indices among the plant's
     devices: list[int]  # indices among the plant's
     extra_delay: float = 0.0  # s, by which its delay is longer than the shortest one
+    dead_time: tuple[float, ...] = ()  # s, of each of its devices; none given: 0
+
+    def delays(self, delay: float) -> list[float]:
+        """How late its setpoints act at each of its devices with a total delay of the shortest link, s."""
+        return [delay + self.extra_delay + dead for dead in self.dead_time or [0.0] * len(self.devices)]
 
 
 class DelayedLoop(NamedTuple):
@@ -112,7 +118,8 @@ def delayed_loop(case: Case) -> DelayedLoop:
         names += [f"{name}.{i}" for i in range(len(matrices[0]))]
         signals = [list(case.system.signals).index(signal) for signal in controller.signals]
         devices = [case.run.devices.index(device) for device in controller.devices]
-        controllers.append(Discrete(*matrices, signals, devices, delays[case.used_links[c]] - min(delays)))
+        dead_time = tuple(case.system.device(device).dead_time for device in controller.devices)
+        controllers.append(Discrete(*matrices, signals, devices, delays[case.used_links[c]] - min(delays), dead_time))
     used = model.C[sorted({signal for c in controllers for signal in c.signals})]
     return DelayedLoop(model, controllers, case.run.frame_rate, names, rigid(model.A, used, built.state_names))
 
@@ -188,40 +195,49 @@ def _observer(made: Bank, c: int) -> Matrices:
 def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
     """The loop from frame to frame with a total delay (s): states of plant and controllers, setpoints sent, filters.
 
-    Of each controller these are u(k-1) to u(k-n-1); delays are taken to the nanosecond. What filters of PMUs have to
-    remember comes last; their latency counts beside the delay.
+    Of each controller these are u(k-1) to u(k-n-1), n of its latest device; delays are taken to the nanosecond. What
+    filters of PMUs have to remember comes last; their latency counts beside the delay.
     """
     model, period = loop.model, 1.0 / loop.frame_rate
-    ways = [divmod(to_ns(delay + c.extra_delay) * loop.frame_rate, NANOSECONDS) for c in loop.controllers]
+    ways = [[divmod(to_ns(late) * loop.frame_rate, NANOSECONDS) for late in c.delays(delay)] for c in loop.controllers]
     sizes = [len(model.A), *(len(c.A) for c in loop.controllers)]
-    sizes += [(frames + 1) * len(c.devices) for c, (frames, _) in zip(loop.controllers, ways, strict=True)]
+    sizes += [(max(way)[0] + 1) * len(c.devices) for c, way in zip(loop.controllers, ways, strict=True)]
     used = sorted({signal for c in loop.controllers for signal in c.signals})
-    own = None if model.filtered is None else model.filtered.of(used)
-    sizes.append(0 if own is None else own.frames * len(used))
+    filters = None if model.filtered is None else model.filtered.of(used)
+    sizes.append(0 if filters is None else filters.frames * len(used))
     plant, *others = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])  # rows that pick each part
     memories, sent = others[: len(loop.controllers)], others[len(loop.controllers) :]
-    sent, filters = sent[:-1], sent[-1]
+    sent, kept = sent[:-1], sent[-1]
     seen = model.seen @ plant
-    for c, buffer in zip(loop.controllers, sent, strict=True):
-        seen += (model.D if model.filtered is None else model.filtered.D)[:, c.devices] @ buffer[-len(c.devices) :]
-    if own is not None:
-        seen[used] = own.taps[:, 0, None] * seen[used] + filters[: len(used)]
+    for c, way, buffer in zip(loop.controllers, ways, sent, strict=True):
+        at_once = model.D if model.filtered is None else model.filtered.D
+        seen += at_once[:, c.devices] @ _of_frames(buffer, [frames for frames, _ in way])
+    if filters is not None:
+        seen[used] = filters.taps[:, 0, None] * seen[used] + kept[: len(used)]
     moved, following = held_for(model.A, model.B, period)[0] @ plant, []
     buffers, inputs = [], []
-    for c, z, buffer, (frames, rest) in zip(loop.controllers, memories, sent, ways, strict=True):
+    for c, z, buffer, way in zip(loop.controllers, memories, sent, ways, strict=True):
         y = seen[c.signals]
         given = np.vstack([c.C @ z + c.D @ y, buffer])  # u(k) to u(k-n-1)
-        new, old = np.split(given[frames * len(c.devices) :], 2)
-        part = rest / NANOSECONDS * period
-        _, before = held_for(model.A, model.B, part)
-        onward, after = held_for(model.A, model.B, period - part)
-        moved = moved + onward @ before[:, c.devices] @ old + after[:, c.devices] @ new
+        new = _of_frames(given, [frames for frames, _ in way])
+        old = _of_frames(given, [frames + 1 for frames, _ in way])
+        for rest in sorted({rest for _, rest in way}):
+            part, own = rest / NANOSECONDS * period, [i for i, one in enumerate(way) if one[1] == rest]
+            columns = [c.devices[i] for i in own]
+            _, before = held_for(model.A, model.B, part)
+            onward, after = held_for(model.A, model.B, period - part)
+            moved = moved + onward @ before[:, columns] @ old[own] + after[:, columns] @ new[own]
+            inputs.append((columns, old[own], new[own], part))
         following.append(c.A @ z + c.B @ y)
         buffers.append(given[: -len(c.devices)])
-        inputs.append((c.devices, old, new, part))
-    if own is not None:
-        buffers.append(remember(own, samples(own, model.A, model.B, plant, inputs), filters))
+    if filters is not None:
+        buffers.append(remember(filters, samples(filters, model.A, model.B, plant, inputs), kept))
     return np.vstack([moved, *following, *buffers])
+
+
+def _of_frames(setpoints: NDArray[np.float64], frames: list[int]) -> NDArray[np.float64]:
+    """Of setpoints of all devices, the newest frame's first, each device's own of so many frames before."""
+    return setpoints[[n * len(frames) + i for i, n in enumerate(frames)]]
 
 
 def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDArray[np.float64]:
@@ -233,8 +249,8 @@ def approximate(loop: DelayedLoop, delay: float, order: int, hold: float) -> NDA
     model, ways = loop.model, []
     hold += 0.0 if model.filtered is None else model.filtered.delay
     for c in loop.controllers:
-        many = np.eye(len(c.devices))
-        A, B, C, D = (np.kron(many, part) for part in pade(delay + c.extra_delay + hold, order))
+        terms = [pade(late + hold, order) for late in c.delays(delay)]
+        A, B, C, D = (block_diag(*parts) for parts in zip(*terms, strict=True))
         ways.append(_series(_continuous(c, 1.0 / loop.frame_rate), (A, B, C, D)))
     A, B, C, D = (block_diag(*parts) for parts in zip(*ways, strict=True))
     given = [signal for c in loop.controllers for signal in c.signals]

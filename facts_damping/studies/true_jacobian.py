@@ -79,6 +79,7 @@ class Respondent:
         """Signals of the frames after a tick with references held since, (frames, signals)."""
         state = copy(self.states[tick])
         state.reference[:] = state.target[:] = reference
+        state.waiting[:] = 0  # nothing is under way that would change them
         found, nothing = [], np.zeros(0, SETPOINT)
         for k in range(frames):
             self._advance(state, tick + k, nothing)

@@ -26,6 +26,7 @@ SETTLED = 10.0  # s
 FINE = 4800  # instants/s of the balance of energy
 SECONDS = 0.5
 UNCHARGED = 0.95  # p.u., DC voltages at the start of the balance
+LOSSES = 0.02  # p.u., conductance of DC links with losses
 SETPOINTS = {"sssc": 0.05, "statcom": -0.03}  # p.u., from the start of the balance
 
 
@@ -84,19 +85,28 @@ def converters() -> ValidationTable:
     return ValidationTable("Transmission characteristic of the SSSC", "the analytic solution (2.42)", "", rows)
 
 
+def _with_losses(system: System, g: float) -> System:
+    """The system with a loss conductance (p.u.) in the DC link of every converter."""
+    devices = [device.model_copy(update={"g": g}) for device in system.devices]
+    return system.model_copy(update={"devices": devices})
+
+
 def balance() -> ValidationTable:
-    """What a converter draws charges its DC link and its transformer's reactance, or is lost in the resistance."""
-    system = load_system("two_area")
+    """What a converter draws charges its DC link and its transformer's reactance, or is lost in either."""
     times = np.arange(round(SECONDS * FINE) + 1) / FINE
-    found, _ = _follow(system, list(SETPOINTS), SETPOINTS, times, UNCHARGED)
     rows = []
-    for d, name in enumerate(SETPOINTS):
-        device = next(row.model_dump() for row in system.devices if row.name == name)
-        R, L, tau = device.get("rs", device.get("R")), device.get("L", 0.0), device["tau"]
-        truth = found[:, d]
-        drawn = simpson(-truth["active_power"] - R * truth["current"] ** 2, x=times)
-        stored = tau * truth["dc_voltage"] ** 2 / 2 + L / (4 * np.pi * system.frequency) * truth["current"] ** 2
-        what = f"{name}: drawn less lost and stored, of {np.ptp(stored):.1e} p.u. s stored"
-        rows.append(within(what, "p.u. s", drawn - (stored[-1] - stored[0]), 1e-7))
+    for g in (0.0, LOSSES):
+        system = _with_losses(load_system("two_area"), g)
+        found, _ = _follow(system, list(SETPOINTS), SETPOINTS, times, UNCHARGED)
+        for d, name in enumerate(SETPOINTS):
+            device = next(row.model_dump() for row in system.devices if row.name == name)
+            R, L, tau = device.get("rs", device.get("R")), device.get("L", 0.0), device["tau"]
+            truth = found[:, d]
+            lost = R * truth["current"] ** 2 + g * truth["dc_voltage"] ** 2
+            drawn = simpson(-truth["active_power"] - lost, x=times)
+            stored = tau * truth["dc_voltage"] ** 2 / 2 + L / (4 * np.pi * system.frequency) * truth["current"] ** 2
+            what = f"{name}: drawn less lost and stored, of {np.ptp(stored):.1e} p.u. s stored"
+            what += f", DC losses g = {g:g} p.u." if g else ""
+            rows.append(within(what, "p.u. s", drawn - (stored[-1] - stored[0]), 1e-7))
     title = "Energy of the converters of two_area over 0.5 s, from an uncharged DC link and a step of both setpoints"
     return ValidationTable(title, "conservation", "", rows)

@@ -199,7 +199,7 @@ def test_modes_with_both_devices_gives_the_promised_fields_and_pictures(tmp_path
     assert [(t["device"], t["signal"]) for t in result["transfer_functions"]] == channels
     states = sum(1 if mode["imag"] == 0 else 2 for mode in result["modes"])
     for t in result["transfer_functions"]:
-        assert set(t) == {"device", "signal", "gain", "zeros", "poles", "feedthrough"}
+        assert set(t) == {"device", "signal", "gain", "zeros", "poles", "feedthrough", "dead_time_s"}
         assert len(t["poles"]) == states + (t["signal"] in washed)
     pictures = sorted(out.iterdir())
     assert [p.name for p in pictures] == ["mode_shapes.png", "transfer_functions.png"]

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from facts_damping.errors import InputError
 from facts_damping.parameters.devices import Sssc
 from facts_damping.plant import devices, sssc
+from facts_damping.plant.dead_time import line
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.model import DEVICE, PORT, PlantState, Site, workspace
 from facts_damping.plant.network import series_devices
@@ -70,9 +71,10 @@ def at_a_port(made: Any, x: Sequence[float], u: float, voltage: complex, impedan
         devices=rows,
         infinite=np.array([voltage]),
         network=np.array([[[admittance, -admittance]]]),
-        ports=np.array([(DEVICE, 0, made["I_min"])], PORT),
+        ports=np.array([(DEVICE, 0, made["I_min"], np.inf)], PORT),
     )
-    state = PlantState(np.array(x), np.array([-u]), np.zeros(1), watching(1), np.zeros(1, complex))
+    lines = line([0.0])
+    state = PlantState(np.array(x), np.array([-u]), np.zeros(1), watching(1), np.zeros(1, complex), *lines)
     work = workspace(model, state)
     solve_network(model, state.x, state.reference, state.source, 0, work)
     return Port(complex(work.response[0]), complex(state.source[0]), bool(work.blocked[0]), made, state.x)
