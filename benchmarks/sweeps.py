@@ -19,9 +19,10 @@ from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.oscillation import is_damped, settling_time
+from facts_damping.analysis.oscillation import settling_time
 from facts_damping.analysis.ringdown import ringdown_modes
 from facts_damping.analysis.summary import summarise
+from facts_damping.analysis.verdict import judge
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
 from facts_damping.studies import batch, sweep
@@ -62,7 +63,7 @@ def parts_of_a_run(plan: sweep.Plan) -> None:
         "    closed loop by itself, for comparison": lambda: loop.run(case),
         "  figures": lambda: batch.figures(record, modes=True),
         "    modes": lambda: ringdown_modes(t, signals, 1.0),
-        "    damped": lambda: is_damped(t, signals, 1.0),
+        "    verdict": lambda: judge(t, signals, 1.0),
         "    settling time": lambda: settling_time(t, signals, 1.0),
     }
     print(f"{'one run, median of ' + str(RUNS):<45} {'ms':>8} {'share':>7}")

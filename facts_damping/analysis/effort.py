@@ -36,14 +36,14 @@ def record_smoothness(record: Record) -> dict[str, float]:
     return {"per_second": smoothness(setpoints, dt), "per_frame": smoothness(setpoints)}
 
 
-def saturation_duty(record: Record) -> dict[str, float]:
-    """Share of the frames at which a device's setpoint is at its limit, 0 to 1, by device.
+def saturation_duty(record: Record, since: float = 0.0) -> dict[str, float]:
+    """Share of the frames at which a device's setpoint is at its limit, 0 to 1, by device; `since`: s.
 
     Of the devices whose limit the configuration tells (`setpoint_limits`).
     """
-    limits = setpoint_limits(record.configuration)
+    limits, kept = setpoint_limits(record.configuration), record.time_s >= since
     return {
-        name: float(np.mean(np.abs(record.devices["setpoint"][:, i]) >= limits[name] * (1 - 1e-9)))
+        name: float(np.mean(np.abs(record.devices["setpoint"][kept, i]) >= limits[name] * (1 - 1e-9)))
         for i, name in enumerate(record.device_names)
         if name in limits
     }

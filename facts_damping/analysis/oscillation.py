@@ -1,4 +1,4 @@
-"""Whether a run stays in synchronism, whether its oscillation dies, and when it has died."""
+"""Whether a run stays in synchronism, how far it swings, and when it has settled."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 WINDOW = 5.0  # s, over which an envelope is taken
 BAND = 0.05  # of the largest deviation: within it a signal has settled, below it one does not matter
 HOLD = 2.0  # s, so long a signal must stay in the band: half a period at 0.25 Hz, the slowest mode in sight
-MARGIN = 0.05  # by so much an envelope must fall: a steady oscillation seems to fall or grow by its phase
 STRIP_ROUNDS, STRIP_SLOPES = 6, 33  # search of a slope, to 16^-6 of where it may lie
 RESOLUTION = 1e-9  # p.u.: smaller oscillations are rounding
 
@@ -59,21 +58,6 @@ def settling_time(time_s: NDArray[np.float64], signals: NDArray[np.float64], sin
     if outside[-1] + 1 >= len(t) or t[-1] - t[outside[-1] + 1] < HOLD:
         return None
     return float(t[outside[-1] + 1] - since)
-
-
-def is_damped(time_s: NDArray[np.float64], signals: NDArray[np.float64], since: float = 0.0) -> bool:
-    """Whether the oscillation dies: each envelope over the last 5 s is below that of the 5 s after `since`.
-
-    `signals`: (ticks, n), p.u.; `since`: s, the last event. A signal whose last envelope is below 5 % of
-    the largest first one does not count; one that fell by less than 5 % has not fallen. Where less than
-    10 s are left, each window is half of them.
-    """
-    t, x = _after(time_s, signals, since)
-    length = min(WINDOW, (t[-1] - t[0]) / 2)
-    first = envelope(t, x, t[0], t[0] + length)
-    last = envelope(t, x, t[-1] - length, t[-1])
-    matters = last > max(BAND * first.max(), RESOLUTION)
-    return bool(np.all(last[matters] < (1 - MARGIN) * first[matters]))
 
 
 def envelope(

@@ -69,7 +69,7 @@ def fit_ringdown(
     if len(x) < 2 or time_s[kept][-1] - time_s[kept][0] < 3.0 or not np.isfinite(x).all():
         return None
     t, step = time_s[kept], float(np.median(np.diff(time_s)))
-    x, block = _decimate(x, step)
+    x, block = block_means(x, step)
     dt = block * step
     x = _without_line(x)
     if np.ptp(x, axis=0).max() < RESOLUTION:
@@ -156,7 +156,7 @@ def _describe(
     return Fit(modes, len(z), start, float(10 * np.log10(np.sum(x**2) / noise)))
 
 
-def _decimate(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], int]:
+def block_means(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], int]:
     """Means of blocks of samples, at about 10 samples/s, and how many samples a block has.
 
     Any exponential stays an exact one, with pole z^q for blocks of q, and what lies above the band fades.

@@ -11,9 +11,11 @@ from facts_damping.analysis import releases
 from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency, left_out
+from facts_damping.analysis.limits import warnings
 from facts_damping.analysis.measures import columns, event_times, speed_differences
-from facts_damping.analysis.oscillation import instability, is_damped, is_stable, settling_time
+from facts_damping.analysis.oscillation import instability, is_stable, settling_time
 from facts_damping.analysis.ringdown import METHOD, fit_ringdown
+from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED, judge
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -27,7 +29,8 @@ if TYPE_CHECKING:
 ROWS = (
     ("in synchronism", ("stable",), ""),
     ("ended by", ("instability",), ""),
-    ("damped", ("damped",), ""),
+    ("verdict", ("verdict",), ""),
+    ("growth [1/s]", ("growth_per_s",), ".4f"),
     ("duration [s]", ("duration_s",), ".2f"),
     *((name, ("indices", name), ".4g") for name in INDICES),
     ("settling time [s]", ("settling_time_s",), ".2f"),
@@ -57,14 +60,14 @@ def summarise(
     first event; `smoothness` is (5.34) over dt^2, `smoothness_per_frame` without. Raises InputError if the speed
     differences do not fit the record, or for an unknown method.
     """
-    signals = columns(speed_differences(record) if differences is None else differences)
+    given = speed_differences(record) if differences is None else differences
     stable = is_stable(record)
     smooth = record_smoothness(record)
     return {
         "run": record.asked,
         "stable": stable,
         "instability": instability(record),
-        **_oscillation(record, signals, method, stable is True),
+        **_oscillation(record, given, method, stable),
         "duration_s": _duration(record),
         "smoothness": smooth["per_second"],
         "smoothness_per_frame": smooth["per_frame"],
@@ -77,19 +80,21 @@ def summarise(
         "refused_setpoints": releases.refused_setpoints(record),
         "refused_messages": record.refused,
         "joined": record.joined,
+        "warnings": warnings(record),
     }
 
 
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
-    """Text table for a terminal: a column a run (its name, its summary), a row a figure."""
+    """Text table for a terminal: a column a run (its name, its summary), a row a figure; warnings beneath."""
     rows = [[label, *(value_text(find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
     rows += [[label, *cells] for label, cells in more_rows([summary for _, summary in summaries])]
-    return "\n".join(terminal.table(["", *(name for name, _ in summaries)], rows))
+    told = [f"warning: {name}: {line}" for name, summary in summaries for line in summary.get("warnings") or ()]
+    return "\n".join([*terminal.table(["", *(name for name, _ in summaries)], rows), *told])
 
 
 def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
     """Rows of a table of runs that are there only where one of them has something to say, as texts."""
-    found = releases.rows(summaries)
+    found = _cycles(summaries) + releases.rows(summaries)
     if any(s.get("latencies_left_out") for s in summaries):
         found.append(("latencies that cannot be", [str(s.get("latencies_left_out", 0)) for s in summaries]))
     if any(s.get("refused_messages") for s in summaries):
@@ -99,24 +104,50 @@ def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[st
     return found
 
 
-def _oscillation(record: Record, signals: NDArray[np.float64], method: str | None, stable: bool) -> dict[str, Any]:
+def _cycles(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
+    """Amplitude of limit cycles, and how often the devices are at their limits in them."""
+    cycles = [s.get("limit_cycle") for s in summaries]
+    if not any(cycles):
+        return []
+    each = [c["saturation_duty"] if c else {} for c in cycles]
+    duties = [", ".join(f"{device} {100 * share:.0f}" for device, share in own.items()) for own in each]
+    return [
+        ("limit cycle, amplitude [p.u.]", [f"{c['amplitude_pu']:.3g}" if c else "-" for c in cycles]),
+        ("  setpoints at their limit [%]", [duty or "-" for duty in duties]),
+    ]
+
+
+def _oscillation(
+    record: Record, differences: Mapping[str, NDArray[np.float64]], method: str | None, stable: bool | None
+) -> dict[str, Any]:
     """Figures that only a run in synchronism to its end has."""
     if not stable:
         return {
+            "verdict": LOST if stable is False else UNDECIDED,
+            "verdict_because": instability(record) or "the recording ends too early",
             "damped": False,
+            "growth_per_s": None,
+            "limit_cycle": None,
             "indices": None,
             "indices_since_event": None,
             "settling_time_s": None,
             **_modes(None),
         }
     times = event_times(record) or [0.0]
-    t, last = record.time_s, times[-1]
+    t, last, signals = record.time_s, times[-1], columns(differences)
+    fit = fit_ringdown(t, signals, last, method) if method else None
+    found = judge(t, signals, last, list(differences), (lambda: fit) if method == METHOD else None)
+    cycle = {"amplitude_pu": found.amplitude_pu, "saturation_duty": saturation_duty(record, found.start_s)}
     return {
-        "damped": is_damped(t, signals, last),
+        "verdict": found.verdict,
+        "verdict_because": found.because,
+        "damped": found.verdict == DAMPED,
+        "growth_per_s": found.growth and found.growth._asdict(),
+        "limit_cycle": cycle if found.verdict == LIMIT_CYCLE else None,
         "indices": performance_indices(t, signals),
         "indices_since_event": performance_indices(t, signals, times[0]),
         "settling_time_s": settling_time(t, signals, last),
-        **_modes(fit_ringdown(t, signals, last, method) if method else None),
+        **_modes(fit),
     }
 
 
@@ -152,4 +183,6 @@ def find(summary: Any, path: Sequence[str | int]) -> Any:
 
 def value_text(value: Any, form: str) -> str:
     """A figure of the table."""
+    if isinstance(value, dict):
+        return f"{value['value']:{form}} ({value['low']:{form}} to {value['high']:{form}}) {value['signal']}"
     return WORDS[value] if value is None or isinstance(value, bool) else format(value, form)

@@ -24,11 +24,12 @@ if TYPE_CHECKING:
 # little a device does, nor how quick a link is.
 LARGEST_IS_BEST = {
     "in synchronism": True,
-    "damped": True,
+    "verdict": True,
     **dict.fromkeys(INDICES, False),
     "settling time [s]": False,
     "  its damping ratio": True,
 }
+JUDGED_BY = {"verdict": ("damped",)}  # paths of what is compared, where it is not what the row shows
 STATISTICS = {"mean": "mean [ms]", "p50": "median [ms]", "p99": "99 % [ms]", "max": "max [ms]"}
 NONE = "-"
 UNMARKED: Mark = ""
@@ -40,7 +41,8 @@ def summary(runs: Sequence[ReportedRun], comparable: bool) -> ReportTable:
     for label, path, form in ROWS:
         values = [find(run.summary, path) for run in runs]
         judged = comparable and label in LARGEST_IS_BEST
-        marks = ranked(values, LARGEST_IS_BEST[label]) if judged else [UNMARKED] * len(runs)
+        worth = [find(run.summary, JUDGED_BY.get(label, path)) for run in runs]
+        marks = ranked(worth, LARGEST_IS_BEST[label]) if judged else [UNMARKED] * len(runs)
         cells = [Cell(value_text(value, form), mark) for value, mark in zip(values, marks, strict=True)]
         rows.append([Cell(label.strip()), *cells])
     rows += [[Cell(label), *map(Cell, cells)] for label, cells in more_rows([run.summary for run in runs])]

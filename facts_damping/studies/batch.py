@@ -38,7 +38,8 @@ QUANTILES = (0, 1, 5, 10, 25, 50, 75, 90, 95, 99, 100)  # %, of the latency
 MOST_SHARED = 256  # plants that a process keeps; some kB each
 LATENCIES = ("latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms")
 SUMMED = ("settling_time_s", "smoothness", "max_injected_voltage_pu")
-OUTCOME = ("damped", "instability", "duration_s")
+OUTCOME = ("verdict", "damped", "instability", "duration_s")
+GROWTH = {"value": "growth_per_s", "low": "growth_low_per_s", "high": "growth_high_per_s"}
 INTERAREA = ("interarea_hz", "interarea_damping_ratio")
 NAMED = ("system", "scenario", "link")
 IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
@@ -135,6 +136,7 @@ def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
 def figure_names(*, modes: bool) -> list[str]:
     """Columns of `figures`."""
     found = ["stable", *OUTCOME, *INDICES, *SUMMED, "saturation_duty", *LATENCIES, "frames_lost"]
+    found += [*GROWTH.values(), "warnings"]
     return [*found, *INTERAREA] if modes else found
 
 
@@ -149,6 +151,8 @@ def figures(record: Record, *, modes: bool) -> dict[str, Any]:
         "saturation_duty": max(told["saturation_duty"].values(), default=None),
         **_latency(record),
         "frames_lost": told["frames_lost"],
+        **{name: (told["growth_per_s"] or {}).get(end) for end, name in GROWTH.items()},
+        "warnings": "; ".join(told["warnings"]) or None,
     }
     if modes:
         slow = next((mode for mode in told["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 SYSTEMS = ("two_area", "smib")
 NONE = "none"
-TABLES = Tables(figures=["damped", *INDICES, "smoothness", "settling_time_s", "max_injected_voltage_pu"])
+TABLES = Tables(figures=["verdict", *INDICES, "smoothness", "settling_time_s", "max_injected_voltage_pu"])
 BARE = ("scenario=[]", "controllers.0.name=ANFTSC")  # a run whose signals and devices may be asked for
 OF_ALL = re.compile(r"devices=|controllers\.(0|\*)\.(signals|devices)=")  # not of networks alone
 

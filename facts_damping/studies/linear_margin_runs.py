@@ -10,8 +10,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from facts_damping.analysis.measures import columns, event_times, speed_differences
-from facts_damping.analysis.oscillation import WINDOW, envelope, is_damped
+from facts_damping.analysis.oscillation import WINDOW, envelope
 from facts_damping.analysis.ringdown import ringdown_modes
+from facts_damping.analysis.verdict import DAMPED, judge
 from facts_damping.parameters.run import Scenario
 from facts_damping.simulation import loop
 from facts_damping.studies.linear_closed_loop import with_delay
@@ -115,7 +116,8 @@ def bears(case: Case, delay: float) -> dict[tuple[str, float], bool]:
     for horizon in HORIZONS:
         kept = t < horizon
         found["in synchronism", horizon] = bool(lost >= horizon)
-        found["damped", horizon] = bool(lost >= horizon) and is_damped(t[kept], signals[kept], last)
+        sound = found["in synchronism", horizon]
+        found["damped", horizon] = sound and judge(t[kept], signals[kept], last).verdict == DAMPED
     return found
 
 

@@ -1,7 +1,7 @@
 """How good a controller is on draws of a training ensemble, beside LLC-tuned on the same draws.
 
     score = max_i mean_d log(I_id / I_id of LLC-tuned)          i: ITAE, IAE, ITSE, ISE (4.108); d: draws, or the worst
-            + UNDAMPED (share of draws whose oscillation does not die)
+            + UNDAMPED (share of draws whose oscillation grows, or is a limit cycle)
             + PRICE max(0, mean_d(effort - effort of LLC-tuned)),  effort = mean |u| / u_max
 
 0 is as good as LLC-tuned, and below 0 all four indices are better, as geometric means over the draws. With a share of
@@ -20,7 +20,7 @@ import numpy as np
 
 from facts_damping.analysis.indices import THESIS_INDICES, performance_indices
 from facts_damping.analysis.measures import columns, event_times, setpoint_limits, speed_differences
-from facts_damping.analysis.oscillation import is_damped
+from facts_damping.analysis.verdict import GROWING, LIMIT_CYCLE, judge
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import make_case
 from facts_damping.errors import FactsDampingError, InputError, check_known
@@ -50,7 +50,7 @@ class Figures(NamedTuple):
     lasted: float  # share of its duration in synchronism
     indices: dict[str, float]
     effort: float  # mean share of the devices' limits
-    damped: bool
+    damped: bool  # it neither grows nor is it a limit cycle
 
 
 class Draw(NamedTuple):
@@ -77,8 +77,9 @@ def figures(record: Record) -> Figures:
     t, deviations = record.time_s, columns(speed_differences(record))
     limits = setpoint_limits(record.configuration)
     share = np.abs(record.devices["setpoint"]) / np.array([limits[name] for name in record.device_names])
-    damped = is_damped(t, deviations, (event_times(record) or [0.0])[-1])
-    return Figures(1.0, performance_indices(t, deviations), float(share.mean()), damped)
+    verdict = judge(t, deviations, (event_times(record) or [0.0])[-1]).verdict
+    dies = verdict not in (GROWING, LIMIT_CYCLE)  # what is undecided is nobody's fault: the last event was late
+    return Figures(1.0, performance_indices(t, deviations), float(share.mean()), dies)
 
 
 def draws(system: str, link: str | None, number: int, study: str | None = None) -> list[Draw]:

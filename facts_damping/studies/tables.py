@@ -85,6 +85,8 @@ def _table(asked: Tables, columns: Sequence[str], found: Mapping[tuple[Who, str]
 def _alone(row: dict[str, Any], figure: str) -> str:
     """A figure beside others of its run: of one that loses synchronism the reason stands where it says yes or no."""
     value = row.get(figure)
+    if figure == "verdict":
+        return str(row["instability"] or value)
     if isinstance(value, bool):
         return "yes" if value else str(row["instability"] or "no")
     return cell(value) if row.get("stable") else "-"
@@ -94,4 +96,4 @@ def _among(row: dict[str, Any], figure: str) -> str:
     """A figure beside those of other runs, with what makes it one that does not count."""
     if not row.get("stable"):
         return str(row.get("instability") or "error")
-    return cell(row.get(figure)) + ("" if row["damped"] else " (not damped)")
+    return cell(row.get(figure)) + ("" if row["damped"] else f" ({row['verdict']})")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis.measures import columns, event_times, speed_differences
-from facts_damping.analysis.oscillation import is_damped
+from facts_damping.analysis.verdict import DAMPED, judge
 from facts_damping.case.loading import load_case
 from facts_damping.control.compensation import MOST_LEAD, compensate, compensators, lead, phasor
 from facts_damping.control.table import COMPENSATION_PARAMETERS, SETTINGS
@@ -128,7 +128,9 @@ def test_none_hands_signals_on() -> None:
 def damped(*sets: str) -> bool:
     record = loop.run(load_case("two_area_small", list(sets)))
     signals = columns(speed_differences(record))
-    return bool(record.in_synchronism.all()) and is_damped(record.time_s, signals, event_times(record)[-1])
+    return bool(record.in_synchronism.all()) and (
+        judge(record.time_s, signals, event_times(record)[-1]).verdict == DAMPED
+    )
 
 
 DELAYED = ("link.up=[{delay: 0.15}]", "link.down=[{delay: 0.1}]")

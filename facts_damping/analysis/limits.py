@@ -1,0 +1,144 @@
+"""Limits of the model that a run has left: what its figures no longer hold for, a line each.
+
+Balanced phasors of one frequency, machines and controls without protection: beyond these limits relays would have
+acted, loads and converters would no longer be what they are taken for.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.analysis.measures import inline_system
+from facts_damping.signals import CHANNELS, NANOSECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from facts_damping.signals import Record
+
+FREQUENCY = 2.5  # Hz from the nominal one, at a machine
+VOLTAGE = (0.7, 1.2)  # p.u., at machines and stations while no fault burns
+DRIFT = 0.5  # Hz, of the machines' common frequency from start to end, with nothing to hold it
+VOLTAGE_CHANNEL = list(CHANNELS).index("voltage_magnitude")
+
+
+def warnings(record: Record) -> list[str]:
+    """A line for each limit that the run has left, with what, when and for how long; none: it stayed within.
+
+    Frequency beyond 2.5 Hz from the nominal one at a machine in service; voltage outside of 0.7 to 1.2 p.u. at a
+    machine or station, but for the time of faults; parts of the network without a branch between them; and without
+    governors and infinite bus a common frequency that has moved by more than 0.5 Hz. All but the voltage only where the
+    configuration has the system inline.
+    """
+    if not len(record.time_ns):
+        return []
+    return [*_frequency(record), *_voltage(record), *_islands(record), *_drift(record)]
+
+
+def _frequency(record: Record) -> Iterator[str]:
+    """Machines too fast or too slow."""
+    nominal = inline_system(record.configuration).get("frequency")
+    if nominal is None:
+        return
+    away = np.where(_in_service(record), nominal * record.machines["speed_deviation"], 0.0)
+    told = []
+    for name, own in zip(record.machine_names, away.T, strict=True):
+        beyond = np.abs(own) > FREQUENCY
+        if beyond.any():
+            told.append(f"{name} {_when(record, beyond)} ({nominal + own[np.nanargmax(np.abs(own))]:.2f} Hz)")
+    if told:
+        yield f"frequency beyond {nominal:g} ± {FREQUENCY:g} Hz: {', '.join(told)}"
+
+
+def _voltage(record: Record) -> Iterator[str]:
+    """Voltages too low or too high outside of faults."""
+    sound = ~_burning(record)
+    service = _in_service(record)
+    places = {name: record.machines["terminal_voltage"][:, i] for i, name in enumerate(record.machine_names)}
+    stations = {name: record.frames[:, s, VOLTAGE_CHANNEL] for s, name in enumerate(record.stations)}
+    for word, limit, sign in (("below", VOLTAGE[0], 1.0), ("above", VOLTAGE[1], -1.0)):
+        told = []
+        for name, voltage in {**stations, **places}.items():
+            own = sound & service[:, record.machine_names.index(name)] if name in places else sound
+            beyond = own & (sign * voltage < sign * limit)
+            if beyond.any():
+                told.append(f"{name} {_when(record, beyond)} ({sign * (sign * voltage[beyond]).min():.2f} p.u.)")
+        if told:
+            yield f"voltage {word} {limit:g} p.u. without a fault: {', '.join(told)}"
+
+
+def _islands(record: Record) -> Iterator[str]:
+    """Parts of the network that events have left without a branch to the rest."""
+    system = inline_system(record.configuration)
+    names = [bus["name"] for bus in system.get("buses") or () if isinstance(bus, dict)]
+    switched = [event for event in record.events if event["kind"] in ("line_out", "line_in")]
+    out: set[str] = set()
+    for event in switched if names else ():
+        (out.add if event["kind"] == "line_out" else out.discard)(str(event["element"]))
+        parts = _parts(system, names, out)
+        if len(parts) > 1:
+            told = "; ".join(", ".join(part) for part in parts[1:])
+            time = event["time_ns"] / NANOSECONDS
+            yield f"island without a reference to the rest from {time:g} s: buses {told}"
+
+
+def _parts(system: Mapping[str, Any], names: list[str], out: set[str]) -> list[list[str]]:
+    """Buses that hang together, the largest part first; devices in series carry current whatever they do."""
+    branches = [*(system.get("lines") or ()), *(system.get("transformers") or ()), *(system.get("devices") or ())]
+    group = {name: i for i, name in enumerate(names)}
+    for branch in branches:
+        ends = branch.get("from_bus", branch.get("from")), branch.get("to_bus", branch.get("to"))
+        if branch["name"] not in out and None not in ends:
+            kept, gone = (group[end] for end in ends)
+            group = {name: kept if own == gone else own for name, own in group.items()}
+    parts: dict[int, list[str]] = {}
+    for name, own in group.items():
+        parts.setdefault(own, []).append(name)
+    return sorted(parts.values(), key=len, reverse=True)
+
+
+def _drift(record: Record) -> Iterator[str]:
+    """A common frequency that nothing holds."""
+    system = inline_system(record.configuration)
+    rows = {row["name"]: row for row in system.get("machines") or () if isinstance(row, dict)}
+    held = any(row.get("enabled", True) for row in system.get("governors") or ())
+    if system.get("infinite_buses") or held or set(rows) < set(record.machine_names) or not rows:
+        return
+    weights = np.array([rows[name]["rating"] * rows[name]["H"] for name in record.machine_names])
+    weights = weights * _in_service(record)
+    common = np.sum(weights * record.machines["speed_deviation"], axis=1) / np.maximum(weights.sum(axis=1), 1e-9)
+    moved = float(system["frequency"] * (common[-1] - common[0]))
+    if abs(moved) > DRIFT:
+        yield f"the common frequency has moved by {moved:+.2f} Hz at the end, and no governor holds it"
+
+
+def _when(record: Record, beyond: NDArray[np.bool_]) -> str:
+    """For how long, and from when."""
+    length = np.count_nonzero(beyond) / record.frame_rate
+    return f"{length:.2f} s from {record.time_s[np.argmax(beyond)]:.2f} s on"
+
+
+def _in_service(record: Record) -> NDArray[np.bool_]:
+    """Which machines are connected, (ticks, machines)."""
+    found = np.ones(record.machines.shape, np.bool_)
+    for event in record.events:
+        if event["kind"] == "generator_trip" and event["element"] in record.machine_names:
+            found[record.time_ns >= event["time_ns"], record.machine_names.index(event["element"])] = False
+    return found
+
+
+def _burning(record: Record) -> NDArray[np.bool_]:
+    """At which ticks a fault burns, (ticks,)."""
+    found = np.zeros(len(record.time_ns), np.bool_)
+    burning: set[str] = set()
+    for event in sorted(record.events, key=lambda event: event["time_ns"]):
+        if event["kind"] == "fault":
+            burning.add(event["element"])
+        elif event["kind"] == "clear":
+            burning.discard(event["element"])
+        found[record.time_ns >= event["time_ns"]] = bool(burning)
+    return found

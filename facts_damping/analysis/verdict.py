@@ -1,0 +1,256 @@
+"""Whether an oscillation dies, grows or goes on: growth of its envelope with an interval, and what that says of a run.
+
+The envelope of a signal is `a = sqrt(2 sum w (x - line)^2 / sum w)` over windows of 4 s with Hann's weights w, each
+freed of its straight line. Of a wave `A exp(sigma t) cos(omega t)` its logarithm is a line of slope sigma, but for
+ripples by the phase; that line is fitted by least squares. Its residuals are correlated, for windows overlap and
+chatter wanders. So the interval (Student's) counts as points only what is fitted over the correlation time: the
+integral of the residuals' autocorrelation and half as much again, for a fit shortens it; half a window at least.
+
+Where one exponential is not enough, or the record is short, and what remains at the end matters:
+
+- a few damped waves with common poles, if they explain nearly all (`ringdown`): modes that beat, or one that grows
+  behind one that decays. The worst pole of those that matter at the end decides, with its interval;
+- else the line is bent where that is far better, and what is before the bend left out, again and again: a swing that
+  decays to a steady chatter, or grows until a limit stops it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit
+
+from facts_damping.analysis.oscillation import BAND, RESOLUTION, WINDOW, envelope
+from facts_damping.analysis.ringdown import COVERED, SKIP, block_means, fit_ringdown
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.analysis.ringdown import Fit
+
+DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, LOST = "damped", "growing", "limit cycle", "undecided", "lost synchronism"
+ORDER = (GROWING, LIMIT_CYCLE, UNDECIDED, DAMPED)  # the worst that any signal says is what a run's is
+HANN = 4.0  # s, of a window: a period at 0.25 Hz, the slowest mode in sight
+HOP = 0.5  # s, between windows
+FEWEST = 8  # samples in a window
+UPPER = 0.975  # quantile: the upper end of an interval of 95 %
+RIPPLE = 0.05  # of an amplitude: a change by less from end to end is no growth, phases alone seem to make some
+STRAIGHT = 0.01  # root mean square about the line of the logarithm: what leaves no more is one exponential
+CLEAR_DB = 40.0  # of the signals against the residual of damped waves: from there on they are a sum of such waves
+LAST, SHARE = 5.0, 0.25  # s, and share of what is fitted, that lie behind a bend at least
+BETTER, DEPTH = 0.6, 0.2  # share of the line's squares that a bend explains, and how far it moves the logarithm
+WIDER = 1.5  # than the residuals' correlation says, which a fit makes shorter
+FREE = 0.9  # degrees of freedom, at least
+STEADY, WIDEST = 0.7, 2.0  # of the logarithm, factors of 2 and 7: see `judge`
+TONE = 0.3  # of the energy, in three neighbouring lines of the spectrum: less is noise, no oscillation
+
+
+class Growth(NamedTuple):
+    """Rate of growth of an amplitude with its interval of 95 %, 1/s, and of which signal."""
+
+    value: float
+    low: float
+    high: float
+    signal: str
+
+
+class Judgement(NamedTuple):
+    """What is said of an oscillation, and the reason; growth and amplitude are of the signal that decides."""
+
+    verdict: str  # of ORDER
+    because: str
+    growth: Growth | None  # none: nothing swings, or too little of it is there
+    start_s: float  # s, from when on it is so
+    amplitude_pu: float  # the median from then on
+
+
+class _Part(NamedTuple):
+    """What is looked at of one signal."""
+
+    name: str
+    points: NDArray[np.float64]  # s, middles of windows
+    sizes: NDArray[np.float64]  # p.u., the envelope there
+    samples: NDArray[np.float64]  # p.u., of the signal after the first second
+    dt: float  # s
+    floor: float  # p.u., below it an amplitude does not matter
+
+
+def judge(
+    time_s: NDArray[np.float64],
+    signals: NDArray[np.float64],
+    since: float = 0.0,
+    names: Sequence[str] = (),
+    fitted: Callable[[], Fit | None] | None = None,
+) -> Judgement:
+    """Judge the oscillation of signals (ticks, n), p.u., after `since` (s; the last event), less its first second.
+
+    A signal is `damped` where what remains is below 5 % of the largest amplitude of any, or the whole interval of its
+    growth below zero. It is `growing` where that is above zero. It is a `limit cycle` where the interval holds zero and
+    the amplitude is steady: to a factor of 2 at either end of the interval; or the envelope stays within such a factor
+    and the interval leaves no more than one of 7. Else it is `undecided`, as is noise that is no oscillation.
+    `fitted`: the waves that `fit_ringdown` finds in the signals, where they are at hand.
+    """
+    kept = time_s >= min(since, time_s[-1])
+    t, x = time_s[kept], np.reshape(signals, (len(time_s), -1))[kept]
+    begin = float(t[0])
+    if not np.isfinite(x).all():
+        return Judgement(UNDECIDED, "a value is not finite", None, begin, 0.0)
+    if np.ptp(x, axis=0).max() < RESOLUTION:
+        return Judgement(DAMPED, "nothing swings", None, begin, 0.0)
+    dt, rest = float(np.median(np.diff(t))), x[t >= begin + SKIP]
+    points, sizes = envelopes(rest, dt)
+    first = envelope(t, x, begin, min(begin + WINDOW, t[-1]))
+    if len(points) < 2:
+        because = f"{len(rest) * dt:.1f} s after the first second are too short"
+        return Judgement(UNDECIDED, because, None, begin, float(first.max()))
+    floor = max(BAND * float(max(first.max(), sizes.max())), RESOLUTION)
+    waves = cache(fitted or (lambda: fit_ringdown(time_s, signals, since)))
+    parts = [
+        _Part(name, points + begin + SKIP, sizes[:, i], rest[:, i], dt, floor)
+        for i, name in enumerate(names or map(str, range(x.shape[1])))
+    ]
+    found = [_signal(part, i, waves) for i, part in enumerate(parts)]
+    return min(found, key=lambda one: (ORDER.index(one.verdict), -one.growth.high if one.growth else np.inf))
+
+
+def envelopes(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Middles of the windows, s from the first sample, and the envelope of each signal there, (windows, n).
+
+    `x`: (samples, n), `dt` s apart. None at all where a window has too few samples, or is longer than they last.
+    """
+    samples, block = block_means(x, dt)
+    step = block * dt
+    width, hop = round(HANN / step), max(1, round(HOP / step))
+    if width < FEWEST or len(samples) < width:
+        return np.zeros(0), np.zeros((0, x.shape[1]))
+    root = np.sin(np.pi * (np.arange(width) + 0.5) / width)  # of Hann's weights
+    line = np.linalg.qr(np.column_stack([root, root * np.linspace(-1, 1, width)]))[0]
+    windows = np.lib.stride_tricks.sliding_window_view(samples, width, axis=0)[::hop]
+    parts = (windows - windows.mean(axis=2, keepdims=True)) * root
+    parts -= (parts @ line) @ line.T
+    middles = (np.arange(len(windows)) * hop + width / 2) * step
+    return middles, np.asarray(np.sqrt(2 * np.sum(parts**2, axis=2) / np.sum(root**2)), np.float64)
+
+
+def _signal(part: _Part, i: int, waves: Callable[[], Fit | None]) -> Judgement:
+    """The judgement of signal i."""
+    points, sizes = part.points, part.sizes
+    if sizes[points >= points[-1] - LAST + HANN / 2].max() < part.floor:
+        above = np.flatnonzero(sizes >= part.floor / 2)
+        end = 2 + int(above[-1] if len(above) else -1)  # the growth is that until it no longer mattered
+        because = "what remains is below 5 % of the largest amplitude"
+        return Judgement(
+            DAMPED, because, _growth(part, 0, end, 2 * FREE), float(points[0]) - HANN / 2, float(np.median(sizes))
+        )
+    logs = np.log(np.maximum(sizes, RESOLUTION))
+    whole = _growth(part, 0, len(points))
+    if whole is not None and _spread(points, logs) <= STRAIGHT:
+        return _decide(part, whole, 0)
+    fit = waves()
+    clear = _of_waves(part, i, fit) if fit is not None and fit.snr_db >= CLEAR_DB else None
+    if clear is not None:
+        return _decide(part, clear, 0)
+    first = _last_part(points, logs)
+    return _decide(part, _growth(part, first, len(points)), first)
+
+
+def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
+    """What a growth over the windows from `first` on says."""
+    start = float(part.points[first]) - HANN / 2
+    length = float(part.points[-1] - part.points[first]) + HANN
+    size = float(np.median(part.sizes[first:]))
+    if growth is None:
+        return Judgement(UNDECIDED, f"{length:.1f} s of it are too short", None, start, size)
+    if growth.high < 0.0 and growth.value * length < -STEADY:
+        return Judgement(DAMPED, "it decays", growth, start, size)
+    own = part.samples[len(part.samples) - round(length / part.dt) :]
+    if _tone(own, part.dt) < TONE:
+        return Judgement(UNDECIDED, "what remains is noise, no oscillation", growth, start, size)
+    if growth.high < 0.0:
+        return Judgement(DAMPED, "it decays", growth, start, size)
+    if growth.low > 0.0:
+        return Judgement(GROWING, "it grows", growth, start, size)
+    may = max(-growth.low, growth.high) * length
+    seen = max(float(np.ptp(np.log(part.sizes[first:]))), 2 * abs(growth.value) * length)
+    if may > STEADY and (seen > STEADY or may > WIDEST):
+        return Judgement(UNDECIDED, "it may grow or decay: the interval holds zero and is wide", growth, start, size)
+    return Judgement(LIMIT_CYCLE, "it neither grows nor decays", growth, start, size)
+
+
+def _growth(part: _Part, first: int, end: int, least: float = FREE) -> Growth | None:
+    """Slope of the envelope's logarithm over some windows by least squares; none where they are too few."""
+    t, y = part.points[first:end], np.log(np.maximum(part.sizes[first:end], RESOLUTION))
+    if len(t) < 3:
+        return None
+    slope, rest = _straight(t, y)
+    squares, hop, length = float(rest @ rest), float(t[1] - t[0]), float(t[-1] - t[0]) + HANN / 2
+    free = length / (HANN / 2) - 2
+    if free < least:
+        return None
+    memory = HANN / 2
+    if squares > 1e-18 * len(t):  # else rounding
+        correlation = np.correlate(rest, rest, "full")[len(rest) - 1 :] / squares
+        below = np.flatnonzero(correlation <= 0.0)  # there are some: residuals add up to 0
+        memory = max(memory, WIDER * hop * float(1 + 2 * correlation[1 : below[0]].sum()))
+    points = max(length / memory - 2, free / 3)
+    error = np.sqrt(squares / len(t) / points / np.mean((t - t.mean()) ** 2))
+    half = float(stdtrit(free, UPPER) * error + RIPPLE / length)
+    return Growth(slope, slope - half, slope + half, part.name)
+
+
+def _of_waves(part: _Part, i: int, fit: Fit) -> Growth | None:
+    """Growth of the worst of the damped waves that matter in signal i at its end; none where none does."""
+    length = float(part.points[-1]) + HANN / 2 - fit.start_s
+    found = []
+    for mode in fit.modes:
+        natural = 2 * np.pi * mode.frequency_hz / np.sqrt(1 - mode.damping_ratio**2)
+        sigma = float(-mode.damping_ratio * natural)
+        half = float(COVERED * natural * np.nan_to_num(mode.damping_ratio_error) + RIPPLE / length)
+        if mode.amplitude[i] * np.exp(sigma * length) >= part.floor:
+            found.append(Growth(sigma, sigma - half, sigma + half, part.name))
+    return max(found, key=lambda one: one.high, default=None)
+
+
+def _last_part(points: NDArray[np.float64], logs: NDArray[np.float64]) -> int:
+    """First window behind the last bend of the envelope's logarithm."""
+    first = 0
+    while True:
+        t, y = points[first:], logs[first:]
+        least = max(LAST, SHARE * float(t[-1] - t[0])) - HANN / 2
+        bends = np.flatnonzero((t >= t[0] + 2 * HOP) & (t <= t[-1] - least))
+        if not len(bends):
+            return first
+        line = np.linalg.qr(np.column_stack([np.ones_like(t), t - t.mean()]))[0]
+        rest = y - line @ (line.T @ y)
+        hinges = np.maximum(t - t[bends, np.newaxis], 0.0)
+        hinges -= (hinges @ line) @ line.T
+        dots, norms = hinges @ rest, np.sum(hinges**2, axis=1)
+        k = int(np.argmax(dots**2 / norms))
+        depth = abs(dots[k]) / norms[k] * np.ptp(hinges[k])
+        if dots[k] ** 2 / norms[k] < BETTER * np.sum(rest**2) or depth < DEPTH:
+            return first
+        first += min(int(bends[k] + HANN / 2 / HOP), int(bends[-1]))  # the windows about it hold of both sides
+
+
+def _straight(t: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    """Slope of the line of least squares, and what it leaves."""
+    u = t - t.mean()
+    slope = float(u @ y / (u @ u))
+    return slope, np.asarray(y - y.mean() - slope * u)
+
+
+def _spread(t: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+    """Root mean square about the line of least squares."""
+    return float(np.sqrt(np.mean(_straight(t, y)[1] ** 2)))
+
+
+def _tone(x: NDArray[np.float64], dt: float) -> float:
+    """Share of a signal's energy, its line taken off, in the three strongest neighbouring lines of its spectrum."""
+    samples = block_means(x[:, np.newaxis], dt)[0][:, 0]
+    rest = _straight(np.arange(len(samples), dtype=float), samples)[1]
+    power = np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) ** 2
+    return float(np.convolve(power, np.ones(3)).max() / power.sum())
