@@ -40,9 +40,10 @@ def linearised(name: str, devices: tuple[str, ...]) -> Modal:
 def weights(system: System, signal: str) -> NDArray[np.float64]:
     """A signal's weights over the stations' channels."""
     made = np.zeros((len(system.stations), len(CHANNELS)))
+    size = 1.0 / system.frequency if system.signals[signal].channel == "frequency" else 1.0
     for station, weight in system.signals[signal].weights.items():
         row = [s.name for s in system.stations].index(station)
-        made[row, list(CHANNELS).index(system.signals[signal].channel)] = weight
+        made[row, list(CHANNELS).index(system.signals[signal].channel)] = weight * size
     return made
 
 
