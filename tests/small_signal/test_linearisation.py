@@ -336,7 +336,9 @@ def test_sinusoidal_setpoint_gives_the_frequency_response(device: int) -> None:
         wave = 2j * np.mean((y - y.mean()) * turn)
         at_once = found.model.D[row, device]
         expected = (found.model.response(2j * np.pi * hertz)[row, device] - at_once) * held + at_once * last
-        assert wave / size == pytest.approx(expected, rel=1e-3), signal
+        # A derivative shows what the integrator's step does to the converter's fast modes.
+        close = 5e-3 if system.signals[signal].channel == "frequency" else 1e-3
+        assert wave / size == pytest.approx(expected, rel=close), signal
 
 
 def test_modes_of_a_matrix_need_no_system() -> None:
