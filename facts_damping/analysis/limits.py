@@ -66,7 +66,7 @@ def _voltage(record: Record) -> Iterator[str]:
             own = sound & service[:, record.machine_names.index(name)] if name in places else sound
             beyond = own & (sign * voltage < sign * limit)
             if beyond.any():
-                told.append(f"{name} {_when(record, beyond)} ({sign * (sign * voltage[beyond]).min():.2f} p.u.)")
+                told.append(f"{name} {_when(record, beyond)} ({sign * (sign * voltage[beyond]).min():.3f} p.u.)")
         if told:
             yield f"voltage {word} {limit:g} p.u. without a fault: {', '.join(told)}"
 

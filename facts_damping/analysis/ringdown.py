@@ -163,7 +163,7 @@ def block_means(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64],
     """
     q = max(1, int(1 / (RATE * dt) + 1e-6))
     blocks = len(x) // q
-    return x[: blocks * q].reshape(blocks, q, -1).mean(axis=1), q
+    return x[: blocks * q].reshape(blocks, q, x.shape[1]).mean(axis=1), q
 
 
 def _without_line(x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping import terminal
-from facts_damping.analysis import releases
+from facts_damping.analysis import convergence, releases
 from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency, left_out
@@ -86,7 +86,7 @@ def summarise(
 
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
     """Text table for a terminal: a column a run (its name, its summary), a row a figure; warnings beneath."""
-    rows = [[label, *(value_text(find(summary, path), form) for _, summary in summaries)] for label, path, form in ROWS]
+    rows = [[label, *(row_text(summary, path, form) for _, summary in summaries)] for label, path, form in ROWS]
     rows += [[label, *cells] for label, cells in more_rows([summary for _, summary in summaries])]
     told = [f"warning: {name}: {line}" for name, summary in summaries for line in summary.get("warnings") or ()]
     return "\n".join([*terminal.table(["", *(name for name, _ in summaries)], rows), *told])
@@ -94,7 +94,7 @@ def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
 
 def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
     """Rows of a table of runs that are there only where one of them has something to say, as texts."""
-    found = _cycles(summaries) + releases.rows(summaries)
+    found = _checked(summaries) + _cycles(summaries) + releases.rows(summaries)
     if any(s.get("latencies_left_out") for s in summaries):
         found.append(("latencies that cannot be", [str(s.get("latencies_left_out", 0)) for s in summaries]))
     if any(s.get("refused_messages") for s in summaries):
@@ -102,6 +102,12 @@ def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[st
         texts = [releases.by_cause((row["cause"], row["count"]) for row in own) for own in rows]
         found.append(("refused messages", texts))
     return found
+
+
+def _checked(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
+    """Whether half the integration step leaves the figures as they are, where that was tried."""
+    told = [s.get("converged") for s in summaries]
+    return [] if all(one is None for one in told) else [("converged", [WORDS[one] for one in told])]
 
 
 def _cycles(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
@@ -179,6 +185,13 @@ def find(summary: Any, path: Sequence[str | int]) -> Any:
             return None
         summary = summary[key]
     return summary
+
+
+def row_text(summary: Mapping[str, Any], path: Sequence[str | int], form: str) -> str:
+    """A figure of the table; where the step was halved, with the digits that this has left."""
+    value, change = find(summary, path), find(summary, ("step_change", path[-1]))
+    known = change is not None and isinstance(value, float)
+    return convergence.text(value, change, form) if known else value_text(value, form)
 
 
 def value_text(value: Any, form: str) -> str:

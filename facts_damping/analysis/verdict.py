@@ -132,7 +132,7 @@ def envelopes(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64], N
     windows = np.lib.stride_tricks.sliding_window_view(samples, width, axis=0)[::hop]
     parts = (windows - windows.mean(axis=2, keepdims=True)) * root
     parts -= (parts @ line) @ line.T
-    middles = (np.arange(len(windows)) * hop + width / 2) * step
+    middles = np.asarray((np.arange(len(windows)) * hop + width / 2) * step, np.float64)
     return middles, np.asarray(np.sqrt(2 * np.sum(parts**2, axis=2) / np.sum(root**2)), np.float64)
 
 

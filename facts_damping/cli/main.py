@@ -69,6 +69,7 @@ def _runs(add: Add) -> None:
     command = add("simulate", "runs.simulate", "One closed loop in process.")
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
     _common(command)
+    _check_step(command)
     command = add("run", "runs.run", "The same loop as a ROS 2 graph.")
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
     command.add_argument("--mode", choices=["lockstep", "realtime"], default="lockstep", help="default: lockstep")
@@ -180,11 +181,13 @@ def _studies(add: Add) -> None:
     command.add_argument("systems", nargs="*", metavar="SYSTEM", help="which systems; none: two_area and smib")
     command.add_argument("--controllers", nargs="+", default=[], metavar="NAME", help="which; none: all of the table")
     _jobs(command)
+    _check_step(command)
     _common(command)
     text = "Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."
     command = add("sweep", "studies.sweep", text)
     command.add_argument("study", metavar="STUDY", help="name under config/studies, or a YAML file")
     _jobs(command)
+    _check_step(command)
     command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose cluster makes the runs")
     _common(command)
     text = (
@@ -276,6 +279,11 @@ KINDS = (
 )  # facts_damping.parameters.files.KINDS, likewise
 MODES = ("matrix_pencil", "prony", "era")  # facts_damping.analysis.poles.METHODS, which takes long to load
 COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _between(0.05, 3600.0, " s")
+
+
+def _check_step(command: argparse.ArgumentParser) -> None:
+    text = "run also with half the integration step; say which figures hold"
+    command.add_argument("--check-step", action="store_true", help=text)
 
 
 def _jobs(command: argparse.ArgumentParser) -> None:

@@ -119,6 +119,10 @@ def simulate(arguments: argparse.Namespace) -> None:
     built = loop.build_loop(case)
     record = loop.finish(case, built)
     result = summarise(record, time.perf_counter() - began, None)
+    if arguments.check_step:
+        from facts_damping.analysis import convergence
+
+        result |= convergence.compare(result, summarise(loop.run(loop.with_half_step(case)), None, None))
     folder, saved = None, []
     if arguments.out is not None:
         folder = files.new_folder(Path(arguments.out))

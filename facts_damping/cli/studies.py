@@ -73,7 +73,7 @@ def compare(arguments: argparse.Namespace) -> None:
     """Every controller, direct and indirect, on every scenario of some systems: tables of figures."""
     from facts_damping.studies import compare as study
 
-    plan = study.plan(arguments.systems, arguments.controllers, arguments.set)
+    plan = study.plan(arguments.systems, arguments.controllers, arguments.set, check_step=arguments.check_step)
     _carry_out(plan, None if arguments.out is None else Path(arguments.out), arguments)
 
 
@@ -81,7 +81,7 @@ def sweep(arguments: argparse.Namespace) -> None:
     """Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."""
     from facts_damping.studies import sweep as study
 
-    plan = study.plan(arguments.study, arguments.set)
+    plan = study.plan(arguments.study, arguments.set, check_step=arguments.check_step)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
     _carry_out(plan, folder, arguments, arguments.scheduler)
 

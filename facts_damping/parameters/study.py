@@ -181,4 +181,5 @@ class Study(ParameterModel):
     sweep: list[Axis] = Field([], description="axes; every value of one with every value of the others")
     margin: Margin | None = Field(None, description="searched at every point of the sweep")
     modes: bool = Field(True, description="also find the interarea mode of each run")
+    check_step: bool = Field(False, description="also run each with half the integration step; rows say `converged`")
     tables: Tables | None = Field(None, description="of figures of all runs; none: no page of tables")

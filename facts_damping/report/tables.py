@@ -10,7 +10,7 @@ from facts_damping.analysis.details import JUDGED
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.ringdown import COVERED
-from facts_damping.analysis.summary import ROWS, find, more_rows, value_text
+from facts_damping.analysis.summary import ROWS, find, more_rows, row_text
 from facts_damping.report.contents import Cell, ReportTable
 
 if TYPE_CHECKING:
@@ -39,11 +39,11 @@ def summary(runs: Sequence[ReportedRun], comparable: bool) -> ReportTable:
     """The figures of all runs; if they can be compared, with the best and the worst of each row marked."""
     rows = []
     for label, path, form in ROWS:
-        values = [find(run.summary, path) for run in runs]
         judged = comparable and label in LARGEST_IS_BEST
         worth = [find(run.summary, JUDGED_BY.get(label, path)) for run in runs]
         marks = ranked(worth, LARGEST_IS_BEST[label]) if judged else [UNMARKED] * len(runs)
-        cells = [Cell(value_text(value, form), mark) for value, mark in zip(values, marks, strict=True)]
+        texts = [row_text(run.summary, path, form) for run in runs]
+        cells = [Cell(text, mark) for text, mark in zip(texts, marks, strict=True)]
         rows.append([Cell(label.strip()), *cells])
     rows += [[Cell(label), *map(Cell, cells)] for label, cells in more_rows([run.summary for run in runs])]
     sentence = "All figures of the runs side by side."

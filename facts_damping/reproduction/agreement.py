@@ -55,6 +55,7 @@ class Compared(NamedTuple):
     figure: float | None  # our index or smoothness of the run itself
     ours: float | None  # what stands in the cell: improvement, %, or smoothness
     difference: float | None  # ours - corrected
+    converged: bool = True  # whether half the integration step leaves our figure as it is, as far as that was tried
 
 
 class Statement(NamedTuple):
@@ -88,9 +89,21 @@ class Signs(NamedTuple):
     share_as_printed: float
 
 
-def compare(cells: Iterable[Cell], figures: Figures) -> list[Compared]:
-    """Ours of every cell. Raises `KeyError` for a run that is not among the figures at all."""
-    return [_compared(cell, figures) for cell in cells]
+def compare(
+    cells: Iterable[Cell], figures: Figures, not_converged: frozenset[ComparedRun] = frozenset()
+) -> list[Compared]:
+    """Ours of every cell; `not_converged`: runs whose figures depend on the integration step.
+
+    Raises `KeyError` for a run that is not among the figures at all.
+    """
+    return [
+        _compared(cell, figures)._replace(
+            converged=not_converged.isdisjoint(
+                ComparedRun(cell.system, cell.scenario, who) for who in (cell.who, cell.against) if who is not None
+            )
+        )
+        for cell in cells
+    ]
 
 
 def statements(compared: Sequence[Compared]) -> list[Statement]:

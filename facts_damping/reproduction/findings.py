@@ -55,12 +55,14 @@ def find(results: Results) -> Findings:
     behind = [
         (rows, link) for link, own in (("ideal", results.ensembles), (LINK, results.delayed)) for rows in own.values()
     ]
+    unsure = {(run.system, run.who) for run in results.not_converged}
+    sure = {run: one for run, one in results.figures.items() if (run.system, run.who) not in unsure}
     return Findings(
-        _agreement(agreement.compare(results.cells, results.figures)),
+        _agreement(agreement.compare(results.cells, results.figures, results.not_converged)),
         _agreement(ensembles.compare(results.cells, results.ensembles)),
         [one for rows, link in behind for one in ensembles.spreads(rows, link)],
-        ensembles.firmness(results.figures, results.ensembles),
-        ensembles.decided(results.figures),
+        ensembles.firmness(sure, results.ensembles),
+        ensembles.decided(sure),
         _reached(results),
     )
 

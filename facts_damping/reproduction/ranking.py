@@ -3,7 +3,8 @@
 Within a table, a scenario, a quantity and a scheme the controllers are ordered by the figure itself: theirs by the
 improvement over LLC as corrected (or the smoothness), ours by the index (or the smoothness). LLC on the SSSC alone is
 the reference of all tables and has no place; with SSSC and STATCOM it has one. Equal figures share the mean of their
-places; runs without figures share the last places. MISO columns of table 6.1 repeat table 5.4 and are left out.
+places; runs without figures share the last places. Runs whose figures are not converged have no place, neither theirs
+nor ours. MISO columns of table 6.1 repeat table 5.4 and are left out.
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ def rankings(compared: Iterable[Compared], seed: int = 0) -> list[Ranking]:
     for c in compared:
         cell = c.cell
         repeated = cell.table == "6.1" and cell.architecture == "MISO"
-        if cell.against in (None, LLC) and cell.who != LLC and not repeated:
+        if cell.against in (None, LLC) and cell.who != LLC and not repeated and c.converged:
             groups.setdefault((cell.table, cell.scenario, cell.quantity, cell.scheme or "indirect"), []).append(c)
     return [_ranking(key, group, seed) for key, group in groups.items()]
 

@@ -51,6 +51,7 @@ class Results(NamedTuple):
     delayed: dict[tuple[str, str], list[Row]]
     told: list[Told]
     pictures: list[Path]
+    not_converged: frozenset[ComparedRun] = frozenset()  # of the runs of the tables
 
 
 def gather(tables: Sequence[str], draws: int | None, folder: Path, jobs: int) -> Results:
@@ -67,12 +68,14 @@ def gather(tables: Sequence[str], draws: int | None, folder: Path, jobs: int) ->
     figures: dict[ComparedRun, dict[str, float] | None] = {}
     ensembles: dict[tuple[str, str], list[Row]] = {}
     delayed: dict[tuple[str, str], list[Row]] = {}
+    unsure: set[ComparedRun] = set()
     rows = partial(_rows, files.new_folder(folder / "runs"), jobs)
     for system in systems:
         whos, found = runs.whos(own, system), FOUND[system]
         few = [*runs.LINEAR, *(one for one in RIVALS if one in whos)]
-        plain = rows(system, {"": whos, "-found": found}, partial(runs.nominal, system))
+        plain = rows(system, {"": whos, "-found": found}, partial(runs.nominal, system, check_step=True))
         figures |= runs.figures(plain, [*whos, *found])
+        unsure |= runs.not_converged(plain, [*whos, *found])
         for scenario in SCENARIOS[system].values():
             place, title = (system, scenario), f"{system}-{scenario}"
             make = partial(runs.ensemble, system, scenario, draws=draws)
@@ -80,7 +83,7 @@ def gather(tables: Sequence[str], draws: int | None, folder: Path, jobs: int) ->
             delayed[place] = rows(f"{title}-{LINK}", {"": few, "-found": found}, partial(make, link=LINK))
     told = _variants([one for one in asked if one in VARIANT_TABLES], figures, rows)
     drawn = _pictures(asked, folder, jobs)
-    return Results(asked, draws, counted, own, figures, ensembles, delayed, told, drawn)
+    return Results(asked, draws, counted, own, figures, ensembles, delayed, told, drawn, frozenset(unsure))
 
 
 def _rows(

@@ -56,11 +56,16 @@ def changes(who: Who) -> dict[str, Any]:
     return {"devices": devices, "controllers": [own if who.scheme is None else {**own, "scheme": who.scheme}]}
 
 
-def nominal(system: str, asked: Sequence[Who], more: More | None = None, **fields: Any) -> Study:
-    """Every scenario of a system, as it is, with everybody; `fields` of the run differ, `more` for a controller."""
+def nominal(
+    system: str, asked: Sequence[Who], more: More | None = None, *, check_step: bool = False, **fields: Any
+) -> Study:
+    """Every scenario of a system, as it is, with everybody; `fields` of the run differ, `more` for a controller.
+
+    `check_step`: each also with half the integration step.
+    """
     scenarios = {"field": "scenario", "values": list(SCENARIOS[system].values())}
     content = {"run": {"system": system}, "set": fields, "sweep": [scenarios, _everybody(asked, more)], "modes": False}
-    return check(Study, content, f"reproduce {system}")
+    return check(Study, {**content, "check_step": check_step}, f"reproduce {system}")
 
 
 def ensemble(system: str, scenario: str, asked: Sequence[Who], draws: int | None = None, **fields: Any) -> Study:
@@ -98,6 +103,16 @@ def figures(rows: Iterable[Row], asked: Sequence[Who]) -> dict[ComparedRun, dict
         if row["error"] is None and row["stable"]
         else None
         for row in rows
+    }
+
+
+def not_converged(rows: Iterable[Row], asked: Sequence[Who]) -> set[ComparedRun]:
+    """The runs of a system whose figures half the integration step changes."""
+    by_name = {name(who): who for who in asked}
+    return {
+        ComparedRun(row["system"], row["scenario"], by_name[row["who"]])
+        for row in rows
+        if row.get("converged") is False
     }
 
 

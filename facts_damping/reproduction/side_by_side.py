@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping import terminal
+from facts_damping.analysis.convergence import MARK
 from facts_damping.reproduction.agreement import ComparedRun, compare, markdown, name
 from facts_damping.reproduction.ensembles import drawn, median
 from facts_damping.reproduction.operations import WHY
@@ -27,7 +28,8 @@ HEAD = """# The tables, side by side
 
 Made by `{command}`. In each cell: theirs; ours; ours less theirs; the median of ours over the ensemble with its 95 %
 interval. Improvements (4.109) in %, smoothness (5.34) in p.u./s². `*`: the thesis contradicts itself; its printed
-figure stands struck through before the reading that fits. `-`: no figure, the run lost synchronism. Beside the thesis's
+figure stands struck through before the reading that fits. `-`: no figure, the run lost synchronism. `~`: half the
+integration step changes the figure by more than 1 %; such runs have no place in the orders. Beside the thesis's
 references, LLC and direct ANFTSC, are two that it does not have, the tuned lead-lag and the bound: ours; ours over the
 ensemble."""
 
@@ -119,6 +121,8 @@ def _cell(c: Compared, results: Results) -> str:
     if c.cell.reason:
         printed = f"~~{c.cell.printed:g}~~ {printed}\\*"
     ours = "-; -" if c.ours is None or c.difference is None else f"{c.ours:.4g}; {c.difference:+.4g}"
+    if c.ours is not None and not c.converged:
+        ours = f"{MARK}{c.ours:.1g}; {MARK}"
     return f"{printed}; {ours}; {_median(c.cell, results)}"
 
 

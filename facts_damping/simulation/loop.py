@@ -6,6 +6,7 @@ the same functions, each its own; here they are called in one compiled loop.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -292,6 +293,11 @@ def step(loop: Loop, tick: int) -> bool:
 def run_loop(loop: Loop) -> None:
     """All ticks from the first on, or until the plant is no longer sound."""
     _run(*loop)
+
+
+def with_half_step(case: Case) -> Case:
+    """The case with half the integrator's longest step."""
+    return replace(case, system=case.system.model_copy(update={"step": case.system.step / 2}))
 
 
 def run(case: Case) -> Record:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from facts_damping.analysis import convergence
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import ages_ms
 from facts_damping.analysis.ringdown import METHOD
@@ -40,6 +41,7 @@ LATENCIES = ("latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "
 SUMMED = ("settling_time_s", "smoothness", "max_injected_voltage_pu")
 OUTCOME = ("verdict", "damped", "instability", "duration_s")
 GROWTH = {"value": "growth_per_s", "low": "growth_low_per_s", "high": "growth_high_per_s"}
+CHECKED = ("converged", "step_change")  # the second is that of the index that changes most
 INTERAREA = ("interarea_hz", "interarea_damping_ratio")
 NAMED = ("system", "scenario", "link")
 IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
@@ -55,6 +57,7 @@ class Base(NamedTuple):
     source: str
     set: dict[str, Any]
     modes: bool
+    check_step: bool = False
 
 
 class RunRequest(NamedTuple):
@@ -79,7 +82,8 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
     try:
         case = make(base, task.changes)
         row |= {**identity(case), **task.columns, "horizon_s": case.duration}
-        row |= {**figures(closed_loop(case), modes=base.modes), "error": None}
+        finer = closed_loop(loop.with_half_step(case)) if base.check_step else None
+        row |= {**figures(closed_loop(case), finer, modes=base.modes), "error": None}
     except FactsDampingError as error:
         row["error"] = _one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a run dies of, the others go on)
@@ -133,15 +137,15 @@ def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
     return kept[key]
 
 
-def figure_names(*, modes: bool) -> list[str]:
+def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
     """Columns of `figures`."""
     found = ["stable", *OUTCOME, *INDICES, *SUMMED, "saturation_duty", *LATENCIES, "frames_lost"]
-    found += [*GROWTH.values(), "warnings"]
+    found += [*GROWTH.values(), "warnings", *(CHECKED if check_step else ())]
     return [*found, *INTERAREA] if modes else found
 
 
-def figures(record: Record, *, modes: bool) -> dict[str, Any]:
-    """The figures of a run, flat; None where a run has none."""
+def figures(record: Record, finer: Record | None = None, *, modes: bool) -> dict[str, Any]:
+    """The figures of a run, flat; None where a run has none. `finer`: the same at half the integration step."""
     told = summarise(record, method=METHOD if modes else None)
     found: dict[str, Any] = {
         "stable": told["stable"] is True,
@@ -154,6 +158,9 @@ def figures(record: Record, *, modes: bool) -> dict[str, Any]:
         **{name: (told["growth_per_s"] or {}).get(end) for end, name in GROWTH.items()},
         "warnings": "; ".join(told["warnings"]) or None,
     }
+    if finer is not None:
+        beside = convergence.compare(told, summarise(finer, method=None))
+        found |= dict(zip(CHECKED, (beside["converged"], max(beside["step_change"][i] for i in INDICES)), strict=True))
     if modes:
         slow = next((mode for mode in told["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)
         values = (slow["frequency_hz"], slow["damping_ratio"]) if slow else (None, None)

@@ -30,11 +30,11 @@ BARE = ("scenario=[]", "controllers.0.name=ANFTSC")  # a run whose signals and d
 OF_ALL = re.compile(r"devices=|controllers\.(0|\*)\.(signals|devices)=")  # not of networks alone
 
 
-def plan(systems: Sequence[str], names: Sequence[str], sets: Sequence[str]) -> sweep.Plan:
+def plan(systems: Sequence[str], names: Sequence[str], sets: Sequence[str], *, check_step: bool = False) -> sweep.Plan:
     """The study of these systems (none: `SYSTEMS`) and controllers (none: all), with `--set` for all runs.
 
     What it says below `controllers` is for networks alone, but for signals and devices: of them each controller takes
-    as many as it can.
+    as many as it can. `check_step`: each also with half the integration step.
     """
     for text in sets:
         if text.startswith("controllers="):
@@ -46,7 +46,8 @@ def plan(systems: Sequence[str], names: Sequence[str], sets: Sequence[str]) -> s
             rows.append({"system": system, "scenario": scenario, **row})
             labels.append(f"{system} {scenario} {label}")
     axis = Axis(name="run", labels=labels, rows=rows)
-    study = Study(description="every scenario with every controller", sweep=[axis], tables=TABLES)
+    description = "every scenario with every controller"
+    study = Study(description=description, sweep=[axis], tables=TABLES, check_step=check_step)
     common = [text for text in sets if not text.startswith("controllers.")]
     return sweep.planned(study, "comparison", "compare", dump(study.model_dump(exclude_defaults=True)), common)
 

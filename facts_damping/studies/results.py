@@ -14,6 +14,7 @@ import pyarrow as pa
 from pyarrow import csv, parquet
 
 from facts_damping import terminal
+from facts_damping.analysis.convergence import MARK
 from facts_damping.parameters.files import share_folder
 from facts_damping.studies.margins import share
 from facts_damping.terminal import write_whole
@@ -83,6 +84,9 @@ def sweep_tables(rows: Rows, margins: Rows, shares: Rows, across: str = "scenari
     if sound:
         unstable = share(sum(not row["stable"] for row in sound), len(sound))
         lines[0] += f", {unstable['failed']} unstable ({100 * unstable['share']:.1f} %)"
+    open_ = sum(row.get("converged") is False for row in sound)
+    if open_:
+        lines[0] += f", {open_} not converged"
     if failed:
         lines.append(f"{len(failed)} could not be made, the first: {failed[0]}")
     if margins:
@@ -110,7 +114,19 @@ def varying(rows: Rows, without: Sequence[str]) -> list[str]:
     return list(found.values())
 
 
-FOUND = ("margin_s", "low_s", "high_s", "seeds", "monotonic", "holds_again", "holds", "beyond", "per_seed", "field")
+FOUND = (
+    "converged",
+    "margin_s",
+    "low_s",
+    "high_s",
+    "seeds",
+    "monotonic",
+    "holds_again",
+    "holds",
+    "beyond",
+    "per_seed",
+    "field",
+)
 COUNTED = ("runs", "failed", "share", "low", "high")
 
 
@@ -131,12 +147,19 @@ def margin_names(margins: Rows, across: str) -> list[str]:
 
 
 def ranked(margins: Rows, names: Sequence[str]) -> list[tuple[Any, ...]]:
-    """What these columns say of margins, who bears most first, by the median of the first criterion."""
+    """What these columns say of margins, who bears most first, by the median of the first criterion.
+
+    Who has one that is not converged has no rank: they come last.
+    """
     reached: dict[tuple[Any, ...], list[float]] = {}
+    unsure: set[tuple[Any, ...]] = set()
     for row in margins:
         if row["criterion"] == margins[0]["criterion"]:
-            reached.setdefault(tuple(row.get(name) for name in names), []).append(reach(row))
-    return sorted(reached, key=lambda one: -median(reached[one]))
+            who = tuple(row.get(name) for name in names)
+            reached.setdefault(who, []).append(reach(row))
+            if row.get("converged") is False:
+                unsure.add(who)
+    return sorted(reached, key=lambda one: (one in unsure, -median(reached[one])))
 
 
 def reach(row: dict[str, Any]) -> float:
@@ -181,6 +204,8 @@ def told_margin(row: dict[str, Any] | None) -> str:
     if row is None:
         return ""
     star = "" if row["monotonic"] else f" * {100 * row['holds']:.0f} %"
+    if row.get("converged") is False:
+        star += " " + MARK
     if row["margin_s"] is None:
         return {"high": f"> {cell(row['low_s'])}", "low": f"< {cell(row['high_s'])}", None: "-"}[row["beyond"]] + star
     return f"{row['margin_s']:.3f} [{cell(row['low_s'])}, {cell(row['high_s'])}]{star}"

@@ -48,13 +48,14 @@ class Plan(NamedTuple):
     fingerprint: str  # of everything that its rows depend on
 
 
-def plan(name: str, sets: Sequence[str]) -> Plan:
-    """Read a study by name or path, with `--set` applied to its base run.
+def plan(name: str, sets: Sequence[str], *, check_step: bool = False) -> Plan:
+    """Read a study by name or path, with `--set` applied to its base run; `check_step`: whatever it says of that.
 
     Raises `InputError` also where its first run cannot be made.
     """
     path = find("studies", name)
     study = check(Study, read_table(path), str(path))
+    study = study.model_copy(update={"check_step": study.check_step or check_step})
     return planned(study, path.stem, str(path), path.read_text(encoding="utf-8"), sets)
 
 
@@ -82,7 +83,7 @@ def _check_tables(study: Study, first: Point) -> None:
     for name in study.tables.rows + ([study.tables.across] if study.tables.across else []):
         check_known("tables", name, columns)
     for name in study.tables.figures:
-        check_known("tables.figures", name, figure_names(modes=study.modes))
+        check_known("tables.figures", name, figure_names(modes=study.modes, check_step=study.check_step))
 
 
 def _base(study: Study, sets: Sequence[str], source: str) -> Base:
@@ -90,7 +91,7 @@ def _base(study: Study, sets: Sequence[str], source: str) -> Base:
     content = dict(study.run) if isinstance(study.run, dict) else read_table(find("runs", study.run))
     pairs = dict(parse_set(text) for text in sets)
     changed = {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}
-    return Base(content, source, {**study.set, **changed}, study.modes)
+    return Base(content, source, {**study.set, **changed}, study.modes, study.check_step)
 
 
 def _margin_changes(study: Study, value: float | None) -> dict[str, Any]:
@@ -184,8 +185,16 @@ def found_margins(made: Plan, found: Sequence[Seen]) -> list[dict[str, Any]]:
             searches = [_failed(seen, criterion) for seen in group]
             over = margins.over_seeds([margins.bracket(one) for one in searches], margin, made.study.seed)
             held = margins.held(margin, searches)
-            told.append({**json.loads(place), "criterion": criterion, **over, "holds": held})
+            told.append({**json.loads(place), "criterion": criterion, **over, "holds": held, **_sure(group, searches)})
     return told
+
+
+def _sure(group: Sequence[Seen], searches: Sequence[Mapping[float, bool | None]]) -> dict[str, bool]:
+    """Whether the runs at the ends of all brackets are converged; nothing where that was not tried."""
+    ends = [(seen, margins.bracket(one)) for seen, one in zip(group, searches, strict=True)]
+    rows = [seen[value] for seen, one in ends for value in (one.low, one.high) if value is not None]
+    known = [row["converged"] for row in rows if row.get("converged") is not None]
+    return {"converged": all(known)} if known else {}
 
 
 def swept(made: Plan) -> list[str]:

@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping import terminal
+from facts_damping.analysis.convergence import text
+from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.studies.pages import save
 from facts_damping.studies.results import cell
@@ -42,7 +44,7 @@ def figure_tables(rows: Sequence[dict[str, Any]], asked: Tables) -> list[str]:
 
 def draw(rows: Sequence[dict[str, Any]], asked: Tables, folder: Path) -> list[Path]:
     """figures.png: the first figure that is a number, a panel for each place, a mark for each value of `across`."""
-    sound = [row for row in rows if row.get("stable")]
+    sound = [row for row in rows if row.get("stable") and row.get("converged") is not False]
     numbers = (name for name in asked.figures if any(type(row[name]) is float for row in sound))
     figure = next(numbers, None)
     if figure is None:
@@ -89,11 +91,21 @@ def _alone(row: dict[str, Any], figure: str) -> str:
         return str(row["instability"] or value)
     if isinstance(value, bool):
         return "yes" if value else str(row["instability"] or "no")
-    return cell(value) if row.get("stable") else "-"
+    return _figure(row, figure) if row.get("stable") else "-"
+
+
+def _figure(row: dict[str, Any], figure: str) -> str:
+    """A figure; where the step was halved, with the digits that hold, or marked as not converged."""
+    value, change = row.get(figure), row.get("step_change")
+    if change is None or not isinstance(value, float):
+        return cell(value)
+    if figure in INDICES or row["converged"] is False:
+        return text(value, change)
+    return cell(value)
 
 
 def _among(row: dict[str, Any], figure: str) -> str:
     """A figure beside those of other runs, with what makes it one that does not count."""
     if not row.get("stable"):
         return str(row.get("instability") or "error")
-    return cell(row.get(figure)) + ("" if row["damped"] else f" ({row['verdict']})")
+    return _figure(row, figure) + ("" if row["damped"] else f" ({row['verdict']})")

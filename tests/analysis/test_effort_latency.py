@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty, smoothness
 from facts_damping.analysis.latency import ages_ms, cdf, frames_lost, hops_ms, latency, left_out
+from facts_damping.api import simulate
 from facts_damping.case.loading import load_case
 from facts_damping.signals import DEVICE_TRUTH, SETPOINT
 from facts_damping.simulation import loop
@@ -109,6 +110,16 @@ def test_what_never_arrives_is_lost_also_at_the_end(swing_record: Callable[..., 
     assert frames_lost(swing_record(200, delivered=rows[rows["station"] != 1])) == 194
     assert frames_lost(swing_record(200, delivered=rows[:0])) == 3 * 200
     assert frames_lost(swing_record(200, links=2)) == 3 * 194
+
+
+def test_of_a_link_that_is_cut_all_is_lost_to_the_end() -> None:
+    """From 5 s on nothing gets through; what left the stations before that and is 100 ms late arrives."""
+    cut = {"stage": "network", "model": "bernoulli", "loss": 1.0, "start": 5.0}
+    record = simulate(link={"up": [{"stage": "network", "delay": 0.1}, cut]})
+    # The last 100 ms may be under way, for all that the record tells: six frames.
+    assert frames_lost(record) == len(record.stations) * (15 * 60 - 6)
+    assert frames_lost(simulate(link={"up": [cut]})) == len(record.stations) * 15 * 60
+    assert frames_lost(simulate(link={"up": [{"stage": "network", "delay": 0.1}]})) == 0
 
 
 def test_frames_lost_count_for_each_link_by_itself(swing_record: Callable[..., Record]) -> None:

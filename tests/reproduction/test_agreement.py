@@ -170,6 +170,17 @@ def test_an_unstable_run_contradicts_everything_that_is_said_of_it() -> None:
     assert all(r.ours[r.controllers.index("ANFLeC")] == 11 and r.missing == ("ANFLeC",) for r in ranked)
 
 
+def test_a_run_that_is_not_converged_has_no_place_in_an_order() -> None:
+    figures, run = as_printed(), ComparedRun("smib", "light", INDIRECT)
+    plain, without = (rankings(compare(CELLS, figures, frozenset(unsure))) for unsure in ([], [run]))
+    shorter = [(a, b) for a, b in zip(plain, without, strict=True) if a != b]
+    assert {(b.table, b.scenario) for _, b in shorter} == {("5.1", "light"), ("5.2", "light")}
+    for before, after in shorter:
+        assert set(before.controllers) - set(after.controllers) == {"ANFLeC"}
+        assert after.rho == pytest.approx(1.0)
+        assert sorted(after.ours) == [*range(1, 11)] or len(set(after.ours)) < 10
+
+
 def test_without_the_reference_nothing_can_be_said_but_the_order_is_known() -> None:
     figures: Figures = {k: None if k.who == LLC else v for k, v in as_printed().items()}
     over = [s for s in stated(figures) if s.over == "MISO LLC"]
