@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from facts_damping import terminal
 from facts_damping.analysis.convergence import text
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.plots import COLOURS
+from facts_damping.analysis.verdict import DAMPED
 from facts_damping.studies.pages import save
 from facts_damping.studies.results import cell
 
@@ -37,7 +39,10 @@ def figure_tables(rows: Sequence[dict[str, Any]], asked: Tables) -> list[str]:
             continue
         columns = list(dict.fromkeys(cell(row[asked.across]) for row in own))
         for figure in asked.figures:
-            found = {(_who(row, asked), cell(row[asked.across])): _among(row, figure) for row in own}
+            grouped: dict[tuple[Who, str], list[dict[str, Any]]] = {}
+            for row in own:
+                grouped.setdefault((_who(row, asked), cell(row[asked.across])), []).append(row)
+            found = {place: _among(runs, figure) for place, runs in grouped.items()}
             lines += [f"{figure}:", "", *_table(asked, columns, found)]
     return lines
 
@@ -104,8 +109,18 @@ def _figure(row: dict[str, Any], figure: str) -> str:
     return cell(value)
 
 
-def _among(row: dict[str, Any], figure: str) -> str:
-    """A figure beside those of other runs, with what makes it one that does not count."""
-    if not row.get("stable"):
-        return str(row.get("instability") or "error")
-    return _figure(row, figure) + ("" if row["damped"] else f" ({row['verdict']})")
+def _among(runs: Sequence[dict[str, Any]], figure: str) -> str:
+    """A figure beside those of others, with what makes it one that does not count; of several runs (seeds) the median.
+
+    Of several it is told how many are not damped.
+    """
+    words = [str(row["verdict"] if row.get("stable") else row.get("instability") or "error") for row in runs]
+    odd = Counter(word for word in words if word != DAMPED)
+    sound = [row for row in runs if row.get("stable")]
+    if not sound:
+        return max(odd, key=lambda word: odd[word])
+    if len(runs) == 1:
+        return _figure(sound[0], figure) + ("" if not odd else f" ({words[0]})")
+    values = [row[figure] for row in sound if row[figure] is not None]
+    middle = cell(float(np.median(values))) if values else ""
+    return middle + "".join(f" ({count} of {len(runs)} {word})" for word, count in odd.items())
