@@ -107,8 +107,9 @@ MACHINE_TRUTH = np.dtype(
     ]
 )
 
-# The truth about a FACTS device. A setpoint is a series voltage, or at a bus an offset of the voltage reference. What
-# has no meaning for a kind is NaN.
+# The truth about a FACTS device. A setpoint is a series voltage, at a bus an offset of the voltage reference, of an
+# HVDC link power added to its order; a link's current and power are those at its `to` bus. What has no meaning for a
+# kind is NaN.
 DEVICE_TRUTH = np.dtype(
     [
         ("setpoint", "f8"),  # p.u., the setpoint in force, after limits

@@ -76,6 +76,23 @@ class Parallel(DeviceModel):
         return self.bus
 
 
+class Transmission(DeviceModel):
+    """What every kind has that carries power between two buses: it is in service whether it is installed or not."""
+
+    from_bus: Name = Field(..., alias="from")
+    to_bus: Name = Field(..., alias="to")
+
+    @property
+    def buses(self) -> list[str]:
+        """The buses of its ports, that to which it carries power first."""
+        return [self.to_bus, self.from_bus]
+
+    @property
+    def place(self) -> str:
+        """Where it stands, for people."""
+        return f"{self.from_bus}-{self.to_bus}"
+
+
 class Sssc(Series):
     """A static synchronous series compensator; its setpoint is a voltage in quadrature to its current.
 
@@ -145,9 +162,33 @@ class Svc(Parallel):
     V_min: float = quantity(0.05, "p.u.", "voltage of its bus below which it is blocked", gt=0, le=0.9)
 
 
+class Hvdc(Transmission):
+    """An HVDC link from a rectifier to an inverter; its setpoint is added to its power order: docs/plant.md."""
+
+    kind: Literal["hvdc"]
+    P: float = quantity(..., "MW", "power order, taken from the `from` bus", ge=0, le=1e5)
+    P_max: float = quantity(..., "MW", "capacity, also with modulation", gt=0, le=1e5)
+    P_min: float = quantity(0.0, "MW", "least power, also with modulation", ge=0, le=1e5)
+    v_max: float = quantity(..., "p.u.", "limit of the setpoint, power added to the order", gt=0, le=1000)
+    rate_max: float = quantity(..., "p.u./s", "ramp limit of that power", gt=0, le=1e4)
+    loss: float = quantity(0.0, "-", "share of the power that the converters lose", ge=0, le=0.2)
+    R: float = quantity(0.0, "p.u.", "resistance of the line: loses R P^2", ge=0, le=10)
+    pf_from: float = quantity(1.0, "-", "power factor of the rectifier, which draws Q; 1: none", ge=0.5, le=1)
+    pf_to: float = quantity(1.0, "-", "power factor of the inverter, which draws Q; 1: none", ge=0.5, le=1)
+    V_min: float = quantity(0.7, "p.u.", "voltage of either bus below which power falls with its square", ge=0.1, le=1)
+    T: float = quantity(0.02, "s", "time in which each end knows of the other's voltage", ge=0.001, le=10)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Hvdc:
+        if not self.P_min <= self.P <= self.P_max:
+            raise ValueError(f"P must be between P_min and P_max, given {self.P}, {self.P_min} and {self.P_max}")
+        return self
+
+
 # What a device of a system may be.
 DEVICES: list[type[DeviceModel]] = [
     Sssc,
     Statcom,
     Svc,
+    Hvdc,
 ]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Union
 from pydantic import Field, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
-from facts_damping.parameters.devices import DEVICES, Parallel, Series
+from facts_damping.parameters.devices import DEVICES, Parallel, Series, Transmission
 from facts_damping.parameters.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
 from facts_damping.parameters.machines import Exciter, Governor, Machine, Stabiliser
 from facts_damping.parameters.stations import Measures, Signal, Station
@@ -15,7 +15,7 @@ from facts_damping.parameters.stations import Measures, Signal, Station
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    Device = Series | Parallel
+    Device = Series | Parallel | Transmission
 else:
     Device = Annotated[Union[tuple(DEVICES)], Field(discriminator="kind")]  # noqa: UP007 (made from the list)
 
@@ -102,6 +102,9 @@ def _check_devices(system: System, buses: set[str]) -> None:
     lines = {line.name for line in system.lines}
     taken: dict[tuple[str, ...], str] = {}
     for device in system.devices:
+        if isinstance(device, Transmission):
+            _check_ends(f"devices: {device.name}", device.from_bus, device.to_bus, buses)
+            continue
         if not isinstance(device, Series):
             known(f"devices: {device.name}.bus", device.bus, buses)
             continue

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.parameters.devices import Series
+from facts_damping.parameters.devices import Series, Transmission
 from facts_damping.plant import devices, excitation, governor, load, load_noise, machine, stabiliser
 from facts_damping.plant.dead_time import line
 from facts_damping.plant.events import Stage, stages
-from facts_damping.plant.model import DEVICE, LOAD, PORT, SALIENT, Plant, PlantState, Site
+from facts_damping.plant.model import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Plant, PlantState, Site
 from facts_damping.plant.power_flow import PowerFlow, solve
 from facts_damping.plant.reduction import Place, reduce_network
 from facts_damping.plant.watchdog import watching
@@ -66,7 +66,7 @@ def build(
     drawn = noise or {}
     loads = [x for x in system.loads if not load.is_impedance(x) or x.name in drawn]
     load_rows = _loads(system, loads, flow, magnitude, states, ports)
-    placed = _devices(system, [system.device(name) for name in installed], flow, magnitude, states, ports)
+    placed = _devices(system, in_service(system, installed), flow, magnitude, states, ports)
     if watchdog is not None:
         placed["watchdog"] = watchdog
     norton = rotating.rows["admittance"]
@@ -80,7 +80,8 @@ def build(
         governors=rotating.governors,
         loads=load_rows,
         ports=np.array(ports.rows, PORT),
-        devices=placed,
+        placed=placed,
+        devices=placed[: len(installed)],
         infinite=np.array([flow.voltage[flow.names.index(i.bus)] for i in system.infinite_buses], np.complex128),
         stage_start_ns=np.array([s.start_ns for s in steps], np.int64),
         mechanical_power=np.array([_mechanical_power(system, rotating.power, s) for s in steps]),
@@ -95,6 +96,13 @@ def build(
     lines = line([system.device(name).dead_time for name in installed])
     state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), watching(n), source, *lines)
     return Built(plant, state, flow, states.names)
+
+
+def in_service(system: System, installed: Sequence[str]) -> list[Device]:
+    """The installed devices in their order, then what transmits without being commanded, without lag or dead time."""
+    others = [d for d in system.devices if isinstance(d, Transmission) and d.name not in installed]
+    still = {"response_time": 0.0, "dead_time": 0.0}
+    return [*(system.device(name) for name in installed), *(d.model_copy(update=still) for d in others)]
 
 
 class _States:
@@ -194,15 +202,18 @@ def _devices(
     states: _States,
     ports: _Ports,
 ) -> NDArray[Any]:
-    """Devices at rest, in the order in which they are installed."""
+    """Devices at rest."""
     rows = np.zeros(len(installed), devices.DEVICE)
     for d, device in enumerate(installed):
         if isinstance(device, Series):
-            place, size = Place(device=device), flow.currents[device.name]
+            places, sizes = [Place(device=device)], [flow.currents[device.name]]
         else:
-            place, size = Place(device.bus), magnitude[device.bus]
-        start = devices.install(rows[d], device, Site(states.offset, 2 * math.pi * system.frequency, size))
-        rows[d]["port"] = ports.add(DEVICE, d, place, start.least, start.most)
+            places, sizes = [Place(bus) for bus in device.buses], [magnitude[bus] for bus in device.buses]
+        site = Site(states.offset, 2 * math.pi * system.frequency, sizes[0], sizes[-1], system.base_power)
+        start = devices.install(rows[d], device, site)
+        rows[d]["port"] = ports.add(DEVICE, d, places[0], start.least, start.most)
+        for place in places[1:]:
+            rows[d]["other"] = ports.add(OTHER_END, d, place)
         names = devices.states_of(device)
         states.add(device.name, names, [*start.states, *([0.0] * (len(names) - len(start.states)))])
     return rows

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import branching, compiled
-from facts_damping.plant import sssc, statcom, svc
+from facts_damping.plant import hvdc, sssc, statcom, svc
 from facts_damping.plant.watchdog import WATCHDOG
 from facts_damping.signals import to_ns
 
@@ -25,6 +25,18 @@ if TYPE_CHECKING:
 @compiled
 def _no_more(_d: Any, _x: NDArray[np.float64], _u: float, _size: float, _blocked: bool, _out: Any) -> None:
     """Nothing is known better than at the port."""
+
+
+@compiled
+def _at_rest(_d: Any, _x: NDArray[np.float64], _u: float, _size: float, _dx: NDArray[np.float64]) -> None:
+    """No states."""
+
+
+class OtherEnd(NamedTuple):
+    """A device's port at a second bus: the same functions, of the voltage there, for the states that follow it."""
+
+    characteristic: Callable[..., tuple[complex, complex]]
+    derivatives: Callable[..., None]
 
 
 class DeviceKind(NamedTuple):
@@ -45,6 +57,7 @@ class DeviceKind(NamedTuple):
     truth: Callable[..., None] = _no_more  # (d, x, u, size, blocked, out): what it knows better than its port
     losses: Callable[[Any, float], float] | None = None
     drawn: Callable[[Any, Sequence[float], float], list[complex]] | None = None
+    other_end: OtherEnd | None = None
 
 
 KINDS = {
@@ -61,15 +74,24 @@ KINDS = {
         drawn=statcom.drawn,
     ),
     "svc": DeviceKind(svc.SVC, svc.STATE_NAMES, svc.start, svc.characteristic, svc.derivatives),
+    "hvdc": DeviceKind(
+        hvdc.HVDC,
+        hvdc.STATE_NAMES,
+        hvdc.start,
+        hvdc.to_end,
+        hvdc.derivatives,
+        drawn=hvdc.drawn,
+        other_end=OtherEnd(hvdc.from_end, hvdc.from_derivatives),
+    ),
 }
 CODES = {name: code for code, name in enumerate(KINDS)}  # in compiled code
 
-# An installed device: its port, kind and states, its dead time, the state and time constant of its response (0: none),
-# the limits of its setpoint and of the rate of its reference, its watchdog, and the row of its kind's table; those of
-# the other kinds are empty.
+# A device: its ports (`other`, at a second bus; 0: none), kind and states, its dead time, the state and time constant
+# of its response (0: none), the limits of its setpoint and of the rate of its reference, its watchdog, and the row of
+# its kind's table; those of the other kinds are empty.
 DEVICE = np.dtype(
     [
-        *((name, "i8") for name in ("port", "kind", "offset", "states", "dead_ns", "lag")),
+        *((name, "i8") for name in ("port", "other", "kind", "offset", "states", "dead_ns", "lag")),
         *((name, "f8") for name in ("v_max", "rate_max", "response_time")),
         ("watchdog", WATCHDOG),
         *((name, kind.table) for name, kind in KINDS.items()),
@@ -101,6 +123,12 @@ def behind(z: float, reference: float, ramp: float, T: float, t: float) -> float
     T dz/dt = r - z with r = r0 + k t:  z(t) = z0 + (r0 - k T - z0) (1 - exp(-t/T)) + k t.
     """
     return z - (reference - ramp * T - z) * math.expm1(-t / T) + ramp * t
+
+
+@compiled
+def reference_of(reference: NDArray[np.float64], d: int) -> float:
+    """Reference of device d, p.u.; 0 of those that are in service, but that nobody commands."""
+    return reference[d] if d < reference.size else 0.0
 
 
 @compiled
@@ -137,6 +165,9 @@ def _unknown(_d: Any, _x: NDArray[np.float64], _u: float, _size: float) -> tuple
 _characteristic = branching([*(kind.characteristic for kind in KINDS.values()), _unknown])
 _derivatives = branching([kind.derivatives for kind in KINDS.values()])
 _truth = branching([kind.truth for kind in KINDS.values()])
+_other_ends = [kind.other_end or OtherEnd(_unknown, _at_rest) for kind in KINDS.values()]
+_other_characteristic = branching([*(end.characteristic for end in _other_ends), _unknown])
+_other_derivatives = branching([end.derivatives for end in _other_ends])
 
 
 @compiled
@@ -146,6 +177,18 @@ def characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tup
     In series a voltage drop, in parallel a current into the network.
     """
     return _characteristic(d.kind, d, x, acting(d, x, u), size)  # type: ignore[no-any-return]
+
+
+@compiled
+def other_characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tuple[complex, complex]:
+    """The same at its second bus."""
+    return _other_characteristic(d.kind, d, x, acting(d, x, u), size)  # type: ignore[no-any-return]
+
+
+@compiled
+def other_derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArray[np.float64]) -> None:
+    """Write the derivatives of the states that follow the voltage of its second bus, 1/s."""
+    _other_derivatives(d.kind, d, x, acting(d, x, u), size, dx)
 
 
 @compiled

@@ -147,11 +147,14 @@ def derivatives(
     for i in range(plant.loads.size):
         if plant.loads[i].offset >= 0:
             load.derivatives(plant.loads[i], x, work.response[plant.loads[i].port], dx)
-    for i in range(plant.devices.size):
-        d = plant.devices[i]
-        devices.respond(d, x, reference[i], dx)
+    for i in range(plant.placed.size):
+        d = plant.placed[i]
+        u = devices.reference_of(reference, i)
+        devices.respond(d, x, u, dx)
         if work.blocked[d.port]:
             for k in range(d.states):
                 dx[d.offset + k] = 0.0
         else:
-            devices.derivatives(d, x, reference[i], abs(work.response[d.port]), dx)
+            devices.derivatives(d, x, u, abs(work.response[d.port]), dx)
+            if d.other > 0:
+                devices.other_derivatives(d, x, u, abs(work.response[d.other]), dx)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from facts_damping.compiling import inlined
 from facts_damping.plant import devices, load
-from facts_damping.plant.model import DEVICE, SALIENT
+from facts_damping.plant.model import DEVICE, OTHER_END, SALIENT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,7 +46,9 @@ def characteristic(
     """Source of a load's or device's port over the direction of its response, and its derivative by |q|, p.u."""
     port = plant.ports[p]
     if port.kind == DEVICE:
-        return devices.characteristic(plant.devices[port.row], x, reference[port.row], size)
+        return devices.characteristic(plant.placed[port.row], x, devices.reference_of(reference, port.row), size)
+    if port.kind == OTHER_END:
+        return devices.other_characteristic(plant.placed[port.row], x, devices.reference_of(reference, port.row), size)
     d = plant.loads[port.row]
     active, reactive = 1.0 + work.noise[port.row, 0], 1.0 + work.noise[port.row, 1]
     if d.offset >= 0:

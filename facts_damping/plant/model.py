@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 # Kinds of ports: places where something beside the linear network acts.
-SALIENT, LOAD, DEVICE = 0, 1, 2
+SALIENT, LOAD, DEVICE, OTHER_END = 0, 1, 2, 3  # the last: of a device at a second bus
 
 # A port: its kind, the row of its table (machines, loads, devices), and the responses below and above which it is
 # blocked.
@@ -26,6 +26,8 @@ class Site(NamedTuple):
     offset: int  # of its states in the plant's
     omega_0: float  # rad/s
     size: float  # p.u., of what its port sees: in series its current, in parallel its bus voltage
+    other: float = math.nan  # p.u., of its second bus
+    base_power: float = math.nan  # MVA
 
 
 class Start(NamedTuple):
@@ -55,7 +57,8 @@ class Plant(NamedTuple):
     governors: NDArray[Any]  # GOVERNOR
     loads: NDArray[Any]  # LOAD, those that are not impedances
     ports: NDArray[Any]  # PORT
-    devices: NDArray[Any]  # devices.DEVICE, in the order of the run
+    placed: NDArray[Any]  # devices.DEVICE: those of the run in its order, then those in service that nobody commands
+    devices: NDArray[Any]  # the first of them, those of the run
     infinite: NDArray[np.complex128]  # (infinite buses,), p.u.
     stage_start_ns: NDArray[np.int64]  # (stages,), ascending, the first at the start of time
     mechanical_power: NDArray[np.float64]  # (stages, machines), p.u. of the rating

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from facts_damping.compiling import inlined, inner
 from facts_damping.plant.laws import SMALL, characteristic, law
-from facts_damping.plant.model import DEVICE, LOAD, SALIENT
+from facts_damping.plant.model import DEVICE, LOAD, OTHER_END, SALIENT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -241,7 +241,7 @@ def solve_ports(
             attempt += 1
         for p in range(source.size):
             source[p] = 0.0
-            work.blocked[p] = work.blocked[p] or (attempt == 3 and plant.ports[p].kind == DEVICE)
+            work.blocked[p] = work.blocked[p] or (attempt == 3 and plant.ports[p].kind in (DEVICE, OTHER_END))
             work.low[p] = attempt in (2, 4) and plant.ports[p].kind == LOAD
     for p in range(source.size):
         source[p] = complex(math.nan, math.nan)

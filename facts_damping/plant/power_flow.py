@@ -10,7 +10,7 @@ import numpy as np
 from facts_damping.errors import InputError
 from facts_damping.matrices import product
 from facts_damping.matrices import solve as solution
-from facts_damping.parameters.devices import Parallel
+from facts_damping.parameters.devices import Parallel, Transmission
 from facts_damping.plant import load as loads
 from facts_damping.plant.devices import drawn_by, losses_of
 from facts_damping.plant.network import (
@@ -74,11 +74,13 @@ def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
     """Solve for all bus voltages before the first event.
 
     An installed device in series that has losses draws them from the network, as a resistance in series would; one in
-    parallel draws what it needs at rest. As these depend on |I| and |V|, which are not known before, the power flow is
-    repeated until they are.
+    parallel draws what it needs at rest; one that transmits carries its power, installed or not. As the first two
+    depend on |I| and |V|, which are not known before, the power flow is repeated until they are.
     """
     series = series_devices(system)
-    parallel = [d for d in system.devices if isinstance(d, Parallel) and d.name in installed]
+    parallel = [
+        d for d in system.devices if isinstance(d, Transmission) or (isinstance(d, Parallel) and d.name in installed)
+    ]
     losses = {device.name: 0.0 for device in series}
     draws = {d.name: drawn_by(d, [1.0] * len(d.buses), system.base_power) for d in parallel}
     change = 0.0

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from facts_damping.parameters.devices import Sssc, Statcom, Svc
+from facts_damping.parameters.devices import Hvdc, Sssc, Statcom, Svc
 from facts_damping.parameters.placement import place
 
 from .reference_controls import Damper, Turbine, exciter_of
-from .reference_devices import Ramp, Series, Shunt, Susceptance
+from .reference_devices import Link, Ramp, Series, Shunt, Susceptance
 from .reference_grid import HEALTHY, Array, Complex, Loads, power_flow, timeline
 from .reference_machines import ROTORS, machine_start
 from .reference_network import Known, Network
@@ -90,7 +90,8 @@ class Model:
         self.system = system = place(system)
         self.omega_0 = 2.0 * np.pi * system.frequency
         self.series = [p for p in system.devices if isinstance(p, Sssc)]
-        self.shunts = [p for p in system.devices if isinstance(p, Statcom | Svc)]
+        at_buses = [p for p in system.devices if isinstance(p, Statcom | Svc | Hvdc)]
+        self.shunts = [(p, bus, end) for p in at_buses for end, bus in enumerate(p.buses)]
         self.installed = [p.name for p in system.devices if installed is None or p.name in installed]
         self.flow = power_flow(system, self.installed)
         self.loads = Loads(system)
@@ -101,19 +102,26 @@ class Model:
         self.units: list[Unit] = []
         currents = [self._start_machine(k) for k in range(len(system.machines))]
         self.I0, self.rotors = np.array(currents), [unit.rotor for unit in self.units]
-        self.converters: dict[str, tuple[Series | Shunt | Susceptance, int]] = {}
-        self.parallel: dict[str, Shunt | Susceptance] = {}
+        self.converters: dict[str, tuple[Series | Shunt | Susceptance | Link, int]] = {}
+        self.parallel: dict[str, Shunt | Susceptance | Link] = {}
+        self.lags: dict[str, tuple[int, float]] = {}  # where the reference behind the response time is, and that
         for p in (p for p in system.devices if p.name in self.installed):
-            block: Series | Shunt | Susceptance
+            block: Series | Shunt | Susceptance | Link
             if isinstance(p, Sssc):
                 block = Series(p, abs(self.flow.I[p.name]))
             else:
-                assert isinstance(p, Statcom | Svc)
-                V = abs(self.flow.V[p.bus])
-                block = Shunt(p, V, self.omega_0) if isinstance(p, Statcom) else Susceptance(p, V)
+                assert isinstance(p, Statcom | Svc | Hvdc)
+                V = [abs(self.flow.V[bus]) for bus in p.buses]
+                if isinstance(p, Hvdc):
+                    block = Link(p, V, system.base_power)
+                else:
+                    block = Shunt(p, V[0], self.omega_0) if isinstance(p, Statcom) else Susceptance(p, V[0])
                 self.parallel[p.name] = block
             self.converters[p.name] = block, len(self.start)
             self._add(p.name, block.states, block.start)
+            if p.response_time > 0.0:
+                self.lags[p.name] = len(self.start), p.response_time
+                self._add(p.name, ["reference"], [0.0])
         self.x0 = np.array(self.start)
         self.healthy = Network(self, HEALTHY)
 
@@ -144,7 +152,10 @@ class Model:
         E = [complex(*unit.rotor.emf(unit.parts(x)[1], unit.exciter.Efd0)) for unit in self.units]
         devices = {p.name: list[float]() for p in self.system.devices}
         devices |= {name: x[at : at + len(block.states)] for name, (block, at) in self.converters.items()}
-        return Known(np.exp(1j * (delta - np.pi / 2.0)), np.array(E), devices, {**dict.fromkeys(devices, 0.0), **u})
+        lagging = {name: x[at] for name, (at, _) in self.lags.items()}
+        return Known(
+            np.exp(1j * (delta - np.pi / 2.0)), np.array(E), devices, {**dict.fromkeys(devices, 0.0), **u, **lagging}
+        )
 
     def drop(self, p: Sssc, current: complex, known: Known, blocked: frozenset[str]) -> complex:
         """Voltage over an SSSC at its current; one that is not installed is its resistance alone."""
@@ -172,7 +183,10 @@ class Model:
             elif isinstance(block, Series):
                 rates += block.drops(z, ref, float(abs(s.i[self.series.index(block.p)])))[2]
             else:
-                rates += block.rates(z, ref, float(abs(s.V[network.grid.row[block.p.bus]])))
+                rates += block.rates(z, ref, *(float(abs(s.V[network.grid.row[bus]])) for bus in block.p.buses))
+            if name in self.lags:
+                at, T = self.lags[name]
+                rates.append((u.get(name, 0.0) - values[at]) / T)
         return np.array(rates)
 
     def _machine_rates(

@@ -172,6 +172,22 @@ def tapped() -> Row:
     return system
 
 
+def deployed() -> Row:
+    """two_area with converters that answer late, lose power and keep their ratings, which they reach."""
+    system = two_area(BOTH)
+    sssc, shunt = system["devices"]
+    sssc.update(response_time=0.015, dead_time=0.0123, g=0.02, I_rated=4.3, enforce_rating=True)
+    shunt.update(response_time=0.0004, dead_time=0.0071, g=0.3, R=0.02, I_max=0.7, enforce_rating=True, Ki=50.0)
+    return system
+
+
+def hvdc(**fields: Any) -> Row:
+    """two_area_hvdc with other data of its link."""
+    system = content("two_area_hvdc")
+    system["devices"][0].update(fields)
+    return system
+
+
 def infinite() -> Row:
     """Area 1 of two_area against two infinite buses, with both devices."""
     system = two_area(("sssc", "statcom"), signals={}, measures={})
@@ -211,6 +227,8 @@ EACH: dict[str, Targets] = {
     "f": [(0.4, -0.03)],
 }
 SVCS: dict[str, Targets] = {"e": [(0.2, 0.04), (0.9, -0.3)], "f": [(0.3, -0.01), (1.2, 0.02)]}
+HVDC: dict[str, Targets] = {"hvdc": [(0.2, 0.3), (0.7, -0.4), (1.3, 0.1)]}
+MODULATED: dict[str, Targets] = {"hvdc": [(0.2, 1.5), (1.0, -2.5)]}
 BEYOND: dict[str, Targets] = {"a": [(0.2, 0.05), (0.7, 0.3)], "b": [(0.3, -0.03), (1.2, 0.06)]}
 SSSC: dict[str, Targets] = {"sssc": [(0.2, 0.05), (0.9, -0.05), (1.4, 0.02)]}
 SMALL: dict[str, Targets] = {"sssc": [(0.2, 0.05), (0.7, -0.03)], "statcom": [(0.3, 0.004), (0.8, -0.003)]}
@@ -240,6 +258,15 @@ CASES: dict[str, Case] = {
     "infinite": Case(infinite, [fault()], SMALL, 0.9, 5e-7, "LSODA"),
     "in_lines": Case(in_lines, [fault()], IN_LINES, 2.0, 5e-8),
     "compensated": Case(compensated, [load_step("load_2", -0.05)], {**IN_LINES, **EACH}, 1.1, 2e-9, "LSODA"),
+    "deployed": Case(deployed, [load_step("load_2", -0.03)], LARGE, 1.0, 2e-6, "LSODA"),  # bypassed at times
+    "hvdc": Case(hvdc, [load_step("load_2", -0.05)], HVDC, 2.0, 1e-9),
+    "hvdc_limited": Case(
+        lambda: hvdc(v_max=3.0, rate_max=5.0, P_min=100.0, pf_to=1.0, dead_time=0.03, response_time=0.0),
+        [fault(location=0.9, x=0.01)],
+        MODULATED,
+        1.6,
+        1e-6,
+    ),
     "svcs": Case(svcs, [fault()], SVCS, 1.6, 1e-8),
     "in_lines_limited": Case(in_lines_limited, [fault()], BEYOND, 2.0, 5e-8),
     "in_lines_out": Case(in_lines, OUT_AND_IN, IN_LINES, 1.6, 1e-8),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Sssc, Statcom, Svc
+    from facts_damping.parameters.devices import Hvdc, Sssc, Statcom, Svc
 
     Values = list[float]
     Targets = Sequence[tuple[float, float]]  # (time in s, value)
@@ -69,9 +69,10 @@ class Shunt:
 
     def __init__(self, p: Statcom, V: float, omega_0: float) -> None:
         self.p, self.Vref, self.rate = p, V, omega_0 / p.L
-        self.start = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        i = losses(p, V).real / V
+        self.start = [1.0, -i, 0.0, 0.0, i, -p.R * i, (p.Kf - p.L) * i]
 
-    def current(self, z: Values, V: complex) -> complex:
+    def current(self, z: Values, _u: float, V: complex, _end: int) -> complex:
         """Current into the network."""
         return complex(z[1], z[2]) * V / abs(V)
 
@@ -80,14 +81,16 @@ class Shunt:
         e = self.Vref + u - V + p.droop * i_q
         free_Q = p.Kp * e + x_ac
         free_P = p.Kd * (1.0 - vdc) + x_dc
-        e_d, e_q = -clip(free_P, p.I_max) - i_d, -clip(free_Q, p.I_max) - i_q
+        active = clip(free_P, p.I_max)
+        room = math.sqrt(p.I_max**2 - active**2) if p.enforce_rating else p.I_max
+        e_d, e_q = -active - i_d, -clip(free_Q, room) - i_q
         c_d = vdc * (V - p.Kf * i_q + p.Kc * e_d + x_d)
         c_q = vdc * (p.Kf * i_d + p.Kc * e_q + x_q)
         return [
-            -(c_d * i_d + c_q * i_q) / (p.tau * vdc),
+            -(c_d * i_d + c_q * i_q) / (p.tau * vdc) - p.g * vdc / p.tau,
             self.rate * (c_d - V - p.R * i_d + p.L * i_q),
             self.rate * (c_q - p.R * i_q - p.L * i_d),
-            held(p.Ki * e, free_Q, p.I_max),
+            held(p.Ki * e, free_Q, room),
             held(p.Kdi * (1.0 - vdc), free_P, p.I_max),
             p.Kci * e_d,
             p.Kci * e_q,
@@ -102,7 +105,7 @@ class Susceptance:
     def __init__(self, p: Svc, V: float) -> None:
         self.p, self.Vref, self.start = p, V, [0.0]
 
-    def current(self, z: Values, V: complex) -> complex:
+    def current(self, z: Values, _u: float, V: complex, _end: int) -> complex:
         """Current into the network: what flows into the admittance, turned round."""
         return -1j * z[0] * V
 
@@ -112,12 +115,45 @@ class Susceptance:
         return [(order - z[0]) / p.T]
 
 
-class Ramp:
-    """A device's reference: each setpoint limited and approached at the largest rate, corner by corner from zero."""
+def losses(p: Statcom, V: float) -> complex:
+    """What a STATCOM draws at rest: the smaller current whose power, less R i^2, is what the DC link loses."""
+    currents = np.roots([p.R, -V, p.g]) if p.R > 0.0 else np.array([p.g / V])
+    return complex(V * float(currents.real.min()))
 
-    def __init__(self, p: Sssc | Statcom | Svc, targets: Targets, end: float) -> None:
+
+class Link:
+    """HVDC link: ends 0 (inverter) and 1 (rectifier); states are both voltages as they are known over there."""
+
+    states = ("V_to", "V_from")
+
+    def __init__(self, p: Hvdc, voltages: Values, base: float) -> None:
+        self.p, self.base, self.start = p, base, list(voltages)
+
+    def powers(self, z: Values, u: float, V: float) -> tuple[complex, complex]:
+        """Complex powers given at both ends, if V is the voltage at the one that is asked."""
+        p = self.p
+        order = min(max(p.P / self.base + u, p.P_min / self.base), p.P_max / self.base)
+        P = order * min(1.0, *((v / p.V_min) ** 2 for v in (*z, V)))
+        given = P - p.loss * P - p.R * P**2
+        sines = [math.sin(math.acos(pf)) / pf for pf in (p.pf_to, p.pf_from)]
+        return complex(given, -given * sines[0]), complex(-P, -P * sines[1])
+
+    def current(self, z: Values, u: float, V: complex, end: int) -> complex:
+        """Current into the network at an end."""
+        return complex((self.powers(z, u, abs(V))[end] / V).conjugate())
+
+    def rates(self, z: Values, _u: float, *V: float) -> Values:
+        return [(now - known) / self.p.T for now, known in zip(V, z, strict=True)]
+
+
+class Ramp:
+    """A device's reference: each setpoint, after its dead time, limited and approached at the largest rate."""
+
+    def __init__(self, p: Sssc | Statcom | Svc | Hvdc, targets: Targets, end: float) -> None:
         t, u = [0.0], [0.0]
-        finite = [(max(time, 0.0), clip(value, p.v_max)) for time, value in targets if math.isfinite(value)]
+        finite = [
+            (max(time, 0.0) + p.dead_time, clip(value, p.v_max)) for time, value in targets if math.isfinite(value)
+        ]
         for (time, goal), (until, _) in pairwise([*finite, (end, 0.0)]):
             reach = p.rate_max * max(until - time, 0.0)
             reached = goal if abs(goal - u[-1]) <= reach else u[-1] + math.copysign(reach, goal - u[-1])

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from facts_damping.parameters.devices import Sssc
+from facts_damping.parameters.devices import Hvdc, Sssc, Statcom
 from facts_damping.parameters.grid import InfiniteBus
 from facts_damping.parameters.run import Clear
+
+from .reference_devices import Link, losses
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -174,7 +176,8 @@ def _first_angles(system: System, grid: Grid) -> Array:
 def power_flow(system: System, installed: Sequence[str]) -> Flow:
     """Balance of powers at every bus, with voltages, powers of sources and currents of SSSCs as unknowns.
 
-    An SSSC is its resistance `rs`; an installed one has `g/|I|^2` more, the losses of its DC link.
+    An SSSC is its resistance `rs`; an installed one has `g/|I|^2` more, the losses of its DC link. A STATCOM draws its
+    losses, an HVDC link its order.
     """
     grid, loads = Grid(system, HEALTHY), Loads(system)
     n = len(grid.buses)
@@ -190,6 +193,18 @@ def power_flow(system: System, installed: Sequence[str]) -> Flow:
     P = np.array([0.0 if isinstance(row, InfiniteBus) else (row.P or 0.0) / system.base_power for row in sources])
     size = np.array([source.V for source in sources])
 
+    drawing = [p for p in system.devices if isinstance(p, Hvdc) or (isinstance(p, Statcom) and p.name in installed)]
+
+    def taken_by_devices(V: Complex) -> Complex:
+        taken = np.zeros(n, complex)
+        for p in drawing:
+            rows = [grid.row[bus] for bus in p.buses]
+            if isinstance(p, Hvdc):
+                taken[rows] -= Link(p, [1.0, 1.0], system.base_power).powers([1.0, 1.0], 0.0, 1.0)
+            else:
+                taken[rows] += losses(p, float(abs(V[rows[0]])))
+        return taken
+
     def split(z: Array) -> tuple[Complex, Complex, Complex]:
         w = z[::2] + 1j * z[1::2]
         return w[:n], w[n : n + len(sources)], w[n + len(sources) :]
@@ -199,12 +214,12 @@ def power_flow(system: System, installed: Sequence[str]) -> Flow:
         out = grid.Y @ V
         np.add.at(out, ends[:, 0], current)
         np.add.at(out, ends[:, 1], -current)
-        balance = -V * np.conj(out)
+        balance = -V * np.conj(out) - taken_by_devices(V)
         np.add.at(balance, at, S)
         drawn = np.where(loads.nominal, V[loads.at] * np.conj(loads.currents(V, np.ones(len(loads.at)))), loads.S)
         np.add.at(balance, loads.at, -drawn)
-        losses = np.divide(g, np.abs(current) ** 2, out=np.zeros(len(series)), where=g > 0.0)
-        drop = V[ends[:, 0]] - V[ends[:, 1]] - (rs + losses) * current
+        lost = np.divide(g, np.abs(current) ** 2, out=np.zeros(len(series)), where=g > 0.0)
+        drop = V[ends[:, 0]] - V[ends[:, 1]] - (rs + lost) * current
         V_source = V[at]
         set_points = (S.real[free] - P[free]) + 1j * (np.abs(V_source[free]) - size[free])
         rows = np.concatenate([balance, drop, V_source[fixed] - held, set_points])
@@ -213,8 +228,8 @@ def power_flow(system: System, installed: Sequence[str]) -> Flow:
     V0 = np.exp(1j * _first_angles(system, grid))
     V0[at] *= size
     guess = np.concatenate([V0, P, np.ones(len(series))]).view(float)
-    for losses in (0.0 * g, g, g):
-        guess = root(mismatch, guess, args=(losses,), method="hybr", options={"xtol": 1e-15, "maxfev": 100_000}).x
+    for lost in (0.0 * g, g, g):
+        guess = root(mismatch, guess, args=(lost,), method="hybr", options={"xtol": 1e-15, "maxfev": 100_000}).x
     V, S, current = split(guess)
     residual = float(np.abs(mismatch(guess, g)).max())
     if residual > 1e-10:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.parameters.devices import Hvdc
+
 from .reference_grid import Array, Complex, Grid, Stage
 
 if TYPE_CHECKING:
@@ -54,7 +56,7 @@ class Network:
         self.Xq = np.array([rotor.Xq for rotor in model.rotors])
         self.load_scale = np.array([stage.loads.get(name, 1.0) for name in model.loads.names])
         self.ends = np.array([[row[bus] for bus in p.ends] for p in model.series], dtype=int).reshape(-1, 2)
-        self.shunts = np.array([row[p.bus] for p in model.shunts], dtype=int)
+        self.shunts = np.array([row[bus] for _, bus, _ in model.shunts], dtype=int)
         # Which bus each current enters, in this order: machines, loads, SSSCs, devices at buses.
         into = np.eye(n)
         scale = np.array([m.rating / system.base_power for m in system.machines])
@@ -87,11 +89,12 @@ class Network:
         """What is left of all equations; zero at the solution."""
         model, s = self.model, self.split(y)
         currents = [s.I * known.turn, model.loads.currents(s.V, self.load_scale), s.i]
-        for p, bus in zip(model.shunts, self.shunts, strict=True):
+        for (p, _, end), bus in zip(model.shunts, self.shunts, strict=True):
             V = complex(s.V[bus])
             z = known.devices[p.name]
             on = bool(z) and p.name not in blocked and V != 0.0
-            currents.append(np.array([model.parallel[p.name].current(z, V) if on else 0.0j]))
+            given = model.parallel[p.name].current(z, known.u[p.name], V, end) if on else 0.0j
+            currents.append(np.array([given]))
         balance = self.enter @ np.concatenate(currents) - self.grid.Y @ s.V
         balance[self.held] = s.V[self.held] - self.held_V
         v = s.V[self.at] / known.turn
@@ -128,10 +131,12 @@ class Network:
         self.inverses.pop(blocked, None)
         return None
 
-    def _too_small(self, s: Solution) -> set[str]:
-        """Devices whose current or voltage is too small to work with."""
-        low = {p.name for p, i in zip(self.model.series, s.i, strict=True) if abs(i) < p.I_min}
-        return low | {p.name for p, bus in zip(self.model.shunts, self.shunts, strict=True) if abs(s.V[bus]) < p.V_min}
+    def _unfit(self, s: Solution) -> set[str]:
+        """Devices whose current or voltage is too small to work with, or whose current is too large."""
+        series = zip(self.model.series, s.i, strict=True)
+        found = {p.name for p, i in series if abs(i) < p.I_min or (p.enforce_rating and abs(i) > p.I_rated)}
+        shunts = zip(self.model.shunts, self.shunts, strict=True)
+        return found | {p.name for (p, *_), bus in shunts if not isinstance(p, Hvdc) and abs(s.V[bus]) < p.V_min}
 
     def solve(self, known: Known) -> tuple[Solution, Blocked]:
         """All unknowns, with as few devices blocked as there is a solution with that all others can work in."""
@@ -142,7 +147,7 @@ class Network:
                 found = (self._newton(start, known, blocked) for start in (self.y, self.y, self.first, 0.5 * self.y))
                 y = next((y for y in found if y is not None), None)
                 s = None if y is None else self.split(y)
-                if s is not None and not self._too_small(s) & set(installed) - blocked:
+                if s is not None and not self._unfit(s) & set(installed) - blocked:
                     self.y = s.y
                     return s, blocked
         raise RuntimeError("the network has no solution")

@@ -13,6 +13,7 @@ from facts_damping.small_signal.linearisation import linearise
 from tests.independent import two_area as earlier
 from tests.independent.reference import Model, Run
 from tests.independent.reference_cases import CASES, Case
+from tests.independent.reference_devices import Link
 from tests.plant.running import events, follow, frame_times, plant, shipped
 from tests.plant.test_options import CASES as OPTIONS
 from tests.plant.test_options import andes
@@ -154,6 +155,12 @@ def test_courses_agree(name: str) -> None:
         end = trace.devices[-1, d]
         if f"{device}.vdc" in run.names:
             assert end["dc_voltage"] == pytest.approx(run.state(f"{device}.vdc")[-1], rel=0, abs=1000 * case.bound)
+        elif isinstance(link := model.parallel[device], Link):
+            z, known = [run.state(f"{device}.{state}")[-1] for state in link.states], float(run.references[device][-1])
+            u = run.state(f"{device}.reference")[-1] if device in model.lags else known
+            S = link.powers(z, float(u), abs(run.V[link.p.buses[0]][-1]))[0]
+            assert end["active_power"] == pytest.approx(S.real, rel=0, abs=1000 * case.bound)
+            assert end["reactive_power"] == pytest.approx(S.imag, rel=0, abs=1000 * case.bound)
         else:
             V = abs(run.V[system.devices[d].place][-1])
             given = run.state(f"{device}.B")[-1] * V**2

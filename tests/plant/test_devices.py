@@ -23,11 +23,13 @@ ROWS: dict[str, dict[str, Any]] = {
     "sssc": {"line": "line_1", **LIMITS},
     "statcom": {"bus": "B9", "I_max": 1.0, "Ki": 100.0, **LIMITS},
     "svc": {"bus": "B9", "B_max": 2.0, "B_min": -1.0, "K": 25.0, **LIMITS},
+    "hvdc": {"from": "B7", "to": "B9", "P": 50.0, "P_max": 90.0, "pf_from": 0.9, "pf_to": 0.6, **LIMITS},
 }
 SECOND: dict[str, dict[str, Any]] = {
     "sssc": {"line": "line_4", "end": "to", "tau": 0.01, "xs": 0.002, **LIMITS},
-    "statcom": {"bus": "B7", "I_max": 2.0, "Ki": 60.0, "droop": 0.02, **LIMITS},
+    "statcom": {"bus": "B7", "I_max": 2.0, "Ki": 60.0, "droop": 0.02, "g": 0.03, **LIMITS},
     "svc": {"bus": "B7", "B_max": 1.0, "B_min": -0.5, "K": 10.0, "T": 0.1, **LIMITS},
+    "hvdc": {"from": "B6", "to": "B10", "P": 30.0, "P_max": 60.0, "R": 0.05, "loss": 0.01, "pf_to": 0.6, **LIMITS},
 }
 KINDS = list(devices.KINDS)
 STEP = {"time": 0.2, "kind": "load_step", "load": "load_2", "change": -0.05}
@@ -55,9 +57,12 @@ def test_every_kind_writes_its_own_states_and_no_others(kind: str) -> None:
     size = 4.0 if kind == "sssc" else 1.0
     dx = np.full_like(x, np.nan)
     devices.derivatives(d, x, 0.01, size, dx)
+    devices.other_derivatives(d, x, 0.01, size, dx)
     assert list(np.flatnonzero(np.isfinite(dx))) == own(built, f"{kind}_1")
     assert len(own(built, f"{kind}_1")) == d["states"] == len(devices.KINDS[kind].states)
     assert np.isfinite(devices.characteristic(d, x, 0.01, size)).all()
+    two = devices.KINDS[kind].other_end is not None
+    assert np.isfinite(devices.other_characteristic(d, x, 0.01, size)[0]) == two == (d["other"] > 0)
 
 
 def test_what_is_no_kind_gives_no_number() -> None:
@@ -65,6 +70,7 @@ def test_what_is_no_kind_gives_no_number() -> None:
     d = plant(system(), installed=["statcom_1"]).plant.devices.copy()[0]
     d["kind"] = -1
     assert np.isnan(devices.characteristic(d, np.zeros(9), 0.0, 1.0)[0])
+    assert np.isnan(devices.other_characteristic(d, np.zeros(9), 0.0, 1.0)[0])
 
 
 @pytest.mark.parametrize("name", ["two_area", "kundur_12_6"])

@@ -68,6 +68,7 @@ def at_a_port(made: Any, x: Sequence[float], u: float, voltage: complex, impedan
     rows[0]["kind"], rows[0]["states"], rows[0]["sssc"] = devices.CODES["sssc"], 3, made
     model = empty.plant._replace(
         machines=empty.plant.machines[:0],
+        placed=rows,
         devices=rows,
         infinite=np.array([voltage]),
         network=np.array([[[admittance, -admittance]]]),

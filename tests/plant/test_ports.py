@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from facts_damping.plant.devices import KINDS
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.laws import law
-from facts_damping.plant.model import DEVICE, LOAD, SALIENT, copy, workspace
+from facts_damping.plant.model import DEVICE, LOAD, OTHER_END, SALIENT, copy, workspace
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 from tests.plant.small import SPUR, between_infinite_buses
 from tests.plant.test_properties import branches, everywhere
@@ -39,6 +39,20 @@ SVC = {
     "B_min": -1.0,
     "B_max": 2.0,
     "K": 50.0,
+}
+HVDC = {
+    "name": "hvdc",
+    "kind": "hvdc",
+    "from": "B7",
+    "to": "B9",
+    "P": 100.0,
+    "P_max": 150.0,
+    "v_max": 0.1,
+    "rate_max": 10.0,
+    "loss": 0.02,
+    "R": 0.01,
+    "pf_from": 0.9,
+    "pf_to": 0.85,
 }
 
 # What a machine may be beside the shipped one: salient in the stator, saturated, with fewer circuits.
@@ -246,11 +260,11 @@ def of_all_kinds() -> Built:
     machines = [{**m.model_dump(), "Xq2": 0.22 if m.name == "G3" else 0.25} for m in system.machines]
     mixed = {"impedance": 0.2, "current": 0.5, "power": 0.3}
     loads = [{**load.model_dump(), "P_shares": mixed, "Q_shares": {"power": 1.0}} for load in system.loads]
-    devices = [*(d.model_dump(by_alias=True) for d in system.devices), SVC]
-    return plant(changed(system, machines=machines, loads=loads, devices=devices), installed=[*BOTH, "svc"])
+    devices = [*(d.model_dump(by_alias=True) for d in system.devices), SVC, HVDC]
+    return plant(changed(system, machines=machines, loads=loads, devices=devices), installed=[*BOTH, "svc", "hvdc"])
 
 
-@pytest.mark.parametrize("p", range(6))
+@pytest.mark.parametrize("p", range(8))
 @settings(deadline=None, max_examples=80)
 @given(
     magnitude=st.one_of(st.floats(0.05, 9.9), st.floats(10.1, 15)),  # below and above the SSSC's rated current
@@ -263,13 +277,13 @@ def test_slopes_of_every_port_are_those_of_its_law(
 ) -> None:
     """The derivative (2, 2) of the source by the response against central differences, away from kinks."""
     built = of_all_kinds()
-    assert set(built.plant.ports["kind"]) == {SALIENT, LOAD, DEVICE}
+    assert set(built.plant.ports["kind"]) == {SALIENT, LOAD, DEVICE, OTHER_END}
     assert set(built.plant.devices["kind"]) == set(range(len(KINDS)))
-    assert len(built.plant.ports) == 6
+    assert len(built.plant.ports) == 8
     work, x = workspace(built.plant, built.state), np.array(built.state.x)
     for name, value in zip(("sssc.x_ac", "sssc.vdc", "statcom.iq", "svc.B"), moved, strict=True):
         x[built.state_names.index(name)] += value
-    references = np.full(3, reference)
+    references = np.full(4, reference)
     solve_network(built.plant, x, references, copy(built.state).source, 0, work)
 
     def given(q: complex) -> complex:
@@ -289,8 +303,8 @@ def test_slopes_of_every_port_are_those_of_its_law(
 
 
 @settings(deadline=None, max_examples=40)
-@given(moved=st.lists(st.floats(-0.1, 0.1), min_size=5, max_size=5), references=st.tuples(*[st.floats(-0.1, 0.1)] * 3))
-def test_all_ports_are_solved_together(moved: list[float], references: tuple[float, float, float]) -> None:
+@given(moved=st.lists(st.floats(-0.1, 0.1), min_size=5, max_size=5), references=st.tuples(*[st.floats(-0.1, 0.1)] * 4))
+def test_all_ports_are_solved_together(moved: list[float], references: tuple[float, ...]) -> None:
     """Every law holds at its response, and every response is the network's to all sources."""
     built = of_all_kinds()
     work, x, source = workspace(built.plant, built.state), np.array(built.state.x), copy(built.state).source
