@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from typing import Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
 
@@ -77,30 +77,61 @@ class Machine(ParameterModel):
         return self
 
 
-class Exciter(ParameterModel):
-    """An excitation system. A machine without one keeps its field voltage constant."""
+class ExciterModel(ParameterModel):
+    """What every excitation system has. A machine without one keeps its field voltage constant."""
 
     machine: Name
-    model: Literal["static", "dc"] = Field(
-        "static", description="static: (2.24)-(2.28) with TA = TE = 0; dc: IEEE DC1A"
-    )
+    model: str
     KA: float = quantity(200.0, "p.u.", "regulator gain", gt=0, le=5000)
     TR: float = quantity(0.02, "s", "time constant of the voltage transducer; 0: none, else at least 2 ms", ge=0, le=10)
     KF: float = quantity(0.0, "p.u.", "gain of the rate feedback", ge=0, le=10)
     TF: float = quantity(0.1, "s", "time constant of the rate feedback", ge=0.01, le=100)
-    TA: float = quantity(0.055, "s", "regulator time constant (dc)", ge=0.005, le=10)
-    KE: float = quantity(1.0, "p.u.", "exciter constant (dc)", ge=-1, le=10)
-    TE: float = quantity(0.36, "s", "exciter time constant (dc)", ge=0.01, le=10)
-    AEX: float = quantity(0.0, "p.u.", "saturation SE(Efd) = AEX exp(BEX Efd) (dc)", ge=0, le=10)
-    BEX: float = quantity(0.0, "1/p.u.", "exponent of the saturation (dc)", ge=0, le=10)
     minimum: float | None = quantity(None, "p.u.", "lower limit: Efd (static), VR (dc); none: unlimited", ge=-100, le=0)
     maximum: float | None = quantity(None, "p.u.", "upper limit: Efd (static), VR (dc); none: unlimited", gt=0, le=100)
 
     @model_validator(mode="after")
-    def _transducer(self) -> Exciter:
+    def _transducer(self) -> ExciterModel:
         if 0 < self.TR < 0.002:
             raise ValueError(f"TR must be 0 or at least 0.002 s, given {self.TR:g}")
         return self
+
+
+class StaticExciter(ExciterModel):
+    """A thyristor exciter: (2.24)-(2.28) with TA = TE = 0, and IEEE ST1A's transient gain reduction."""
+
+    model: Literal["static"]
+    TB: float = quantity(0.0, "s", "transient gain reduction, denominator; 0: none, else at least 10 ms", ge=0, le=100)
+    TC: float = quantity(0.0, "s", "transient gain reduction, numerator", ge=0, le=100)
+
+    @model_validator(mode="after")
+    def _reduction(self) -> StaticExciter:
+        if 0 < self.TB < 0.01:
+            raise ValueError(f"TB must be 0 or at least 0.01 s, given {self.TB:g}")
+        if self.TC > 0 and self.TB == 0:
+            raise ValueError(f"TC = {self.TC:g} needs TB above 0")
+        return self
+
+
+class DcExciter(ExciterModel):
+    """A self-excited DC exciter, IEEE DC1A."""
+
+    model: Literal["dc"]
+    TA: float = quantity(0.055, "s", "regulator time constant", ge=0.005, le=10)
+    KE: float = quantity(1.0, "p.u.", "exciter constant", ge=-1, le=10)
+    TE: float = quantity(0.36, "s", "exciter time constant", ge=0.01, le=10)
+    AEX: float = quantity(0.0, "p.u.", "saturation SE(Efd) = AEX exp(BEX Efd)", ge=0, le=10)
+    BEX: float = quantity(0.0, "1/p.u.", "exponent of the saturation", ge=0, le=10)
+
+
+def _named(content: Any) -> Any:
+    """An exciter that names no model is static."""
+    return {"model": "static", **content} if isinstance(content, dict) else content
+
+
+Exciter = Annotated[
+    Annotated[StaticExciter | DcExciter, Field(discriminator="model")],
+    BeforeValidator(_named),
+]
 
 
 class Stabiliser(ParameterModel):

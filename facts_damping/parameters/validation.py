@@ -36,8 +36,8 @@ def _place(error_location: tuple[int | str, ...], content: Any, *, absent: bool)
     return found
 
 
-def _allowed_keys(model: type[ParameterModel], location: tuple[int | str, ...]) -> str:
-    """Keys that are allowed at a location of a model."""
+def _model_at(model: type[ParameterModel], location: tuple[int | str, ...]) -> type[ParameterModel] | None:
+    """The model whose key the last part of a location is."""
     here: Any = model
     for part in location[:-1]:
         schema = here.model_fields if isinstance(here, type) and issubclass(here, ParameterModel) else {}
@@ -46,21 +46,30 @@ def _allowed_keys(model: type[ParameterModel], location: tuple[int | str, ...]) 
             here = by_key[part].annotation
         while not (isinstance(here, type) and issubclass(here, ParameterModel)):
             inside = [a for a in getattr(here, "__args__", ()) if a is not type(None)]
-            tagged = [
-                a for a in inside if isinstance(a, type) and issubclass(a, ParameterModel) and _has_tag(a, location)
-            ]
+            tagged = [a for a in inside if isinstance(a, type) and issubclass(a, ParameterModel) and _tag(a, location)]
             if not inside:
                 break
             here = (tagged or inside)[-1]
-    if isinstance(here, type) and issubclass(here, ParameterModel):
-        return ", ".join(field.alias or name for name, field in here.model_fields.items() if name != "asked")
-    return "none"
+    return here if isinstance(here, type) and issubclass(here, ParameterModel) else None
 
 
-def _has_tag(model: type[ParameterModel], location: tuple[int | str, ...]) -> bool:
-    """Whether a member of a union is the one that a location names by its `kind`, or `model` in links."""
-    tag = model.model_fields.get("kind") or model.model_fields.get("model")
-    return tag is not None and any(part in getattr(tag.annotation, "__args__", ()) for part in location)
+def _tag(model: type[ParameterModel], location: tuple[int | str, ...]) -> str | None:
+    """The `kind` or `model` by which a location names a member of a union, if it is this one."""
+    for name in ("kind", "model"):
+        values = getattr(model.model_fields[name].annotation, "__args__", ()) if name in model.model_fields else ()
+        found = next((part for part in location if part in values), None)
+        if found is not None:
+            return f"{name} {found}"
+    return None
+
+
+def _unknown(model: type[ParameterModel], location: tuple[int | str, ...], given: Any) -> str:
+    """What is wrong with a key that its model does not have; a member of a union may be the wrong one."""
+    here = _model_at(model, location)
+    fields = here.model_fields.items() if here is not None else ()
+    allowed = ", ".join(field.alias or name for name, field in fields if name != "asked") or "none"
+    tag = _tag(here, location) if here is not None else None
+    return f"{short(given)} given; allowed for {tag}: {allowed}" if tag else f"unknown key; allowed: {allowed}"
 
 
 def origin(field: str, source: str, sets: dict[str, str] | None) -> str:
@@ -84,7 +93,7 @@ def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None
     where = origin(field, source, sets)
     message = re.sub(r"^Value error, ", "", first["msg"])
     if first["type"] == "extra_forbidden":
-        raise InputError(f"{where}: unknown key; allowed: {_allowed_keys(model, location)}")
+        raise InputError(f"{where}: {_unknown(model, location, given)}")
     if first["type"] == "union_tag_invalid":
         tag = first["ctx"]["discriminator"].strip("'")
         raise InputError(f"{where}.{tag}: {short(first['ctx']['tag'])} given; allowed: {first['ctx']['expected_tags']}")

@@ -18,16 +18,17 @@ if TYPE_CHECKING:
 CONSTANT, STATIC, DC = 0, 1, 2
 CODES = {"static": STATIC, "dc": DC}
 ABSENT = -1
-FIELDS = ("KA", "TR", "KF", "TF", "TA", "KE", "TE", "AEX", "BEX", "minimum", "maximum")
+FIELDS = ("KA", "TR", "KF", "TF", "TB", "TC", "TA", "KE", "TE", "AEX", "BEX")
 
 EXCITER = np.dtype(
     [
         ("code", "i8"),
         ("Vm", "i8"),  # indices of its states; ABSENT: no transducer, no rate feedback, no such model
         ("xf", "i8"),
+        ("xb", "i8"),  # of the transient gain reduction
         ("VR", "i8"),
         ("Efd", "i8"),
-        *((name, "f8") for name in FIELDS),
+        *((name, "f8") for name in (*FIELDS, "minimum", "maximum")),  # 0 where its model has no such field
         ("Vref", "f8"),  # p.u., reference that keeps the start; field voltage itself where constant
     ]
 )
@@ -44,25 +45,27 @@ class ExciterStart(NamedTuple):
 def steady_state(exciter: Exciter | None, offset: int, voltage: float, field_voltage: float) -> ExciterStart:
     """The row with the reference that holds the start at |V| and Efd (p.u.), and the states there.
 
-    static: xf = Efd, Vm = |V|, Vref = |V| + Efd / KA. dc: VR = (KE + SE) Efd, xf = KF / TF Efd,
-    Vref = |V| + VR / KA. Raises `InputError` where the limits do not admit that.
+    static: xf = Efd, xb = Efd / KA, Vm = |V|, Vref = |V| + Efd / KA. dc: VR = (KE + SE) Efd,
+    xf = KF / TF Efd, Vref = |V| + VR / KA. Raises `InputError` where the limits do not admit that.
     """
     made = np.zeros((), EXCITER)
-    for name in ("Vm", "xf", "VR", "Efd"):
+    for name in ("Vm", "xf", "xb", "VR", "Efd"):
         made[name] = ABSENT
     if exciter is None:
         made["code"], made["Vref"] = CONSTANT, field_voltage
         return ExciterStart(made, [], [])
     for name in FIELDS:
-        made[name] = getattr(exciter, name) or 0.0
+        made[name] = getattr(exciter, name, 0.0)
     made["code"] = CODES[exciter.model]
     made["minimum"] = -math.inf if exciter.minimum is None else exciter.minimum
     made["maximum"] = math.inf if exciter.maximum is None else exciter.maximum
     present = {"Vm": voltage} if exciter.TR > 0 else {}
-    if made["code"] == STATIC:
+    if exciter.model == "static":
         limited = regulator = field_voltage
         if exciter.KF > 0:
             present["xf"] = field_voltage
+        if exciter.TB > 0:
+            present["xb"] = field_voltage / exciter.KA
     else:
         saturation = exciter.AEX * math.exp(exciter.BEX * field_voltage)
         limited = regulator = (exciter.KE + saturation) * field_voltage
@@ -84,17 +87,22 @@ def steady_state(exciter: Exciter | None, offset: int, voltage: float, field_vol
 def field_voltage(e: Any, x: NDArray[np.float64], voltage: float, stabiliser: float) -> float:
     """Field voltage of an exciter in state `x` at terminal voltage |V| and a stabiliser's output, p.u.
 
-    static, TA = TE = 0 (thesis 2.25-2.30): Efd = clip(KA (Vref + Vs - Vm + KF / TF xf) / (1 + KA KF / TF)).
+    static, TA = TE = 0 (thesis 2.25-2.30): Efd = clip(KA (Vref + Vs - Vm + KF / TF xf) / (1 + KA KF / TF)). Where
+    (1 + s TC) / (1 + s TB) stands before KA (IEEE ST1A), KA acts on xb + TC / TB (error - xb).
     """
     if e.code == CONSTANT:
         return e.Vref  # type: ignore[no-any-return]
     if e.code == DC:
         return x[e.Efd]  # type: ignore[no-any-return]
     error = e.Vref + stabiliser - (x[e.Vm] if e.Vm >= 0 else voltage)
-    wanted = e.KA * error
+    held, gain = 0.0, e.KA
+    if e.xb >= 0:
+        gain = e.KA * e.TC / e.TB
+        held = (e.KA - gain) * x[e.xb]
+    wanted = held + gain * error
     if e.xf >= 0:
         feedback = e.KF / e.TF
-        wanted = e.KA * (error + feedback * x[e.xf]) / (1.0 + e.KA * feedback)
+        wanted = (held + gain * (error + feedback * x[e.xf])) / (1.0 + gain * feedback)
     return min(max(wanted, e.minimum), e.maximum)  # type: ignore[no-any-return]
 
 
@@ -104,9 +112,9 @@ def derivatives(
 ) -> None:
     """Write the derivatives of an exciter's states, 1/s, at |V|, a stabiliser's output and field voltage, p.u.
 
-    TR dVm = |V| - Vm; static: TF dxf = Efd - xf; dc: TA dVR = KA (Vref + Vs - Vm - (KF / TF Efd - xf)) - VR,
-    TF dxf = KF / TF Efd - xf, TE dEfd = VR - (KE + AEX exp(BEX Efd)) Efd (thesis 2.24-2.30). VR does
-    not move beyond its limits.
+    TR dVm = |V| - Vm; static: TF dxf = Efd - xf, TB dxb = Vref + Vs - Vm - KF / TF (Efd - xf) - xb;
+    dc: TA dVR = KA (Vref + Vs - Vm - (KF / TF Efd - xf)) - VR, TF dxf = KF / TF Efd - xf,
+    TE dEfd = VR - (KE + AEX exp(BEX Efd)) Efd (thesis 2.24-2.30). VR does not move beyond its limits.
     """
     if e.code == CONSTANT:
         return
@@ -117,6 +125,11 @@ def derivatives(
     if e.code == STATIC:
         if e.xf >= 0:
             dx[e.xf] = (efd - x[e.xf]) / e.TF
+        if e.xb >= 0:
+            error = e.Vref + stabiliser - seen
+            if e.xf >= 0:
+                error -= e.KF * dx[e.xf]
+            dx[e.xb] = (error - x[e.xb]) / e.TB
         return
     feedback = 0.0
     if e.xf >= 0:

@@ -116,7 +116,7 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
     "field of another kind of device": (
         "two_area",
         {"devices.1.xs": 0.1},
-        "devices.1.xs: unknown key; allowed: name, kind, response_time, dead_time, bus",
+        "devices.1.xs: 0.1 given; allowed for kind statcom: name, kind, response_time, dead_time, bus",
     ),
     "device of no kind": (
         "two_area",

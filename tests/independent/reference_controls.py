@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from facts_damping.parameters.machines import Exciter, Governor, Stabiliser
+    from facts_damping.parameters.machines import DcExciter, Exciter, Governor, Stabiliser, StaticExciter
 
     Values = list[float]
 
@@ -36,33 +36,44 @@ class Control:
 
 
 class Static(Control):
-    """A gain with a transducer and a rate feedback whose loop is closed without delay."""
+    """A gain with a transducer, a lead-lag before it and a rate feedback whose loop is closed without delay."""
 
-    def __init__(self, e: Exciter, V: float, Efd: float) -> None:
+    def __init__(self, e: StaticExciter, V: float, Efd: float) -> None:
         super().__init__(V, Efd)
         self.e, self.Vref = e, V + Efd / e.KA
         self.low = -math.inf if e.minimum is None else e.minimum
         self.high = math.inf if e.maximum is None else e.maximum
-        self.states = (*(("xf",) if e.KF else ()), *(("Vm",) if e.TR else ()))
-        self.start = [*([Efd] if e.KF else []), *([V] if e.TR else [])]
+        self.states = (*(("xf",) if e.KF else ()), *(("lag",) if e.TB else ()), *(("Vm",) if e.TR else ()))
+        self.start = [*([Efd] if e.KF else []), *([Efd / e.KA] if e.TB else []), *([V] if e.TR else [])]
+
+    def _error(self, z: Values, V: float, signal: float) -> float:
+        """What is left of the voltage to be made up for, without the rate feedback."""
+        return self.Vref + signal - (z[-1] if self.e.TR else V)
 
     def field(self, z: Values, V: float, signal: float) -> float:
-        e = self.e
-        error = self.Vref + signal - (z[-1] if e.TR else V)
-        if e.KF:
-            # The feedback takes KF/TF of Efd - xf from the error: solved for Efd.
-            error = (error + e.KF / e.TF * z[0]) / (1.0 + e.KA * e.KF / e.TF)
-        return min(max(e.KA * error, self.low), self.high)
+        e, error = self.e, self._error(z, V, signal)
+        fed = e.KF / e.TF if e.KF else 0.0
+        xf, lag = (z[0] if e.KF else 0.0), (z[1 if e.KF else 0] if e.TB else 0.0)
+        quick = e.TC / e.TB if e.TB else 1.0
+        # Efd = KA (quick (error - fed (Efd - xf)) + (1 - quick) lag), solved for Efd.
+        Efd = e.KA * (quick * (error + fed * xf) + (1.0 - quick) * lag) / (1.0 + e.KA * quick * fed)
+        return min(max(Efd, self.low), self.high)
 
     def rates(self, z: Values, V: float, signal: float) -> Values:
-        rates = [(self.field(z, V, signal) - z[0]) / self.e.TF] if self.e.KF else []
-        return [*rates, (V - z[-1]) / self.e.TR] if self.e.TR else rates
+        e, Efd, rates = self.e, self.field(z, V, signal), []
+        error = self._error(z, V, signal)
+        if e.KF:
+            rates.append((Efd - z[0]) / e.TF)
+            error -= e.KF / e.TF * (Efd - z[0])
+        if e.TB:
+            rates.append((error - z[1 if e.KF else 0]) / e.TB)
+        return [*rates, (V - z[-1]) / e.TR] if e.TR else rates
 
 
 class Dc(Control):
     """IEEE DC1A."""
 
-    def __init__(self, e: Exciter, V: float, Efd: float) -> None:
+    def __init__(self, e: DcExciter, V: float, Efd: float) -> None:
         super().__init__(V, Efd)
         VR = self.drain(e, Efd)
         self.e, self.Vref = e, V + VR / e.KA
@@ -72,7 +83,7 @@ class Dc(Control):
         self.start = [Efd, VR, -e.KF / e.TF * Efd, *([V] if e.TR else [])]
 
     @staticmethod
-    def drain(e: Exciter, Efd: float) -> float:
+    def drain(e: DcExciter, Efd: float) -> float:
         """Regulator voltage that keeps the field voltage."""
         return (e.KE + e.AEX * math.exp(e.BEX * Efd)) * Efd
 
@@ -148,4 +159,4 @@ def exciter_of(e: Exciter | None, V: float, Efd: float) -> Control:
     """The exciter block of a machine."""
     if e is None:
         return Control(V, Efd)
-    return (Static if e.model == "static" else Dc)(e, V, Efd)
+    return Static(e, V, Efd) if e.model == "static" else Dc(e, V, Efd)

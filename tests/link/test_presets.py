@@ -166,7 +166,7 @@ BAD: list[tuple[Any, str]] = [
     ({"up": [{"model": "bernoulli", "loss": 1.5}]}, "link.up.0.loss: 1.5 given; allowed: less than or equal to 1"),
     (
         {"up": [{"model": "bernoulli", "share": 0.5, "loss": 0.5}]},
-        "link.up.0.share: unknown key; allowed: stage, channels",
+        "link.up.0.share: 0.5 given; allowed for model bernoulli: stage, channels",
     ),
     ({"down": [{"model": "wait", "wait": 0.1}]}, "down.0.model: 'wait' given; allowed: up only"),
     ({"down": [{"model": "freeze", "measurement": "active_power"}]}, "down.0.measurement: given; allowed: up only"),
