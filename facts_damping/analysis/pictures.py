@@ -81,7 +81,7 @@ def _bus_voltages(record: Record) -> list[Panel]:
 def _voltages(record: Record) -> list[Panel]:
     limits = {name: (-limit, limit) for name, limit in setpoint_limits(record.configuration).items()}
     injected, reference = record.devices["injected_voltage"], record.devices["reference"]
-    values = np.where(np.isfinite(injected), injected, reference)  # in parallel: the offset of the voltage reference
+    values = np.where(np.isfinite(injected), injected, reference)  # of others: what their setpoint is
     return [
         Panel(name, {"": Curve(values[:, i])}, record.devices["setpoint"][:, i], limits.get(name, ()))
         for i, name in enumerate(record.device_names)

@@ -8,6 +8,7 @@ from facts_damping.case.names import controller_addresses, identifier_addresses,
 from facts_damping.control.bank import controller_network
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.devices import Series as SeriesDevice
+from facts_damping.parameters.devices import Transmission
 from facts_damping.simulation.build import identifier_network
 
 if TYPE_CHECKING:
@@ -92,10 +93,11 @@ def _devices(case: Case, full: Callable[[str], str]) -> Tab:
     """Each device: its setpoint and what it makes of it."""
     state, panels, names = full("plant/state"), [], case.run.devices
     for i, name in enumerate(names):
-        series = isinstance(case.system.device(name), SeriesDevice)
+        device = case.system.device(name)
+        series = isinstance(device, SeriesDevice)
         voltages = ["setpoint", "reference", *(["injected_voltage"] if series else [])]
         for what, fields in (
-            ("voltage", voltages),
+            ("power added" if isinstance(device, Transmission) else "voltage", voltages),
             ("current and power", ["current", "active_power", "reactive_power"]),
         ):
             curves = [Curve(state, f"devices[{i}].{field}_pu", field.replace("_", " ")) for field in fields]
