@@ -232,6 +232,23 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
     ),
     "gate without room": ("two_area", {"governors.0.gate_min": 1.0}, "governors.0: gate_min must be below gate_max"),
     "transducer too fast": ("two_area", {"exciters.0.TR": 0.001}, "exciters.0: TR must be 0 or at least 0.002 s"),
+    "field of the other exciter": (
+        "two_area",
+        {"exciters.0.TA": 0.055},
+        "exciters.0.TA: 0.055 given; allowed for model static: machine, model, KA, TR, KF, TF, minimum, maximum, TB, TC",
+    ),
+    "gain reduction at a DC exciter": (
+        "two_area",
+        {"exciters.0": {"machine": "G1", "model": "dc", "TB": 10.0}},
+        "exciters.0.TB: 10.0 given; allowed for model dc: machine, model, KA, TR, KF, TF, minimum, maximum, TA, KE",
+    ),
+    "exciter of no model": (
+        "two_area",
+        {"exciters.0.model": "ac4a"},
+        "exciters.0.model: 'ac4a' given; allowed: 'static', 'dc'",
+    ),
+    "gain reduction too fast": ("two_area", {"exciters.0.TB": 0.005}, "exciters.0: TB must be 0 or at least 0.01 s"),
+    "half a gain reduction": ("two_area", {"exciters.0.TC": 1.0}, "exciters.0: TC = 1 needs TB above 0"),
     "station that measures a line elsewhere": (
         "two_area",
         {"stations.4.branches": ["line_4"]},

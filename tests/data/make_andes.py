@@ -43,6 +43,13 @@ STATIC = (
     | dict.fromkeys(("TA", "TB", "TC", "KC", "KF"), 0.0)
     | {"VIMAX": NO_LIMIT, "VIMIN": -NO_LIMIT, "VRMAX": NO_LIMIT, "VRMIN": -NO_LIMIT}
 )
+REDUCED = STATIC | {"TB": 10.0, "TC": 1.0}
+DC = (
+    {"TR": 0.05, "KA": 20.0, "TA": 0.055, "TE": 0.36, "KF1": 0.125, "TF1": 1.8}
+    | dict.fromkeys(("TB", "TC", "E1", "SE1", "E2", "SE2"), 0.0)
+    | {"VRMAX": NO_LIMIT, "VRMIN": -NO_LIMIT}
+)
+DC_KE, DC_SATURATION = 1.0, (0.0056, 1.075)  # p.u.; SE(Efd) = A exp(B Efd)
 STABILISER = (
     {"MODE": 1, "K1": 20.0, "T1": 0.0, "MODE2": 0, "K2": 0.0, "T2": 0.0, "T3": 10.0, "T4": 10.0}
     | {"T5": 0.05, "T6": 0.02, "T7": 3.0, "T8": 5.4, "T9": 0.0, "T10": 0.0}
@@ -74,7 +81,7 @@ def build(
         base: system base, MVA; governors need that of their machine
         P: shares of constant power, current and impedance in the loads' active power
         Q: the same for their reactive power
-        controls: models of ANDES at every machine and their data
+        controls: models of ANDES at every machine and their data; a dict has a value for each machine
         taps: transformers in the place of those of the same name, or beside them
         losses: active power of capacitor_1 at 1 p.u., MW
         more: adds what else there is, events for instance
@@ -128,7 +135,8 @@ def add_machine(ss: Any, m: dict[str, Any], base: float, controls: Controls, mor
     ss.add("GENROU", **common, **{to: m[of] for to, of in (CIRCUITS | TIMES).items()}, **more)
     for model, fields in controls:
         at = {"avr": f"EXST1 {m['name']}"} if model == "ST2CUT" else {"syn": m["name"]}
-        ss.add(model, idx=f"{model} {m['name']}", **at, **fields)
+        data = {name: value[m["name"]] if isinstance(value, dict) else value for name, value in fields.items()}
+        ss.add(model, idx=f"{model} {m['name']}", **at, **data)
 
 
 def eigenvalues(ss: Any, *without: str) -> np.ndarray:
@@ -145,6 +153,16 @@ def eigenvalues(ss: Any, *without: str) -> np.ndarray:
     return np.asarray(values[np.lexsort((values.imag, values.real))])
 
 
+def dc(**options: Any) -> Controls:
+    """DC exciters: IEEEX1 has no exponential saturation, so KE takes the slope of KE Efd + SE(Efd) Efd at the start."""
+    ss = build(**options)
+    ss.EIG.run()
+    A, B = DC_SATURATION
+    start = zip(ss.GENROU.idx.v, ss.GENROU.vf.v, strict=True)
+    slopes = {name: DC_KE + A * np.exp(B * Efd) * (1 + B * Efd) for name, Efd in start}
+    return [("IEEEX1", {**DC, "KE": slopes})]
+
+
 def write(name: str, header: list[str], rows: Iterable[Iterable[Any]]) -> None:
     """Write a CSV, numbers with twelve digits."""
     with (REFERENCES / f"kundur_12_6_{name}_andes.csv").open("w", newline="", encoding="utf-8") as file:
@@ -155,7 +173,7 @@ def write(name: str, header: list[str], rows: Iterable[Iterable[Any]]) -> None:
 
 def small_signals() -> None:
     """Each option, and some together: eigenvalues; start with saturation; voltages with taps."""
-    static, governor = [("EXST1", STATIC)], ("HYGOV", GOVERNOR)
+    static, reduced, governor = [("EXST1", STATIC)], [("EXST1", REDUCED)], ("HYGOV", GOVERNOR)
     stabilised = [*static, ("ST2CUT", STABILISER)]
     book = {"P": CURRENT, "Q": IMPEDANCE, **SATURATION}
     cases: dict[str, dict[str, Any]] = {
@@ -173,11 +191,16 @@ def small_signals() -> None:
         "book_manual": book,
         "book_thyristor": {**book, "controls": static},
         "book_thyristor_stabiliser": {**book, "controls": stabilised},
+        "dc": {"controls": dc()},
+        "reduction": {"controls": reduced},
+        "reduction_feedback": {"controls": [("EXST1", {**REDUCED, "KF": 0.001, "TF": 0.1})]},
+        "book_dc": {**book, "controls": dc(**book)},
+        "book_thyristor_reduction": {**book, "controls": reduced},
     }
     rows: list[tuple[Any, ...]] = []
     for name, options in cases.items():
         ss = build(**options)
-        feedback = () if name == "static_feedback" else ("WF_x EXST1",)
+        feedback = () if name.endswith("feedback") else ("WF_x EXST1",)
         values = eigenvalues(ss, "L_y BusFreq", "WO_x BusFreq", *feedback)
         rows += [(name, value.real, value.imag) for value in values]
         if name == "saturation":

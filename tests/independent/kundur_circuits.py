@@ -1,8 +1,9 @@
 """Example 12.6 as Kundur's book computes it: rotors as circuits, saturation by the air-gap flux; eigenvalues.
 
 P. Kundur, Power System Stability and Control, 1994: circuits and standard parameters 4.2, saturation 3.8, small
-signals with incremental saturation 12.3, all machines and the network 12.6. Field voltage is constant, active power
-of loads goes with the voltage, reactive power with its square. The power flow is the package's.
+signals with incremental saturation 12.3, all machines and the network 12.6. Active power of loads goes with the
+voltage, reactive power with its square. Exciters and stabilisers are those of the reference model; a machine without
+has a constant field voltage. The power flow is the package's.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.plant.power_flow import solve
+
+from .reference_controls import Damper, exciter_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,7 +70,7 @@ def _beside(a: Array, b: Array) -> Array:
 
 
 def eigenvalues(system: System, saturation: Saturation | None) -> Complex:
-    """Eigenvalues, 1/s. States of all machines: angle, speed, flux linkages of fd, 1d, 1q, 2q."""
+    """Eigenvalues, 1/s. States of all machines: angle, speed, flux linkages of fd, 1d, 1q, 2q; then their controls."""
     flow = solve(system)
     index = {name: i for i, name in enumerate(flow.names)}
     at = np.array([index[m.bus] for m in system.machines])
@@ -104,32 +107,57 @@ def eigenvalues(system: System, saturation: Saturation | None) -> Complex:
     field = ad / (K * Lad) + i.real
     torque = ad * i.imag - aq * i.real
 
+    # Efd is 1 where the unsaturated machine has 1 p.u. open-circuit voltage.
+    exciters, stabilisers = ({row.machine: row for row in rows} for rows in (system.exciters, system.stabilisers))
+    excited = [
+        exciter_of(exciters.get(m.name), float(abs(u)), float(Efd))
+        for m, u, Efd in zip(system.machines, V, Lad * field, strict=True)
+    ]
+    damped = [Damper(stabilisers.get(m.name)) for m in system.machines]
+    controls = [value for e, s in zip(excited, damped, strict=True) for value in (*e.start, *[0.0] * len(s.states))]
+    rotors = 6 * len(at)
+
     # Small signals: the mutual inductances are incremental ones.
     Md, Mq = Lad / (1 + slope), Laq / (1 + slope)
     fixed_d, fixed_q = ad - Md * (field - i.real), aq + Mq * i.imag
-    x0 = np.concatenate([delta, 0 * delta, ad + Lfd * field, ad, aq, aq])
+    x0 = np.concatenate([delta, 0 * delta, ad + Lfd * field, ad, aq, aq, controls])
     y0 = np.concatenate([flow.voltage.real, flow.voltage.imag, i.real, i.imag])
 
     def fluxes(x: Array, y: Array) -> tuple[Array, Array]:
-        _, _, fd, d1, q1, q2 = x.reshape(6, -1)
+        _, _, fd, d1, q1, q2 = x[:rotors].reshape(6, -1)
         Id, Iq = y[2 * n :].reshape(2, -1)
         return (
             (Md * (fd / Lfd + d1 / L1d - Id) + fixed_d) / (1 + Md / Lfd + Md / L1d),
             (Mq * (q1 / L1q + q2 / L2q - Iq) + fixed_q) / (1 + Mq / L1q + Mq / L2q),
         )
 
+    def controlled(x: Array, y: Array) -> tuple[Array, list[float]]:
+        """Field voltages, and derivatives of the controls' states."""
+        Efd, rates, first = [], [], rotors
+        for g, (exciter, damper) in enumerate(zip(excited, damped, strict=True)):
+            second = first + len(exciter.states)
+            last = second + len(damper.states)
+            u, w = float(np.hypot(y[at[g]], y[n + at[g]])), float(x[len(at) + g])
+            z, s = x[first:second].tolist(), x[second:last].tolist()
+            signal = damper.output(s, w)
+            Efd.append(exciter.field(z, u, signal))
+            rates += [*exciter.rates(z, u, signal), *damper.rates(s, w)]
+            first = last
+        return np.array(Efd), rates
+
     def slopes(x: Array, y: Array) -> Array:
-        _, w, fd, d1, q1, q2 = x.reshape(6, -1)
+        _, w, fd, d1, q1, q2 = x[:rotors].reshape(6, -1)
         d, q = fluxes(x, y)
         Id, Iq = y[2 * n :].reshape(2, -1)
+        Efd, rates = controlled(x, y)
         swing = [w0 * w, (torque - (d * Iq - q * Id)) / (2 * H)]
         circuits = [
-            w0 * Rfd * (field - (fd - d) / Lfd),
+            w0 * Rfd * (Efd / Lad - (fd - d) / Lfd),
             -w0 * R1d * (d1 - d) / L1d,
             -w0 * R1q * (q1 - q) / L1q,
             -w0 * R2q * (q2 - q) / L2q,
         ]
-        return np.concatenate(swing + circuits)
+        return np.concatenate([*swing, *circuits, rates])
 
     def balance(x: Array, y: Array) -> Array:
         bus, (Id, Iq) = y[:n] + 1j * y[n : 2 * n], y[2 * n :].reshape(2, -1)

@@ -44,6 +44,7 @@ SALIENT = {"Xq1": None, "Tq01": None}
 APART = {"Xd2": 0.22, "Xq2": 0.3}  # subtransient reactances of the two axes
 STATIC = {"model": "static", "KA": 200.0, "TR": 0.02}
 FEEDBACK = {"model": "static", "KA": 150.0, "TR": 0.0, "KF": 0.01, "TF": 0.5}
+REDUCED = {"model": "static", "KA": 200.0, "TR": 0.01, "TB": 10.0, "TC": 1.0}
 DC: Row = {"model": "dc", "KA": 20.0, "TA": 0.055, "TE": 0.36, "KF": 0.125, "TF": 1.8, "TR": 0.05, "AEX": 0.0056}
 DC["BEX"] = 1.075
 
@@ -90,6 +91,18 @@ def various() -> Row:
     system["governors"] = [{"machine": "G1", "Dt": 0.5}, {"machine": "G3", "r": 0.3, "Tw": 1.5, "R": 0.04}]
     system["loads"] = [{**row, "P_shares": MIXED_P, "Q_shares": MIXED_Q} for row in system["loads"]]
     return system
+
+
+def reduced() -> Row:
+    """Transient gain reduction: as it is, with rate feedback, as a mere lag without transducer, within limits."""
+    rows: list[Row] = [
+        REDUCED,
+        {**REDUCED, "KF": 0.01, "TF": 0.5},
+        {**REDUCED, "TR": 0.0, "TB": 0.1, "TC": 0.0, "KA": 50.0},
+        {**REDUCED, "TB": 1.0, "minimum": 0.0, "maximum": 4.0},
+    ]
+    exciters = [{**row, "machine": machine} for row, machine in zip(rows, MACHINES, strict=True)]
+    return kundur(exciters=exciters, stabilisers=at_all())
 
 
 def in_lines(*more: Row) -> Row:
@@ -317,6 +330,8 @@ CASES: dict[str, Case] = {
         3.0,
         1e-9,
     ),
+    "reduction": Case(reduced, [load_step("load_1", 0.05)], {}, 2.0, 1e-9),
+    "reduction_limited": Case(reduced, [fault()], {}, 2.0, 1e-6),
     "trip": Case(
         lambda: kundur(
             load={"P_shares": CURRENT}, exciters=at_all(**STATIC, minimum=-5.0, maximum=6.0), governors=at_all()

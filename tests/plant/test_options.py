@@ -37,6 +37,8 @@ IMPEDANCE, CURRENT, POWER = ({kind: 1.0} for kind in ("impedance", "current", "p
 SATURATION = {"S10": 0.0392, "S12": 0.2227}
 STATIC = {"exciters": [{"machine": g, "model": "static", "KA": 200, "TR": 0.01} for g in MACHINES]}
 FEEDBACK = {"exciters": [{**exciter, "TR": 0, "KF": 0.001, "TF": 0.1} for exciter in STATIC["exciters"]]}
+REDUCED = {"exciters": [{**exciter, "TB": 10.0, "TC": 1.0} for exciter in STATIC["exciters"]]}
+REDUCED_FEEDBACK = {"exciters": [{**exciter, "KF": 0.001, "TF": 0.1} for exciter in REDUCED["exciters"]]}
 STABILISERS = {"stabilisers": [{"machine": g} for g in MACHINES]}  # the defaults are the book's
 TURBINE = {"R": 0.05, "r": 0.5, "Tr": 2.0, "Tf": 0.05, "Tg": 0.2, "rate_max": 10, "Tw": 1.0, "At": 1.2, "Dt": 0.5}
 GOVERNORS = {"governors": [{"machine": g, **TURBINE, "q_nl": 0.08} for g in MACHINES]}
@@ -73,6 +75,11 @@ def book() -> dict[str, Any]:
     return machines(**SATURATION) | loads(CURRENT, IMPEDANCE)
 
 
+def exciters(name: str) -> dict[str, Any]:
+    """The exciters of a shipped system."""
+    return {"exciters": [exciter.model_dump() for exciter in shipped(name).exciters]}
+
+
 MIXED_P, MIXED_Q = {"power": 0.3, "current": 0.5, "impedance": 0.2}, {"power": 0.1, "current": 0.4, "impedance": 0.5}
 CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "taps": tapped,
@@ -89,6 +96,11 @@ CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "book_manual": book,
     "book_thyristor": lambda: book() | STATIC,
     "book_thyristor_stabiliser": lambda: book() | STATIC | STABILISERS,
+    "dc": lambda: exciters("kundur_12_6_dc"),
+    "reduction": lambda: REDUCED,
+    "reduction_feedback": lambda: REDUCED_FEEDBACK,
+    "book_dc": lambda: book() | exciters("kundur_12_6_dc"),
+    "book_thyristor_reduction": lambda: book() | REDUCED,
 }
 HELD = {"damping", "governor", "stabiliser_governor"}  # where something holds the speed
 
