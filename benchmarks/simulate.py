@@ -21,6 +21,10 @@ OURS = {
     "two_area small, LLC, SSSC and STATCOM": ["scenario=small", "devices=[sssc, statcom]"],
     "two_area large, LLC, SSSC and STATCOM": ["scenario=large", "devices=[sssc, statcom]"],
     "two_area multiple, LLC, 100 ms": ["scenario=multiple", "link=delay_100ms"],
+    "two_area large, LLC, m_class, noise, lag": [
+        *("scenario=large", "controllers.0.signals=[frequency]", "measurement=m_class"),
+        *("system.devices.0.response_time=0.015", "system.devices.0.dead_time=0.005", "system.devices.0.g=0.01"),
+    ],
     "smib nominal, LLC": ["system=smib", "scenario=nominal"],
     "kundur_12_6 bus8_fault, no device": [
         "system=kundur_12_6",

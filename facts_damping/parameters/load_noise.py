@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydantic import Field
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
 
-STD = {
-    "unit": "-",
-    "description": "standard deviation of P and of Q, relative to what the load draws",
-    "ge": 0,
-    "le": 0.2,
-}
-TIME = {"unit": "s", "description": "time in which the noise forgets what it was", "ge": 0.05, "le": 1e4}
-CORRELATION = {
-    "unit": "-",
-    "description": "of the noise of P with that of Q; 1: the power factor stays",
-    "ge": -1,
-    "le": 1,
-}
+
+def _std(default: Any) -> Any:
+    text = "standard deviation of P and of Q, relative to what the load draws"
+    return quantity(default, "-", text, ge=0, le=0.2)
+
+
+def _time_constant(default: Any) -> Any:
+    return quantity(default, "s", "time in which the noise forgets what it was", ge=0.05, le=1e4)
+
+
+def _correlation(default: Any) -> Any:
+    return quantity(default, "-", "of the noise of P with that of Q; 1: the power factor stays", ge=-1, le=1)
 
 
 class OwnNoise(ParameterModel):
     """Noise of a load where it differs from that of all."""
 
-    std: float | None = quantity(None, **STD)
-    time_constant: float | None = quantity(None, **TIME)
-    correlation: float | None = quantity(None, **CORRELATION)
+    std: float | None = _std(None)
+    time_constant: float | None = _time_constant(None)
+    correlation: float | None = _correlation(None)
 
 
 class LoadNoise(ParameterModel):
@@ -37,9 +38,9 @@ class LoadNoise(ParameterModel):
     28 (2013) 4537-4544).
     """
 
-    std: float = quantity(0.01, **STD)
-    time_constant: float = quantity(1.0, **TIME)
-    correlation: float = quantity(0.0, **CORRELATION)
+    std: float = _std(0.01)
+    time_constant: float = _time_constant(1.0)
+    correlation: float = _correlation(0.0)
     loads: dict[Name, OwnNoise] = Field({}, description="load: its own std, time_constant, correlation")
 
     def of(self, load: str) -> tuple[float, float, float]:

@@ -22,7 +22,7 @@ from facts_damping.compiling import compiled, inner
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -55,7 +55,7 @@ def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: 
     return found
 
 
-def table(drawn: dict[str, NDArray[np.float64]], loads: Sequence[Load]) -> NDArray[np.float64]:
+def table(drawn: Mapping[str, NDArray[np.float64]], loads: Sequence[Load]) -> NDArray[np.float64]:
     """What was drawn for a plant's loads, (points, loads, 2): zeros for those without noise; no points without any."""
     points = len(next(iter(drawn.values()))) if drawn else 0
     made = np.zeros((points, len(loads), 2))

@@ -235,7 +235,7 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
     "field of the other exciter": (
         "two_area",
         {"exciters.0.TA": 0.055},
-        "exciters.0.TA: 0.055 given; allowed for model static: machine, model, KA, TR, KF, TF, minimum, maximum, TB, TC",
+        "exciters.0.TA: 0.055 given; allowed for model static: machine, model, KA, TR, KF, TF, minimum, maximum, TB",
     ),
     "gain reduction at a DC exciter": (
         "two_area",

@@ -19,12 +19,15 @@ def test_start_is_an_equilibrium(name: str, *, with_devices: bool) -> None:
 
 @pytest.mark.parametrize(("name", "with_devices"), CASES)
 def test_nothing_happens_in_20_s_without_an_event(name: str, *, with_devices: bool) -> None:
-    """Where the open loop is unstable (two_area: 0.055 1/s) the start's slope grows, by exp(1.1) = 3 in 20 s."""
+    """Where the open loop is unstable the start's slope grows in 20 s: two_area's 0.055 1/s makes three of one.
+
+    Kundur's thyristor exciters with transient gain reduction have 0.13 1/s, which makes 14.
+    """
     built = plant(name, installed=None if with_devices else [])
     fastest = np.linalg.eigvals(linearise(built)[0]).real.max()
     trace = follow(built, frame_times(20))
     bound = 1e-9 * max(1.0, float(np.exp(20 * fastest)))
-    assert bound < 3.1e-9
+    assert bound < 1.5e-8
     assert np.abs(trace.x - built.state.x).max() <= bound
     assert trace.sound.all()
 

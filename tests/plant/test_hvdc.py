@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
-from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping.small_signal.modal_analysis import analyse
@@ -25,7 +24,7 @@ from tests.plant.small import SPUR, between_infinite_buses
 if TYPE_CHECKING:
     from facts_damping.parameters.system import System
 
-VOLTAGE, _, _, ACTIVE, REACTIVE = range(len(CHANNELS))
+VOLTAGE, _, _, ACTIVE, REACTIVE = range(5)
 AT_B, AT_S = 1, 2  # stations
 FAULT = {"time": 0.1, "kind": "fault", "bus": "S", "x": 0.02, "duration": 0.2}
 
