@@ -32,10 +32,11 @@ def filled(
     source: str,
     sets: dict[str, str] | None,
     latency: float = 0.0,
+    measurement: str = "ideal",
 ) -> Controller:
     """A controller with scheme, all parameters and its weights: the table's, then the system's tuned, then its own.
 
-    `latency`: s, of its PMUs' filter.
+    `latency`: s, of its PMUs' filter, `measurement` their name.
     """
 
     def where(field: str) -> str:
@@ -59,7 +60,7 @@ def filled(
     counts = sizes(controller)
     for name, value in controller.parameters.items():
         check_parameter(where(f"parameters.{name}"), name, value, row.parameters, counts)
-    known = tuned(system.name, controller.signals, controller.devices)
+    known = tuned(system.name, controller.signals, controller.devices, measurement)
     if controller.name == "LLC-tuned" and (controller.name, None) not in known and not controller.parameters:
         raise InputError(
             f"{where('name')}: 'LLC-tuned' given, which is not tuned for {system.name} with these signals and devices; "
@@ -149,18 +150,23 @@ def _weights(
 
 
 def tuned(
-    system: str, signals: list[str] | None = None, devices: list[str] | None = None
+    system: str,
+    signals: list[str] | None = None,
+    devices: list[str] | None = None,
+    measurement: str = "ideal",
 ) -> dict[tuple[str, str | None], dict[str, Value]]:
     """Parameters that `facts-damping tune` chose for a system, by controller and scheme.
 
     Known for the signals and devices alone that they were chosen with, by default those of a run; a lead-lag takes
-    the first of the signals.
+    the first of the signals. Those of the same `measurement` go before those of exact signals.
     """
     own = Controller()
     signals, devices = signals or own.signals, devices or own.devices
     found: dict[tuple[str, str | None], dict[str, Value]] = {}
-    for path in files.shipped("controllers").values():
-        file = _read_tuned(path)
+    fitting = list(map(_read_tuned, files.shipped("controllers").values()))
+    for file in sorted(fitting, key=lambda one: one.measurement == measurement):
+        if file.measurement not in ("ideal", measurement):
+            continue
         for row in file.controllers:
             most = kind(row.name).signals
             if (file.system, file.devices, file.signals[:most]) == (system, devices, signals):

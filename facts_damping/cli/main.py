@@ -140,6 +140,8 @@ def _studies(add: Add) -> None:
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
     command.add_argument("--devices", default="sssc", metavar="NAME,...", help="commanded devices; default: sssc")
     command.add_argument("--signals", default="speed", metavar="NAME,...", help="signals given; default: speed")
+    text = "how they are measured, a name under config/measurement; default: ideal"
+    command.add_argument("--measurement", default="ideal", metavar="NAME", help=text)
     command.add_argument("--budget", type=COUNT, default=600, metavar="N", help="runs for each; default: 600")
     command.add_argument("--seed", type=SEED, default=1, metavar="N", help="seed of the search; default: 1")
     _jobs(command)

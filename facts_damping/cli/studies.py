@@ -27,7 +27,8 @@ def tune(arguments: argparse.Namespace) -> None:
     progress = Progress("tune", "controllers")
     try:
         devices, signals = arguments.devices.split(","), arguments.signals.split(",")
-        task = study.TuningTask(arguments.system, devices, signals, arguments.budget, arguments.seed)
+        effort = arguments.budget, arguments.seed
+        task = study.TuningTask(arguments.system, devices, signals, *effort, arguments.measurement)
         found = study.tune(task, arguments.controllers, arguments.jobs, progress)
     finally:
         progress.close()

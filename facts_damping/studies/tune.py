@@ -46,13 +46,14 @@ Scheme = Literal["direct", "indirect"] | None
 
 
 class TuningTask(NamedTuple):
-    """What controllers are tuned for: a system, the devices that are installed and commanded, signals, budget, seed."""
+    """What controllers are tuned for: a system, the devices installed and commanded, signals and their measurement."""
 
     system: str
     devices: list[str]
     signals: list[str]
     budget: int
     seed: int
+    measurement: str = "ideal"
 
 
 class Job(NamedTuple):
@@ -86,6 +87,7 @@ class Trainer:
         task, self.name, self.scheme, self.row = job.task, job.name, job.scheme, kind(job.name)
         self.signals = task.signals[: self.row.signals]
         content = {"system": task.system, "scenario": SCENARIO, "devices": task.devices, "controllers": []}
+        content["measurement"] = task.measurement
         self.case = case = make_case(content, f"tune {task.system}")
         found = plant_residues(case)
         if found is None:
@@ -159,12 +161,14 @@ def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[
     own = Controller()
     more = [f"--devices {','.join(task.devices)}"] if task.devices != own.devices else []
     more += [f"--signals {','.join(task.signals)}"] if task.signals != own.signals else []
+    more += [f"--measurement {task.measurement}"] if task.measurement != "ideal" else []
     words = ["facts-damping tune", task.system, *names, *more, f"--budget {task.budget} --seed {task.seed}"]
     return Tuned(
         system=task.system,
         scenario=SCENARIO,
         signals=task.signals,
         devices=task.devices,
+        measurement=task.measurement,
         command=" ".join(words),
         controllers=made,
     )

@@ -108,7 +108,8 @@ def eigenvalues(system: System, saturation: Saturation | None) -> Complex:
     torque = ad * i.imag - aq * i.real
 
     # Efd is 1 where the unsaturated machine has 1 p.u. open-circuit voltage.
-    exciters, stabilisers = ({row.machine: row for row in rows} for rows in (system.exciters, system.stabilisers))
+    exciters = {row.machine: row for row in system.exciters}
+    stabilisers = {row.machine: row for row in system.stabilisers}
     excited = [
         exciter_of(exciters.get(m.name), float(abs(u)), float(Efd))
         for m, u, Efd in zip(system.machines, V, Lad * field, strict=True)
