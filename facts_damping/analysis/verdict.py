@@ -9,7 +9,8 @@ integral of the residuals' autocorrelation and half as much again, for a fit sho
 Where one exponential is not enough, or the record is short, and what remains at the end matters:
 
 - a few damped waves with common poles, if they explain nearly all (`ringdown`): modes that beat, or one that grows
-  behind one that decays. The worst pole of those that matter at the end decides, with its interval;
+  behind one that decays. The worst pole of those that matter at the end decides, with its interval. Of poles closer
+  than 1/T the envelope has to say the same: else it is undecided;
 - else the line is bent where that is far better, and what is before the bend left out, again and again: a swing that
   decays to a steady chatter, or grows until a limit stops it.
 """
@@ -42,7 +43,8 @@ RIPPLE = 0.05  # of an amplitude: a change by less from end to end is no growth,
 STRAIGHT = 0.01  # root mean square about the line of the logarithm: what leaves no more is one exponential
 CLEAR_DB = 40.0  # of the signals against the residual of damped waves: from there on they are a sum of such waves
 LAST, SHARE = 5.0, 0.25  # s, and share of what is fitted, that lie behind a bend at least
-BETTER, DEPTH = 0.6, 0.2  # share of the line's squares that a bend explains, and how far it moves the logarithm
+BETTER = (0.6, 0.9)  # shares of what a straight line leaves that one bend, or two, must explain
+DEPTH = 0.2  # and so far a bend must move the logarithm
 WIDER = 1.5  # than the residuals' correlation says, which a fit makes shorter
 FREE = 0.9  # degrees of freedom, at least
 STEADY, WIDEST = 0.7, 2.0  # of the logarithm, factors of 2 and 7: see `judge`
@@ -152,10 +154,15 @@ def _signal(part: _Part, i: int, waves: Callable[[], Fit | None]) -> Judgement:
         return _decide(part, whole, 0)
     fit = waves()
     clear = _of_waves(part, i, fit) if fit is not None and fit.snr_db >= CLEAR_DB else None
-    if clear is not None:
-        return _decide(part, clear, 0)
+    by_waves = None if clear is None else _decide(part, clear, 0)
+    if by_waves is not None and not _close(fit, float(points[-1] - points[0]) + HANN):
+        return by_waves
     first = _last_part(points, logs)
-    return _decide(part, _growth(part, first, len(points)), first)
+    found = _decide(part, _growth(part, first, len(points)), first)
+    if by_waves is None or by_waves.verdict == found.verdict:
+        return found
+    because = "its modes are too close to be told apart in this time: beats, or one that changes with its amplitude"
+    return found._replace(verdict=UNDECIDED, because=because)
 
 
 def _decide(part: _Part, growth: Growth | None, first: int) -> Judgement:
@@ -215,6 +222,12 @@ def _of_waves(part: _Part, i: int, fit: Fit) -> Growth | None:
     return max(found, key=lambda one: one.high, default=None)
 
 
+def _close(fit: Fit | None, length: float) -> bool:
+    """Whether two of the waves are closer than 1/T: two modes, or one that no exponential describes, split in two."""
+    frequencies = sorted(mode.frequency_hz for mode in fit.modes) if fit is not None else []
+    return bool(np.any(np.diff(frequencies) < 1 / length))
+
+
 def _last_part(points: NDArray[np.float64], logs: NDArray[np.float64]) -> int:
     """First window behind the last bend of the envelope's logarithm."""
     first = 0
@@ -225,15 +238,32 @@ def _last_part(points: NDArray[np.float64], logs: NDArray[np.float64]) -> int:
         if not len(bends):
             return first
         line = np.linalg.qr(np.column_stack([np.ones_like(t), t - t.mean()]))[0]
-        rest = y - line @ (line.T @ y)
         hinges = np.maximum(t - t[bends, np.newaxis], 0.0)
         hinges -= (hinges @ line) @ line.T
-        dots, norms = hinges @ rest, np.sum(hinges**2, axis=1)
-        k = int(np.argmax(dots**2 / norms))
-        depth = abs(dots[k]) / norms[k] * np.ptp(hinges[k])
-        if dots[k] ** 2 / norms[k] < BETTER * np.sum(rest**2) or depth < DEPTH:
+        bend = _bend(hinges, y - line @ (line.T @ y))
+        if bend is None:
             return first
-        first += min(int(bends[k] + HANN / 2 / HOP), int(bends[-1]))  # the windows about it hold of both sides
+        # The windows about a bend hold of both sides.
+        first += min(int(bends[bend] + HANN / 2 / HOP), int(bends[-1]))
+
+
+def _bend(hinges: NDArray[np.float64], rest: NDArray[np.float64]) -> int | None:
+    """The hinge that explains most of what a straight line leaves; if it is not enough, the later of two; else none."""
+    squares, explained, found = float(rest @ rest), 0.0, []
+    for enough in BETTER:
+        dots, norms = hinges @ rest, np.maximum(np.sum(hinges**2, axis=1), np.finfo(float).tiny)
+        k = int(np.argmax(dots**2 / norms))
+        own = hinges[k]
+        explained += float(dots[k] ** 2 / norms[k])
+        if abs(dots[k]) / norms[k] * np.ptp(own) < DEPTH:
+            return None
+        found.append(k)
+        if explained >= enough * squares:
+            return max(found)
+        rest = rest - dots[k] / norms[k] * own
+        hinges = hinges - np.outer(hinges @ own / norms[k], own)
+        hinges[np.sum(hinges**2, axis=1) < 1e-6 * norms] = 0.0  # as good as the first one again
+    return None
 
 
 def _straight(t: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:

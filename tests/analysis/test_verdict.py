@@ -71,10 +71,28 @@ def test_intervals_hold_the_truth_in_noise_and_growth_is_never_damped() -> None:
 
 
 @given(sigma=st.sampled_from([-0.1, -0.05, 0.0, 0.05]), apart=st.sampled_from([0.06, 0.1, 0.3]), a=PHASE, b=PHASE)
-def test_beats_neither_grow_nor_decay(sigma: float, apart: float, a: float, b: float) -> None:
+def test_beats_are_no_growth(sigma: float, apart: float, a: float, b: float) -> None:
     """Two modes whose envelope falls and rises by 19 to 1: their common growth counts."""
     found = judge(LONG, wave(sigma, 0.7, a, t=LONG) + 0.9 * wave(sigma, 0.7 + apart, b, t=LONG), 1.0)
     assert found.verdict == (DAMPED if sigma < 0 else GROWING if sigma > 0 else LIMIT_CYCLE)
+
+
+def test_beats_that_are_slower_than_the_record_are_never_told_wrongly() -> None:
+    """Half a beat looks like growth, the other half like decay: then nothing is said, or what is right."""
+    random = np.random.default_rng(2)
+    for sigma, right in ((-0.05, DAMPED), (0.0, LIMIT_CYCLE), (0.05, GROWING)):
+        for _ in range(15):
+            a, b = random.uniform(0, 6.3, 2)
+            x = wave(sigma, 0.7, a) + 0.4 * wave(sigma, 0.73, b)
+            assert judge(T, x + 1e-6 * random.standard_normal(len(T)), 1.0).verdict in (right, UNDECIDED)
+
+
+def test_a_mode_that_changes_with_its_amplitude_does_not_grow() -> None:
+    """A delay near the margin: the swing decays, faster when small; as two waves one of them would grow."""
+    record = simulate(scenario="multiple", duration=40, link={"up": [{"stage": "network", "delay": 0.159}]})
+    w13 = speed_differences(record)["w13"]
+    assert np.ptp(w13[record.time_s > 35]) < 0.85 * np.ptp(w13[(record.time_s > 11) & (record.time_s < 16)])
+    assert summarise(record)["verdict"] in (DAMPED, UNDECIDED)
 
 
 @given(decay=st.sampled_from([0.2, 0.5]), frequency=st.floats(0.5, 0.8), a=PHASE, b=PHASE)

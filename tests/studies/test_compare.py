@@ -17,8 +17,21 @@ if TYPE_CHECKING:
 
 # Scenarios that stay in synchronism without control.
 CALM = [("two_area", "small"), ("smib", "nominal"), ("smib", "light")]
-# Rows that are not damped, or do not beat no control, after the search: findings (docs/controllers.md).
-NOT_DAMPED: set[tuple[str, str, str, str]] = set()
+# Rows that are not damped (docs/measures.md), or do not beat no control (docs/controllers.md): findings.
+# In `multiple` 9 s are left after the last event: often too few to tell a chatter that dies from one that does not.
+NOT_DAMPED = {
+    ("two_area", "small", "ANFBsC", "indirect"): "growing",
+    ("two_area", "small", "ANFFsC", "direct"): "limit cycle",
+    ("two_area", "small", "ANFLeWC", "indirect"): "limit cycle",
+    ("two_area", "small", "ANFGuMoC", "direct"): "undecided",
+    ("two_area", "large", "ANFLeWC", "indirect"): "undecided",
+    ("two_area", "multiple", "ANFTrMeC", "indirect"): "limit cycle",
+    ("two_area", "multiple", "ANFTrMoC", "indirect"): "undecided",
+    ("two_area", "multiple", "ANFGuMoC", "direct"): "undecided",
+    ("two_area", "multiple", "ANFBsC", "indirect"): "undecided",
+    ("two_area", "multiple", "HBsWC", "direct"): "undecided",
+    ("two_area", "multiple", "HBsWC", "indirect"): "undecided",
+}
 NOT_BETTER: set[tuple[str, str, str, str]] = set()
 
 
@@ -56,7 +69,7 @@ def test_none_leaves_its_limits(rows: Rows) -> None:
 
 
 def test_every_adaptive_controller_damps_every_scenario_but_the_findings(rows: Rows) -> None:
-    assert {place(row) for row in rows if row["scheme"] and not row["damped"]} == NOT_DAMPED
+    assert {place(row): row["verdict"] for row in rows if row["scheme"] and not row["damped"]} == NOT_DAMPED
 
 
 def test_the_lqg_damps_every_scenario_and_has_less_of_the_squares_than_lead_lags(rows: Rows) -> None:
