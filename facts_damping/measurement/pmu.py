@@ -139,13 +139,13 @@ def _estimate(m: Pmus, state: PmuState, s: int, frame: NDArray[np.float64]) -> N
 @inner
 def _wrapped(angle: float) -> float:
     """An angle within -pi to pi."""
-    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+    return float(angle - 2.0 * math.pi * np.floor(angle / (2.0 * math.pi) + 0.5))
 
 
 @inner
 def _rounded(value: float, step: float, low: float, high: float) -> float:
-    """A value in whole steps, as far as integers reach."""
-    return step * min(max(math.floor(value / step + 0.5), low), high)
+    """A value in whole steps, as far as integers reach; what is not available stays so."""
+    return step * min(max(np.floor(value / step + 0.5), low), high) if math.isfinite(value) else value
 
 
 @inner

@@ -176,6 +176,7 @@ def test_integers_of_16_bits() -> None:
     ):
         counts = (frames[..., column] - origin) / step
         assert np.abs(counts - np.round(counts)).max() < 1e-6
+    assert np.isnan(frames[..., ROCOF]).all()  # ideal PMUs have none
     size = frames[..., VM] * frames[..., IM]
     assert np.allclose(frames[..., P] ** 2 + frames[..., Q] ** 2, size**2)
 
