@@ -20,6 +20,8 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
     "power-flow-new-england": start.new_england,
     "equilibrium": start.rest,
     "eigenvalues-kundur": small_signal.kundur,
+    "excitation": small_signal.excitation,
+    "excitation-book": small_signal.book,
     "eigenvalues-others": small_signal.others,
     "interarea": small_signal.two_area,
     "ringdown": small_signal.ringdown,

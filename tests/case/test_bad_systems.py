@@ -237,6 +237,11 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
         {"exciters.0.TA": 0.055},
         "exciters.0.TA: 0.055 given; allowed for model static: machine, model, KA, TR, KF, TF, minimum, maximum, TB",
     ),
+    "exciter constant of an exciter that names no model": (
+        "two_area",
+        {"exciters.0": {"machine": "G1", "KE": 1.0}},
+        "exciters.0.KE: 1.0 given; allowed for model static: machine, model, KA",
+    ),
     "gain reduction at a DC exciter": (
         "two_area",
         {"exciters.0": {"machine": "G1", "model": "dc", "TB": 10.0}},

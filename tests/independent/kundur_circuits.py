@@ -4,14 +4,18 @@ P. Kundur, Power System Stability and Control, 1994: circuits and standard param
 signals with incremental saturation 12.3, all machines and the network 12.6. Active power of loads goes with the
 voltage, reactive power with its square. Exciters and stabilisers are those of the reference model; a machine without
 has a constant field voltage. The power flow is the package's.
+
+    python -m tests.independent.kundur_circuits     writes kundur_12_6_excitation_book.csv of config/references
 """
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from facts_damping.case.loading import load_system
 from facts_damping.plant.power_flow import solve
 
 from .reference_controls import Damper, exciter_of
@@ -27,6 +31,8 @@ if TYPE_CHECKING:
     Complex = NDArray[np.complex128]
 
 STEP = 1e-6  # of the central differences
+FILE = Path(__file__).parents[2] / "config" / "references" / "kundur_12_6_excitation_book.csv"
+SYSTEMS = ("kundur_12_6_dc", "kundur_12_6_thyristor", "kundur_12_6_thyristor_tgr", "kundur_12_6_thyristor_pss")
 
 
 class Saturation(NamedTuple):
@@ -35,6 +41,9 @@ class Saturation(NamedTuple):
     A: float
     B: float
     threshold: float
+
+
+BOOK = Saturation(0.015, 9.6, 0.9)
 
 
 def network(system: System) -> Complex:
@@ -177,3 +186,19 @@ def eigenvalues(system: System, saturation: Saturation | None) -> Complex:
     fx, fy = jacobian(lambda x: slopes(x, y0), x0), jacobian(lambda y: slopes(x0, y), y0)
     gx, gy = jacobian(lambda x: balance(x, y0), x0), jacobian(lambda y: balance(x0, y), y0)
     return np.asarray(np.linalg.eigvals(fx - fy @ np.linalg.solve(gy, gx)))
+
+
+def swings(system: System) -> list[complex]:
+    """The interarea mode, those local to area 1 and to area 2, with the book's saturation."""
+    found = [complex(value) for value in eigenvalues(system, BOOK) if value.imag > 2 and -value.real < 0.3 * abs(value)]
+    return sorted(found, key=lambda value: value.imag)
+
+
+def main() -> None:
+    """Write the file."""
+    rows = [f"{name},{v.real:.6f},{v.imag:.6f}" for name in SYSTEMS for v in swings(load_system(name))]
+    FILE.write_text("\n".join(["system,re,im", *rows, ""]), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

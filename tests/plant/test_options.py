@@ -225,7 +225,7 @@ def test_the_books_equations_give_the_books_eigenvalues() -> None:
     The largest difference, 0.012, is that of a swing printed as j6.82 whose printed frequency is 1.087 Hz, j6.83.
     """
     re, im = table("kundur_12_6_eigenvalues_book.csv").T
-    found = kundur_circuits.eigenvalues(system(), kundur_circuits.Saturation(0.015, 9.6, 0.9))
+    found = kundur_circuits.eigenvalues(system(), kundur_circuits.BOOK)
     assert furthest(far(re + 1j * im, leave=2), far(found, leave=2)) < 0.0125
 
 
