@@ -156,8 +156,8 @@ def book() -> ValidationTable:
         rows.append(
             within(f"{name}: all eigenvalues, ANDES", "1/s", furthest(_far(ours), _far(theirs)), SAME_EQUATIONS)
         )
-        of_book = equations[equations["system"] == name]
-        rows += _apart(name, _swings(ours), list(of_book["re"] + 1j * of_book["im"]), OTHER_SATURATION)
+        of_book = [complex(row["re"], row["im"]) for row in equations if row["system"] == name]
+        rows += _apart(name, _swings(ours), of_book, OTHER_SATURATION)
         if name == "kundur_12_6_thyristor":
             rows += _apart(f"{name}, as printed", _swings(ours), PRINTED, OTHER_SATURATION)
     source = (

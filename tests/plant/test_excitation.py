@@ -1,4 +1,4 @@
-"""Exciters: what is read back; transient gain reduction as a transfer function; example 12.6 with the equations of Kundur's book."""
+"""Exciters: what is read back, transient gain reduction, example 12.6 with the equations of Kundur's book."""
 
 from __future__ import annotations
 
