@@ -71,7 +71,7 @@ def fit_ringdown(
     t, step = time_s[kept], float(np.median(np.diff(time_s)))
     x, block = block_means(x, step)
     dt = block * step
-    x = _without_line(x)
+    x = without_line(x)
     if np.ptp(x, axis=0).max() < RESOLUTION:
         return None
     # BLAS would split small matrices between threads, which on a busy machine wait for each other far longer than they
@@ -166,7 +166,7 @@ def block_means(x: NDArray[np.float64], dt: float) -> tuple[NDArray[np.float64],
     return x[: blocks * q].reshape(blocks, q, x.shape[1]).mean(axis=1), q
 
 
-def _without_line(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def without_line(x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Signals less their straight lines: offset and drift would drown the modes in the singular values.
 
     Whatever line is taken off, the poles of the modes stay; it only adds a double pole at z = 1.

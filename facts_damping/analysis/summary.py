@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping import terminal
-from facts_damping.analysis import convergence, releases
+from facts_damping.analysis import ambient, convergence, releases
 from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency, left_out
@@ -43,18 +43,20 @@ ROWS = (
     ("frames lost", ("frames_lost",), "d"),
 )
 WORDS = {True: "yes", False: "no", None: "-"}
+AUTO = "auto"  # how modes are found, unless a method is asked for: by what excited them
 
 
 def summarise(
     record: Record,
     differences: Mapping[str, NDArray[np.float64]] | None = None,
     *,
-    method: str | None = METHOD,
+    method: str | None = AUTO,
 ) -> dict[str, Any]:
     """Figures of a run, ready for JSON: numbers, None and lists of them.
 
     `differences`: name -> (ticks,), p.u., the speed differences to judge; by default those that the
-    configuration names. `method`: how their modes are found (`analysis.poles.METHODS`); None: not at all.
+    configuration names. `method`: how their modes are found, of `analysis.poles.METHODS` or `ambient.METHOD`; AUTO:
+    from the noise of a run that has loads with noise and no event, else from the ringdown; None: not at all.
     Of a run that is not stable (or whose recording ends too early to know: `stable` None) indices and
     settling time are None, and there are no modes. `indices` count from t = 0, `indices_since_event` from the
     first event; `smoothness` is (5.34) over dt^2, `smoothness_per_frame` without. Raises InputError if the speed
@@ -141,8 +143,8 @@ def _oscillation(
         }
     times = event_times(record) or [0.0]
     t, last, signals = record.time_s, times[-1], columns(differences)
-    fit = fit_ringdown(t, signals, last, method) if method else None
-    found = judge(t, signals, last, list(differences), (lambda: fit) if method == METHOD else None)
+    fit, how = _fit(record, signals, last, method)
+    found = judge(t, signals, last, list(differences), (lambda: fit) if how == METHOD else None)
     cycle = {"amplitude_pu": found.amplitude_pu, "saturation_duty": saturation_duty(record, found.start_s)}
     return {
         "verdict": found.verdict,
@@ -153,16 +155,31 @@ def _oscillation(
         "indices": performance_indices(t, signals),
         "indices_since_event": performance_indices(t, signals, times[0]),
         "settling_time_s": settling_time(t, signals, last),
-        **_modes(fit),
+        **_modes(fit, how),
     }
 
 
-def _modes(fit: Fit | None) -> dict[str, Any]:
-    """Modes and what is known of their fit."""
+def _fit(
+    record: Record, signals: NDArray[np.float64], since: float, method: str | None
+) -> tuple[Fit | None, str | None]:
+    """Modes of a run after its last event (s), and the method that found them."""
+    if method == AUTO:
+        noise = record.configuration.get("load_noise") and not event_times(record)
+        method = ambient.METHOD if noise else METHOD
+    if method is None:
+        return None, None
+    if method == ambient.METHOD:
+        return ambient.fit_ambient(record.time_s, signals, since), method
+    return fit_ringdown(record.time_s, signals, since, method), method
+
+
+def _modes(fit: Fit | None, method: str | None = None) -> dict[str, Any]:
+    """Modes, how they were found, and what is known of their fit."""
     if fit is None:
-        return {"modes": [], "ringdown": None}
+        return {"modes": [], "modes_method": None, "ringdown": None}
     modes = [{key: _known(value) for key, value in mode._asdict().items() if key != "energy"} for mode in fit.modes]
-    return {"modes": modes, "ringdown": {"start_s": fit.start_s, "order": fit.order, "snr_db": fit.snr_db}}
+    how = {"modes": modes, "modes_method": method}
+    return how | {"ringdown": {"start_s": fit.start_s, "order": fit.order, "snr_db": fit.snr_db}}
 
 
 def _known(value: float | tuple[float, ...]) -> float | list[float] | None:

@@ -83,7 +83,7 @@ def _runs(add: Add) -> None:
 def _recordings(add: Add) -> None:
     command = add("analyze", "runs.analyze", "Figures and plots of recordings.")
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder or .mcap file")
-    command.add_argument("--modes-method", choices=MODES, default=MODES[0], help="finds modes; default: matrix_pencil")
+    command.add_argument("--modes-method", choices=MODES, default=MODES[0], help="finds modes; default: auto")
     command.add_argument("--baseline", metavar="RECORDING", help="what improvement counts from; default: the first")
     command.add_argument("--run", metavar="RUN", help="the run that they are of, where they hold none")
     command.add_argument("--spwvd", metavar="SIGNAL,...", help="also time-frequency distributions of these signals")
@@ -279,7 +279,8 @@ KINDS = (
     "runs",
     "studies",
 )  # facts_damping.parameters.files.KINDS, likewise
-MODES = ("matrix_pencil", "prony", "era")  # facts_damping.analysis.poles.METHODS, which takes long to load
+# facts_damping.analysis.poles.METHODS and others, which take long to load.
+MODES = ("auto", "matrix_pencil", "prony", "era", "ssi")
 COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _between(0.05, 3600.0, " s")
 
 

@@ -38,9 +38,7 @@ def say(arguments: argparse.Namespace, text: str) -> None:
         sys.stdout.write(text + "\n")
 
 
-def summarise(
-    record: Record, wall_s: float | None, recording: str | None, method: str = "matrix_pencil"
-) -> dict[str, Any]:
+def summarise(record: Record, wall_s: float | None, recording: str | None, method: str = "auto") -> dict[str, Any]:
     """The JSON of a run (docs/commands.md)."""
     from facts_damping.analysis import summary
 

@@ -9,16 +9,15 @@ from pydantic import Field
 from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 
-def _std(default: Any) -> Any:
-    text = "standard deviation of P and of Q, relative to what the load draws"
-    return quantity(default, "-", text, ge=0, le=0.2)
+def _std(default: float | None) -> Any:
+    return quantity(default, "-", "standard deviation of P and of Q, relative to what the load draws", ge=0, le=0.2)
 
 
-def _time_constant(default: Any) -> Any:
+def _time_constant(default: float | None) -> Any:
     return quantity(default, "s", "time in which the noise forgets what it was", ge=0.05, le=1e4)
 
 
-def _correlation(default: Any) -> Any:
+def _correlation(default: float | None) -> Any:
     return quantity(default, "-", "of the noise of P with that of Q; 1: the power factor stays", ge=-1, le=1)
 
 

@@ -86,8 +86,8 @@ def modes(runs: Sequence[ReportedRun]) -> ReportTable:
     ]
     without = [run.name for run in runs if not run.summary["modes"]]
     sentence = (
-        "Modes of 0.1 to 2.5 Hz in the ringdown after the last event, the strongest of each run first, with intervals "
-        "of 95 %. A damping ratio below zero is an oscillation that grows."
+        "Modes of 0.1 to 2.5 Hz in the ringdown after the last event, or in the noise of a run without one, the "
+        "strongest of each run first, with intervals of 95 %. A damping ratio below zero is an oscillation that grows."
     )
     if without:
         sentence += f" None was found in: {', '.join(without)}."

@@ -15,8 +15,7 @@ import numpy as np
 from facts_damping.analysis import convergence
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import ages_ms
-from facts_damping.analysis.ringdown import METHOD
-from facts_damping.analysis.summary import summarise
+from facts_damping.analysis.summary import AUTO, summarise
 from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError
 from facts_damping.parameters.run import Run
@@ -146,7 +145,7 @@ def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
 
 def figures(record: Record, finer: Record | None = None, *, modes: bool) -> dict[str, Any]:
     """The figures of a run, flat; None where a run has none. `finer`: the same at half the integration step."""
-    told = summarise(record, method=METHOD if modes else None)
+    told = summarise(record, method=AUTO if modes else None)
     found: dict[str, Any] = {
         "stable": told["stable"] is True,
         **{name: told[name] for name in OUTCOME},

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from facts_damping.analysis import summarise
+from facts_damping.analysis import ambient, summarise
 from facts_damping.analysis.details import compare, details, lines
 from facts_damping.analysis.poles import METHODS
+from facts_damping.analysis.summary import AUTO
 from facts_damping.cli.main import MODES
 
 if TYPE_CHECKING:
@@ -67,4 +68,4 @@ def test_text(swing_record: Callable[..., Record]) -> None:
 
 
 def test_the_command_line_offers_every_method() -> None:
-    assert list(MODES) == list(METHODS)
+    assert list(MODES) == [AUTO, *METHODS, ambient.METHOD]
