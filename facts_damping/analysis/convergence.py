@@ -6,7 +6,7 @@ controllers that chatter need not be: which side of a jump a sample falls on cha
 
 from __future__ import annotations
 
-from math import floor, inf, log10
+from math import floor, inf, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.analysis.indices import INDICES
@@ -50,6 +50,6 @@ def _change(value: float | None, finer: float | None) -> float:
     """Relative change, of the finer one."""
     if value == finer:
         return 0.0
-    if value is None or not finer:
+    if value is None or not finer or not isfinite(value - finer):
         return inf
     return abs(value - finer) / abs(finer)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from facts_damping.signals import NANOSECONDS
+from facts_damping.signals import LOST, NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -159,6 +159,7 @@ def frames_lost(record: Record) -> int:
         for station in range(len(record.stations)):
             own = (rows["link"] == link) & (rows["station"] == station)
             longest = int(late[own if own.any() else slice(None)].max(initial=0))
-            measured = record.time_ns[record.time_ns <= end - longest]
+            stamps = record.measured_ns[:, station]
+            measured = stamps[(stamps != LOST) & (stamps <= end - longest)]
             lost += int(np.count_nonzero(~np.isin(measured, rows["measured_ns"][own])))
     return lost

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.analysis.measures import inline_system
+from facts_damping.analysis.measures import exactly_measured, inline_system
 from facts_damping.signals import CHANNELS, NANOSECONDS
 
 if TYPE_CHECKING:
@@ -55,11 +55,12 @@ def _frequency(record: Record) -> Iterator[str]:
 
 
 def _voltage(record: Record) -> Iterator[str]:
-    """Voltages too low or too high outside of faults."""
+    """Voltages too low or too high outside of faults; at stations, if these report them exactly and at once."""
     sound = ~_burning(record)
     service = _in_service(record)
     places = {name: record.machines["terminal_voltage"][:, i] for i, name in enumerate(record.machine_names)}
-    stations = {name: record.frames[:, s, VOLTAGE_CHANNEL] for s, name in enumerate(record.stations)}
+    reported = exactly_measured(record.configuration)
+    stations = {name: record.frames[:, s, VOLTAGE_CHANNEL] for s, name in enumerate(record.stations) if reported}
     for word, limit, sign in (("below", VOLTAGE[0], 1.0), ("above", VOLTAGE[1], -1.0)):
         told = []
         for name, voltage in {**stations, **places}.items():
@@ -87,8 +88,12 @@ def _islands(record: Record) -> Iterator[str]:
 
 
 def _parts(system: Mapping[str, Any], names: list[str], out: set[str]) -> list[list[str]]:
-    """Buses that hang together, the largest part first; devices in series carry current whatever they do."""
-    branches = [*(system.get("lines") or ()), *(system.get("transformers") or ()), *(system.get("devices") or ())]
+    """Buses that hang together, the largest part first; devices in series carry current whatever they do.
+
+    An HVDC link holds no parts together.
+    """
+    series = [row for row in system.get("devices") or () if row.get("kind") != "hvdc"]
+    branches = [*(system.get("lines") or ()), *(system.get("transformers") or ()), *series]
     group = {name: i for i, name in enumerate(names)}
     for branch in branches:
         ends = branch.get("from_bus", branch.get("from")), branch.get("to_bus", branch.get("to"))

@@ -79,6 +79,16 @@ def inline_system(configuration: Mapping[str, Any]) -> Mapping[str, Any]:
     return system if isinstance(system, dict) else {}
 
 
+def exactly_measured(configuration: Mapping[str, Any]) -> bool:
+    """Whether stations report what is there, at once: PMUs without filter, noise and the like."""
+    measurement = configuration.get("measurement")
+    if not isinstance(measurement, dict):
+        return measurement in (None, "ideal")
+    errors = [value for key, value in measurement.items() if key in ("noise", "clock") for value in value.values()]
+    plain = not any(errors) and not measurement.get("bad_data") and not measurement.get("stations")
+    return plain and measurement.get("filter", "ideal") == "ideal"
+
+
 def event_times(record: Record) -> list[float]:
     """Times of the events up to the record's end, s, ascending.
 

@@ -36,7 +36,7 @@ def filled(
 ) -> Controller:
     """A controller with scheme, all parameters and its weights: the table's, then the system's tuned, then its own.
 
-    `latency`: s, of its PMUs' filter, `measurement` their name.
+    `latency`: s, of its PMUs' filter; `measurement`: which.
     """
 
     def where(field: str) -> str:

@@ -68,10 +68,12 @@ def read_link(given: str | dict[str, Any], field: str, source: str, sets: dict[s
 
 
 def beside(link: Link, measurement: Measurement) -> Link:
-    """A link beside PMUs that have a filter: without its constant stages `pmu`, which stand for one."""
+    """A link beside PMUs that have a filter: its constant stages `pmu`, which stand for one, delay nothing."""
     if measurement.filter == "ideal":
         return link
-    up = [stage for stage in link.up if not (stage.stage == "pmu" and stage.model == "constant")]
+    still = {"delay": 0.0}
+    stands = [stage.stage == "pmu" and stage.model == "constant" for stage in link.up]
+    up = [stage.model_copy(update=still) if own else stage for stage, own in zip(link.up, stands, strict=True)]
     return link.model_copy(update={"up": up})
 
 

@@ -122,10 +122,18 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
     links = [beside(one, measurement) for one in links]
     scenario_file = str(path) if isinstance(run.scenario, str) else ""
     placed = place(_dispatched(system, scenario, scenario_file))
-    named = run.measurement if isinstance(run.measurement, str) else measurement.filter
     latency = reference_filter(measurement, system.frequency, run.frame_rate).delay / run.frame_rate
     rows = [
-        filled(with_own(c, links[used[i]]), f"controllers.{i}", system, links[used[i]], source, sets, latency, named)
+        filled(
+            with_own(c, links[used[i]]),
+            f"controllers.{i}",
+            system,
+            links[used[i]],
+            source,
+            sets,
+            latency,
+            measurement.filter,
+        )
         for i, c in enumerate(run.controllers)
     ]
     case = Case(run, rows, placed, scenario, measurement, link, links, used)

@@ -174,7 +174,12 @@ LQG_PARAMETERS = {
         search=powers(1e-3, 1e3),
     ),
     "loop_delay": Parameter(
-        -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: link's mean and dead time", live=False
+        -1.0,
+        "s",
+        -1.0,
+        10.0,
+        "delay from measurement to actuation; -1: of PMUs, the link's mean, dead time",
+        live=False,
     ),
 }
 
@@ -250,7 +255,12 @@ NEURO_FUZZY_PARAMETERS = {
     ),
     "identifier_weight": _start(1.5, 0.2, 5.0, "start of the identifier's weights", search=Range(0.5, 4.0)),
     "loop_delay": Parameter(
-        -1.0, "s", -1.0, 10.0, "delay from measurement to actuation; -1: link's mean and dead time", live=False
+        -1.0,
+        "s",
+        -1.0,
+        10.0,
+        "delay from measurement to actuation; -1: of PMUs, the link's mean, dead time",
+        live=False,
     ),
     **COMPENSATION_PARAMETERS,
 }

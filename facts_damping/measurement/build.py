@@ -14,6 +14,8 @@ from facts_damping.signals import CHANNELS, LOST, to_ns
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from facts_damping.parameters.measurement import Clock, Measurement, Noise
 
 KINDS = {
@@ -39,12 +41,32 @@ def clocks_differ(measurement: Measurement, stations: Sequence[str]) -> bool:
     return len({wrong_at(measurement, name)[1] for name in stations}) > 1
 
 
+def _chance(
+    normals: int, uniforms: int, bad: int, stations: int, seed: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Draws of noise (normals, stations, NORMALS), and of spikes (uniforms, bad, stations), frame by frame."""
+    normal, uniform = np.zeros((normals, stations, pmu.NORMALS)), np.zeros((uniforms, bad, stations))
+    for s in range(stations):
+        random = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, s, i))) for i in range(2)]
+        if normals > 1:
+            normal[:, s] = random[0].standard_normal(normal[:, s].shape)
+        uniform[:, :, s] = random[1].random(uniform[:, :, s].shape)
+    return normal, uniform
+
+
 def pmus(
-    measurement: Measurement, stations: Sequence[str], nominal: float, frame_rate: int, draws: int, seed: int
+    measurement: Measurement,
+    stations: Sequence[str],
+    nominal: float,
+    frame_rate: int,
+    draws: int,
+    seed: int,
+    before: Pmus | None = None,
 ) -> tuple[Pmus, PmuState]:
     """The PMUs of a run, and their state at the start; `draws`: frames after which chance repeats itself.
 
-    Each station has a stream of random numbers of its own. Raises `InputError` for a rate that has no filter.
+    Each station has a stream of random numbers of its own; those that PMUs `before` have drawn are drawn no more.
+    Raises `InputError` for a rate that has no filter.
     """
     made = reference_filter(measurement, nominal, frame_rate)
     errors = np.zeros(len(stations), pmu.ERRORS)
@@ -64,13 +86,11 @@ def pmus(
     plain["lost_ns"] = LOST
     integers = measurement.quantisation == "int16"
     exact = not integers and not len(bad) and bool((errors == plain).all())
-    normal = np.zeros((1 if exact else draws, len(stations), pmu.NORMALS))
-    uniform = np.zeros((draws if (bad["kind"] == pmu.SPIKE).any() else 1, len(bad), len(stations)))
-    for s in range(len(stations)):
-        random = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, s, i))) for i in range(2)]
-        if not exact:
-            normal[:, s] = random[0].standard_normal(normal[:, s].shape)
-        uniform[:, :, s] = random[1].random(uniform[:, :, s].shape)
+    if before is not None and len(before.normal) > 1:
+        normal, uniform = before.normal, before.uniform
+    else:
+        spikes = bool((bad["kind"] == pmu.SPIKE).any())
+        normal, uniform = _chance(1 if exact else draws, draws if spikes else 1, len(bad), len(stations), seed)
     frozen = Pmus(
         filtered=measurement.filter != "ideal",
         exact=exact,

@@ -247,6 +247,10 @@ def report(
                 status[s] = UNSYNCHRONISED
             _spoil(m, told, at_ns, s, error, own)
             measured_ns[s] += math.floor(error * 1e9 + 0.5)
+            if measured_ns[s] < 0:  # as of frames before the start
+                own[:] = math.nan
+                measured_ns[s] = LOST
+                continue
         if m.filtered or not m.exact:
             _power(own)
         if not m.exact:

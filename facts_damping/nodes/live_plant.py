@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -91,7 +92,7 @@ class LivePlant:
 
         Raises `InputError` for a value that is not allowed.
         """
-        pmus, self._case = measured_otherwise(self._case, name, value, DRAWS)
+        pmus, self._case = measured_otherwise(self._case, name, value, self._pmus)
 
         def act(_tick: int) -> None:
             self._pmus = pmus
@@ -114,7 +115,7 @@ class LivePlant:
     def ask_reset(self) -> Callable[[int], None]:
         """What has the plant begin again at the next tick: at its equilibrium, with the scenario from there on."""
         built, asked = reset_plant(self._begun, self.start(self.tick + 1))
-        self._case = asked
+        self._case = replace(self._case, scenario=asked.scenario)
 
         def act(tick: int) -> None:
             self._plant, self.state = built.plant, built.state

@@ -49,7 +49,7 @@ class StationErrors(ParameterModel):
 class BadData(ParameterModel):
     """Wrong frames of some stations for a time.
 
-    stuck: values stay what they are at the start; spike: now and then all values but the frequency are larger by a
+    stuck: values stay what they are at the start; spike: now and then magnitudes, speed and ROCOF are larger by a
     share; wrong_sign: a current transformer the wrong way round; swapped_phases: two phases of the voltage exchanged,
     so that the positive sequence of a balanced voltage is gone; invalid: marked as data error, without values.
     """

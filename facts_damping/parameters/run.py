@@ -167,7 +167,7 @@ class Tuned(ParameterModel):
     scenario: Name = Field(..., description="the scenario of training")
     signals: list[Name] = Field(..., description="the signals that they were given")
     devices: list[Name] = Field(..., description="the devices that they commanded")
-    measurement: str = Field("ideal", description="how the signals were measured")
+    measurement: Literal["ideal", "p_class", "m_class"] = Field("ideal", description="the filter behind the signals")
     command: str = Field(..., description="the command that chose them")
     controllers: list[TunedController]
 

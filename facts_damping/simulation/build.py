@@ -77,10 +77,14 @@ def build_plant(case: Case) -> Built:
     )
 
 
-def build_pmus(case: Case, draws: int = 0) -> tuple[Pmus, PmuState]:
-    """The PMUs of a case; `draws`: frames after which chance repeats itself, at least those of the case."""
+def build_pmus(case: Case, draws: int = 0, before: Pmus | None = None) -> tuple[Pmus, PmuState]:
+    """The PMUs of a case; `draws`: frames after which chance repeats itself, at least those of the case.
+
+    `before`: the same ones with other numbers, whose chance they share.
+    """
     stations, run = [station.name for station in case.system.stations], case.run
-    return pmus(case.measurement, stations, case.system.frequency, run.frame_rate, max(case.ticks, draws), run.seed)
+    nominal, often = case.system.frequency, (run.frame_rate, max(case.ticks, draws), run.seed)
+    return pmus(case.measurement, stations, nominal, *often, before)
 
 
 def build_links(case: Case) -> Links:

@@ -93,10 +93,10 @@ def renumbered(made: Links, case: Case, index: int, path: str, value: float) -> 
     return made._replace(up=own) if way == "up" else made._replace(down=own), with_links(case, index, link)
 
 
-def measured_otherwise(case: Case, path: str, value: float, draws: int = 0) -> tuple[Pmus, Case]:
+def measured_otherwise(case: Case, path: str, value: float, before: Pmus) -> tuple[Pmus, Case]:
     """PMUs with a number of the measurement changed, `noise.angle`; and the case that has it."""
     now = replace(case, measurement=with_measured(case.measurement, path, value))
-    return build_pmus(now, draws)[0], now
+    return build_pmus(now, before=before)[0], now
 
 
 def pending(case: Case, events: Sequence[dict[str, Any]], at_ns: int) -> list[dict[str, Any]]:
@@ -132,7 +132,7 @@ def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[L
         issued = setpoint_buffer(commands(now), links.up.out.shape[1])
         loop = loop._replace(links=links, issued=issued, applied=np.zeros(links.down.out.size, SETPOINT))
     elif what == "parameter" and change["role"] == "plant":
-        measured, now = measured_otherwise(now, change["name"], float(value))
+        measured, now = measured_otherwise(now, change["name"], float(value), loop.pmus)
         loop = loop._replace(pmus=measured)
     elif what == "parameter" and change["role"] == "link":
         links, now = renumbered(loop.links, now, index, change["name"], float(value))

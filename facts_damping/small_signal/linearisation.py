@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 STEP = 1e-6  # of the central differences, p.u., rad
 NEGLIGIBLE = 0.02  # share of a state in a mode below which it is not listed
 ANGLE = list(CHANNELS).index("voltage_angle")
-TURNING = ("frequency", "rocof")  # channels that the voltage's angle makes
+TURNING = {"frequency": 1, "rocof": 2}  # channels that are derivatives of the voltage's angle, and which
 SWING_SHARE = 0.5  # share of rotor angles and speeds from which a mode is electromechanical
 COMMON_SHARE = 0.2  # the same for one in which all machines move together: governors take part
 
@@ -161,8 +161,11 @@ def linear_model(
     D = _central(lambda reference: seen(state.x, reference), state.reference)
     sampled_C, sampled_D = C.copy(), D.copy()
     # Frequency: the angle's derivative; here exactly, which differences of a difference would not be.
-    for i in turning:
-        C[i], D[i] = product(sampled_C[i], A) / (2.0 * np.pi), product(sampled_C[i], B) / (2.0 * np.pi)
+    for i, signal in enumerate(signals.values()):
+        for _ in range(TURNING.get(signal.channel, 0)):
+            C[i], D[i] = product(C[i], A), product(C[i], B)
+        if signal.channel in TURNING:
+            C[i], D[i] = C[i] / (2.0 * np.pi), D[i] / (2.0 * np.pi)
     own = None
     if measured is not None and measured.delay > 0:
         own = filtered(measured, [one.channel for one in signals.values()], sampled_C, sampled_D, frame_rate)

@@ -117,7 +117,8 @@ def closed_loop(case: Case) -> Record:
     system = f"{case.run.devices} {case.system.model_dump_json()}"
     events = [event.model_dump_json() for event in case.scenario.events]
     noise = f"{case.run.load_noise.model_dump_json()} {case.run.seed} {case.duration}" if case.run.load_noise else ""
-    built = shared(_plants, f"{events} {system} {noise}", lambda: build_plant(case))
+    guarded = f"{case.run.watchdog and case.run.watchdog.model_dump_json()} {case.run.frame_rate}"
+    built = shared(_plants, f"{events} {system} {noise} {guarded}", lambda: build_plant(case))
     plant = None
     if needs_residues(case):
         plant = shared(

@@ -17,6 +17,7 @@ import numpy as np
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.case.loading import make_case
+from facts_damping.case.measurement import read_measurement
 from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import find
@@ -168,7 +169,7 @@ def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[
         scenario=SCENARIO,
         signals=task.signals,
         devices=task.devices,
-        measurement=task.measurement,
+        measurement=read_measurement(task.measurement, "tune").filter,
         command=" ".join(words),
         controllers=made,
     )

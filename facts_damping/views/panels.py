@@ -163,10 +163,13 @@ def _learning(topic: str, outputs: Sequence[str], parts: Sequence[str]) -> list[
 
 
 def _link(case: Case, here: str, name: str) -> Tab:
-    """One link: delays and losses of its channels, and the speeds as they come out of it."""
+    """One link: delays and losses of its channels, and the speeds as they come out of it, or frequencies."""
     topic, stations = f"{here}/link/statistics", [station.name for station in case.system.stations]
     machines = [station.name for station in case.system.stations if station.machine is not None]
     channels = {"up": stations, "down": case.run.devices}
+    turning, title = "speed_deviation_pu", "speed deviation as delivered, p.u."
+    if case.measurement.filter != "ideal":
+        turning, title = "frequency_hz", "frequency as delivered, Hz"
 
     def of_all(field: str) -> list[Curve]:
         return [
@@ -175,9 +178,7 @@ def _link(case: Case, here: str, name: str) -> Tab:
             for curve in _each(topic, f"{way}[#].{field}", [f"{way} {one}" for one in names])
         ]
 
-    speeds = [
-        Curve(f"{here}/pmu/delivered", f'frames[:]{{station=="{one}"}}.speed_deviation_pu', one) for one in machines
-    ]
+    speeds = [Curve(f"{here}/pmu/delivered", f'frames[:]{{station=="{one}"}}.{turning}', one) for one in machines]
     return Tab(
         name,
         [
@@ -185,7 +186,7 @@ def _link(case: Case, here: str, name: str) -> Tab:
             Panel("largest delay, s", of_all("delay_max_s")),
             Panel("lost", of_all("lost")),
             Panel("in flight", of_all("in_flight")),
-            Panel("speed deviation as delivered, p.u.", speeds),
+            Panel(title, speeds),
             *(Panel(f"channels {way}", [Curve(topic, way, "")], TABLE) for way, names in channels.items() if names),
         ],
     )

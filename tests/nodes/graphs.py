@@ -106,6 +106,9 @@ def assert_kept_apart(sets: list[str], folder: Path) -> None:
         assert_same(load(outcome.recording), loop.run(case))
 
 
+BEGUN = 40_000  # bytes of a recording that has more than its configuration
+
+
 def wait_until_recording(folder: Path, size: int = 100_000) -> None:
     deadline = time.monotonic() + PATIENCE_S
     while not any(f.stat().st_size > size for f in folder.rglob("*.mcap")):

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from facts_damping.analysis.summary import summarise
 from facts_damping.recording.reader import load
 from facts_damping.simulation import replay
-from tests.nodes.graphs import PATIENCE_S, payloads, somebody, ticks, wait_until_recording
+from tests.nodes.graphs import BEGUN, PATIENCE_S, payloads, somebody, ticks, wait_until_recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,7 +57,7 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     plant = start("plant_sim", **common)
     until(plant, 5 * part)
     recorder = start("recorder", output=tmp_path / "bag", **common)
-    wait_until_recording(tmp_path / "bag", 10_000)
+    wait_until_recording(tmp_path / "bag", BEGUN)
     until(plant, 10 * part)
 
     def both() -> tuple[Any, Any]:

@@ -35,7 +35,7 @@ from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.signals import DELIVERY, SETPOINT
 from facts_damping.simulation import loop
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, odd_requests, somebody, wait_until_recording
+from tests.nodes.graphs import BEGUN, LOADED_S, PATIENCE_S, assert_same, odd_requests, somebody, wait_until_recording
 from tests.nodes.hostile import hostile
 
 if TYPE_CHECKING:
@@ -362,7 +362,7 @@ def test_a_forged_message_is_told_at_the_end_of_a_command(domain: int, tmp_path:
     arguments = ["run", "--mode", "realtime", "--set", "duration=5", "--out", str(tmp_path), "--json", "-"]
     command = [sys.executable, "-m", "facts_damping.cli.main", *arguments]
     with attacker() as node, subprocess.Popen(command, stdout=-1, stderr=-1, text=True) as run:
-        wait_until_recording(tmp_path, 10_000)
+        wait_until_recording(tmp_path, BEGUN)
         deadline = time.monotonic() + PATIENCE_S
         publisher = node.create_publisher(PmuDataFrame, "pmu/frames", HEARING)
         while publisher.get_subscription_count() < 2:
