@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.case.measurement import numbers, with_number
 from facts_damping.errors import InputError
@@ -242,8 +243,6 @@ def test_the_linear_loop_knows_the_filter(name: str) -> None:
     case = load_case(None, [*sets, f"scenario={json.dumps(pulse)}"])
     linear = eigen(delayed_loop(case), sampled(delayed_loop(case), 0.03))
     swings = [s for s in linear.values if 3.5 < s.imag < 4.6]
-    from facts_damping.analysis.summary import summarise  # noqa: PLC0415 (for this test alone)
-
     (mode, *_) = summarise(loop.run(case))["modes"]
     assert mode["frequency_hz"] == pytest.approx(swings[0].imag / (2 * np.pi), abs=5e-4)
     assert mode["damping_ratio"] == pytest.approx(-swings[0].real / abs(swings[0]), abs=5e-4)
@@ -295,6 +294,22 @@ def test_numbers_that_may_change_are_those_of_what_is_there() -> None:
     assert changed.stations["G1"].clock.drift == 1e-6
     with pytest.raises(InputError):
         with_number(case.measurement, "noise.angle", -1.0)
+
+
+@pytest.mark.parametrize("offset", [2e-5, -2e-5, 0.5, -0.5])
+def test_a_wrong_clock_loses_no_frames(offset: float) -> None:
+    """Those with stamps before the start are absent, and were never sent."""
+    record = record_of(f"measurement.clock.offset={offset}", "duration=2")
+    assert (record.measured_ns >= 0).all()
+    assert (record.measured_ns != LOST).sum() == len(record.delivered)
+    assert summarise(record)["frames_lost"] == 0
+
+
+def test_behind_a_filter_a_fault_is_no_low_voltage_without_one() -> None:
+    sets = ["controllers=[]", "duration=2", "scenario=large"]
+    for more in ("measurement=p_class", "measurement=m_class", "measurement.bad_data=[{kind: swapped_phases}]"):
+        told = summarise(loop.run(load_case(None, [*sets, more])))["warnings"]
+        assert not any("without a fault" in line for line in told), told
 
 
 def test_a_run_with_pmus_is_the_same_again(assert_alike: Callable[[Record, Record], None]) -> None:

@@ -80,6 +80,7 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     assert apply("wan_link", f"{{up: [{delays}, {{model: duplicate, probability: 0.2}}], down: [{{delay: 0.5}}]}}")
     step(120)
     trigger("reset")
+    assert set_to("plant_sim", "noise.magnitude", 0.003)  # beside the one before the reset
     assert apply("wan_link", "ideal")
     assert apply("plant_sim", "{kind: line_out, line: line_2}")
     assert not apply("plant_sim", "{kind: line_out, line: line_2}")  # it will be out
@@ -97,7 +98,7 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     assert sorted(kinds) == sorted(
         [
             *(("plant", kind, "") for kind in ("pause", "step", "event", "step", "step", "reset", "event", "resume")),
-            ("plant", "parameter", "noise.angle"),
+            *(("plant", "parameter", f"noise.{name}") for name in ("angle", "magnitude")),
             ("controller", "parameter", "leakage"),
             ("identifier", "parameter", "identifier_eta"),
             ("link", "parameter", "up.0.delay"),
