@@ -39,21 +39,24 @@ def starts(changes: Sequence[dict[str, Any]]) -> set[tuple[str, int, int]]:
 def began(found: dict[str, list[Series]], late: set[tuple[str, int, int]]) -> int:
     """The first tick by which a recorder that came late had heard everybody that was there then."""
     firsts = [(_owner(kind, i, one), int(one.ticks[0])) for kind, i, one in _of_nodes(found) if len(one.ticks)]
-    return max([tick for owner, tick in firsts if not any(_came(late, owner, 0, tick))], default=0)
+    return max([tick for owner, tick in firsts if not list(_came(late, owner, 0, tick))], default=0)
 
 
 def absences(found: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int) -> list[Absence]:
     """Ticks from `first` to before `end` that nodes lack as they began, or began again, after them, or within them.
 
-    A recorder may miss what a node says before it has found it. Who is served by a link says nothing either while that
-    is not there.
+    A recorder may miss what a node says before it has found it; what a link delivered meanwhile is missing, where a
+    controller has answered it. Who is served by a link says nothing either while that is not there.
     """
     away: list[Absence] = []
     for kind, i, one in _of_nodes(found):
         owner = _owner(kind, i, one)
         for a, b in _gaps(one, first, end):
             served = kind not in OF_LINKS and any(x.role == "link" and x.first <= a and b <= x.end for x in away)
-            if any(_came(late, owner, a, b)) or served:
+            begun = max(_came(late, owner, a, b), default=None)
+            if begun is not None and kind in OF_LINKS and _answered(found, begun, b):
+                away.append(Absence(*owner, a, begun))
+            elif begun is not None or served:
                 away.append(Absence(*owner, a, b))
     return list(dict.fromkeys(away))
 
@@ -62,14 +65,13 @@ def missing(
     found: dict[str, list[Series]], away: Sequence[Absence], first: int, end: int
 ) -> Iterator[tuple[str, Series, list[tuple[int, int]]]]:
     """Kind, series, and its gaps from `first` to before `end` that are nobody's absence."""
-    known = {(one.role, one.place, one.end) for one in away}
     for kind, parts in found.items():
         for i, one in enumerate(parts):
             gaps = _gaps(one, first, end)
             if kind in ROLES:
-                owner = _owner(kind, i, one)
-                gaps = [(a, b) for a, b in gaps if (*owner, b) not in known]
-            yield kind, one, gaps
+                ends = [x.end for x in away if (x.role, x.place) == _owner(kind, i, one)]
+                gaps = [(max((e for e in ends if a < e <= b), default=a), b) for a, b in gaps]
+            yield kind, one, [(a, b) for a, b in gaps if a < b]
 
 
 def notes(found: dict[str, list[Series]], away: Sequence[Absence], last: int) -> list[str]:
@@ -92,9 +94,14 @@ def first_missing(found: dict[str, list[Series]], away: Sequence[Absence], ticks
     return min(lacking, default=None)
 
 
-def _came(late: set[tuple[str, int, int]], owner: tuple[str, int], first: int, end: int) -> Iterator[bool]:
-    """Whether a node began within a gap or at its end."""
-    return ((role, place) == owner and first <= tick <= end for role, place, tick in late)
+def _came(late: set[tuple[str, int, int]], owner: tuple[str, int], first: int, end: int) -> Iterator[int]:
+    """When a node began within a gap or at its end: ticks."""
+    return (tick for role, place, tick in late if (role, place) == owner and first <= tick <= end)
+
+
+def _answered(found: dict[str, list[Series]], first: int, end: int) -> bool:
+    """Whether a controller has issued something within some ticks."""
+    return any(((one.ticks >= first) & (one.ticks < end)).any() for one in found.get("issued", []))
 
 
 def _of_nodes(found: dict[str, list[Series]]) -> Iterator[tuple[str, int, Series]]:

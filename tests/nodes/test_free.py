@@ -96,7 +96,8 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     at_rest = (record.time_s > release["time_s"] + 0.6) & (record.time_s < release["rearmed_s"])
     assert np.all(reference[at_rest] == 0.0)
     assert np.any(record.issued["tick"] / RATE > came[1])
-    assert record.gap_tick is None or record.gap_tick > came[1] * RATE
+    # A recorder may be the last to find a link; what it delivered till then is missing, and a replay ends there.
+    assert record.gap_tick in (None, *(one["tick"] for one in record.changes if one["role"] == "link"))
     assert replayed(record) is None
     assert "/plant_sim" in record.publishers.values()
 

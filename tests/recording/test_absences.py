@@ -1,0 +1,33 @@
+"""What a recorder that found a link late has missed, and what nobody has said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from facts_damping.recording.absences import Absence, absences, first_missing, notes
+from facts_damping.recording.decode import Series
+
+LATE = {("link", 0, 12), ("controller", 0, 12)}  # both began again at tick 12
+LEFT, FOUND = 10, 14  # the first tick without them; the first at which the recorder heard the link again
+
+
+def series(topic: str, first: int) -> Series:
+    ticks = np.concatenate([np.arange(LEFT), np.arange(first, 20)])
+    return Series(topic, ticks, [])
+
+
+@pytest.mark.parametrize("answered", [12, FOUND])
+def test_what_a_link_delivered_unheard_is_missing_where_it_was_answered(answered: int) -> None:
+    found = {
+        "delivered": [series("/pmu/delivered", FOUND)],
+        "applied": [series("/setpoints/delivered", FOUND)],
+        "issued": [series("/controller_0_LLC/setpoints", answered)],
+    }
+    away = absences(found, LATE, 0, 20)
+    heard_late = answered < FOUND
+    assert Absence("link", 0, LEFT, 12 if heard_late else FOUND) in away
+    assert Absence("controller", 0, LEFT, answered) in away
+    assert first_missing(found, away, np.arange(20)) == (12 if heard_late else None)
+    told = [f"{topic}: 2 of 20 ticks are missing (12, 13)" for topic in ("/pmu/delivered", "/setpoints/delivered")]
+    assert notes(found, away, 19) == (told if heard_late else [])
