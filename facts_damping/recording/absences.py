@@ -54,7 +54,7 @@ def absences(found: dict[str, list[Series]], late: set[tuple[str, int, int]], fi
         for a, b in _gaps(one, first, end):
             served = kind not in OF_LINKS and any(x.role == "link" and x.first <= a and b <= x.end for x in away)
             begun = max(_came(late, owner, a, b), default=None)
-            if begun is not None and kind in OF_LINKS and _answered(found, begun, b):
+            if begun is not None and kind in OF_LINKS and _answered(found, late, begun, b):
                 away.append(Absence(*owner, a, begun))
             elif begun is not None or served:
                 away.append(Absence(*owner, a, b))
@@ -99,9 +99,10 @@ def _came(late: set[tuple[str, int, int]], owner: tuple[str, int], first: int, e
     return (tick for role, place, tick in late if (role, place) == owner and first <= tick <= end)
 
 
-def _answered(found: dict[str, list[Series]], first: int, end: int) -> bool:
-    """Whether a controller has issued something within some ticks."""
-    return any(((one.ticks >= first) & (one.ticks < end)).any() for one in found.get("issued", []))
+def _answered(found: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int) -> bool:
+    """Whether a controller has issued something within some ticks, or has begun, so that it heard what came."""
+    begun = any(role == "controller" and first <= tick < end for role, _, tick in late)
+    return begun or any(((one.ticks >= first) & (one.ticks < end)).any() for one in found.get("issued", []))
 
 
 def _of_nodes(found: dict[str, list[Series]]) -> Iterator[tuple[str, int, Series]]:

@@ -8,7 +8,6 @@ import pytest
 from facts_damping.recording.absences import Absence, absences, first_missing, notes
 from facts_damping.recording.decode import Series
 
-LATE = {("link", 0, 12), ("controller", 0, 12)}  # both began again at tick 12
 LEFT, FOUND = 10, 14  # the first tick without them; the first at which the recorder heard the link again
 
 
@@ -17,15 +16,17 @@ def series(topic: str, first: int) -> Series:
     return Series(topic, ticks, [])
 
 
-@pytest.mark.parametrize("answered", [12, FOUND])
-def test_what_a_link_delivered_unheard_is_missing_where_it_was_answered(answered: int) -> None:
+@pytest.mark.parametrize(("began", "answered"), [(12, 12), (13, FOUND), (FOUND, FOUND)])
+def test_what_a_link_delivered_unheard_is_missing_where_it_was_answered(began: int, answered: int) -> None:
+    """The link began again at tick 12, the controller at another; the recorder found that when it `answered`."""
+    late = {("link", 0, 12), ("controller", 0, began)}
     found = {
         "delivered": [series("/pmu/delivered", FOUND)],
         "applied": [series("/setpoints/delivered", FOUND)],
         "issued": [series("/controller_0_LLC/setpoints", answered)],
     }
-    away = absences(found, LATE, 0, 20)
-    heard_late = answered < FOUND
+    away = absences(found, late, 0, 20)
+    heard_late = began < FOUND
     assert Absence("link", 0, LEFT, 12 if heard_late else FOUND) in away
     assert Absence("controller", 0, LEFT, answered) in away
     assert first_missing(found, away, np.arange(20)) == (12 if heard_late else None)
