@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, check_known
 from facts_damping.measurement.filters import reference_filter
-from facts_damping.parameters.files import find, read_table
+from facts_damping.parameters.files import find, read_table, set_field
 from facts_damping.parameters.measurement import Measurement
 from facts_damping.parameters.validation import check, origin
 
@@ -64,10 +63,6 @@ def _floats(content: Any, path: str) -> Iterator[tuple[str, float]]:
 
 def with_number(measurement: Measurement, path: str, value: float) -> Measurement:
     """The same with a number changed. Raises `InputError` for a value that is not allowed."""
-    content = deepcopy(measurement.model_dump())
-    here: Any = content
-    *above, last = path.split(".")
-    for key in above:
-        here = here[int(key)] if isinstance(here, list) else here[key]
-    here[last] = value
+    content = measurement.model_dump()
+    set_field(content, path, value, "measurement")
     return check(Measurement, content, "measurement")

@@ -122,6 +122,16 @@ def _start(
     return Parameter(default, "-", low, high, text, live=False, each=each, search=search)
 
 
+# Of controllers that act, or learn, by a model of what comes after the delay.
+LOOP_DELAY = Parameter(
+    -1.0,
+    "s",
+    -1.0,
+    10.0,
+    "delay from measurement to actuation; -1: of PMUs, the link's mean, dead time",
+    live=False,
+)
+
 # Of a controller's `compensation` (control/compensation.py); without one they do nothing.
 COMPENSATION_PARAMETERS = {
     "mode_hz": Parameter(
@@ -173,14 +183,7 @@ LQG_PARAMETERS = {
         each="signal",
         search=powers(1e-3, 1e3),
     ),
-    "loop_delay": Parameter(
-        -1.0,
-        "s",
-        -1.0,
-        10.0,
-        "delay from measurement to actuation; -1: of PMUs, the link's mean, dead time",
-        live=False,
-    ),
+    "loop_delay": LOOP_DELAY,
 }
 
 # Guards are off where the thesis has none; the profile `deployed` turns on what makes adaptation safe.
@@ -254,14 +257,7 @@ NEURO_FUZZY_PARAMETERS = {
         search=powers(1e-4, 1.0),
     ),
     "identifier_weight": _start(1.5, 0.2, 5.0, "start of the identifier's weights", search=Range(0.5, 4.0)),
-    "loop_delay": Parameter(
-        -1.0,
-        "s",
-        -1.0,
-        10.0,
-        "delay from measurement to actuation; -1: of PMUs, the link's mean, dead time",
-        live=False,
-    ),
+    "loop_delay": LOOP_DELAY,
     **COMPENSATION_PARAMETERS,
 }
 

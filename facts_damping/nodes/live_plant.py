@@ -13,10 +13,10 @@ from facts_damping.compiling import specialised
 from facts_damping.link.transfer import merge
 from facts_damping.plant.model import workspace
 from facts_damping.plant.watchdog import late_by_clock, let_go, listening, rearm
-from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, LOST, MACHINE_TRUTH, SETPOINT
+from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation.build import build_plant, build_pmus, grid_events
 from facts_damping.simulation.changes import measured_otherwise, pending, reset_plant, with_event
-from facts_damping.simulation.measured_plant import go_on, observe, tick_ns
+from facts_damping.simulation.measured_plant import entries, go_on, observe, tick_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -66,13 +66,8 @@ class LivePlant:
         self.sound = bool(self._observe(*self._parts(), tick, *self._measured()))
 
     def entries(self) -> NDArray[Any]:
-        """What PMUs report in the tick (DELIVERY), of the stations that have something to say."""
-        there = np.flatnonzero(self.measured_ns != LOST)
-        rows = np.zeros(len(there), DELIVERY)
-        rows["station"], rows["values"] = there, self.frame[there]
-        rows["status"], rows["measured_ns"] = self.status[there], self.measured_ns[there]
-        rows["arrival_ns"] = self.start(self.tick)
-        return rows
+        """What PMUs report in the tick (DELIVERY)."""
+        return entries(self.start(self.tick), self.frame, self.measured_ns, self.status)
 
     def due(self) -> list[dict[str, Any]]:
         """The events of the grid that have happened by now, and were not told yet."""

@@ -18,7 +18,7 @@ from facts_damping.nodes.parameters import declare, descriptor, read_case, read_
 from facts_damping.nodes.spinning import check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
-from facts_damping.signals import DELIVERY, LOST
+from facts_damping.simulation.measured_plant import entries
 from facts_damping.simulation.replay import fitted
 
 if TYPE_CHECKING:
@@ -96,8 +96,8 @@ class ReplaySource:
         for link, publisher in enumerate(self.applied):
             rows = applied[np.array(self.case.used_links)[applied["controller"]] == link]
             publisher.publish(self.setpoints.fill(tick, start, rows, ""))
-        entries = _entries(start, record.frames[at], record.measured_ns[at], record.status[at])
-        self.to_all.publish(self.frames.fill(tick, start, entries, len(entries)))
+        reported = entries(start, record.frames[at], record.measured_ns[at], record.status[at])
+        self.to_all.publish(self.frames.fill(tick, start, reported, len(reported)))
         sound = bool(record.in_synchronism[at])
         self.to_state.publish(self.truth.fill(tick, start, sound, record.machines[at], record.devices[at]))
 
@@ -133,18 +133,6 @@ class ReplaySource:
             if not self.spinner.spin_once(0.05) and time.monotonic() > deadline:
                 who = ", ".join(name for name, newest in self.answered.items() if newest < tick)
                 raise RunError(f"{who} is silent: no answer to tick {tick} within {patience:g} s")
-
-
-def _entries(
-    start: int, frame: NDArray[np.float64], measured_ns: NDArray[np.int64], status: NDArray[np.int64]
-) -> NDArray[Any]:
-    """What PMUs reported at a tick (DELIVERY)."""
-    there = np.flatnonzero(measured_ns != LOST)
-    found = np.zeros(len(there), DELIVERY)
-    found["station"], found["values"] = there, frame[there]
-    found["measured_ns"], found["status"] = measured_ns[there], status[there]
-    found["arrival_ns"] = start
-    return found
 
 
 def _nothing(_tick: int, _rows: NDArray[Any]) -> None:

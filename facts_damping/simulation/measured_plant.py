@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from facts_damping.compiling import compiled
 from facts_damping.measurement.pmu import report, take_sample
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure, sample
-from facts_damping.signals import NANOSECONDS
+from facts_damping.signals import DELIVERY, LOST, NANOSECONDS
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from facts_damping.measurement.pmu import Pmus, PmuState
@@ -42,6 +43,18 @@ def observe(
     sound = measure(plant, plant_state, tick_ns(tick, pmus.frame_rate), frame, machines, devices, work)
     report(pmus, pmu_state, tick, work.phasors, frame, measured_ns, status)
     return sound
+
+
+def entries(
+    start_ns: int, frame: NDArray[np.float64], measured_ns: NDArray[np.int64], status: NDArray[np.int64]
+) -> NDArray[Any]:
+    """What PMUs report in a tick, begun at `start_ns`, of the stations that have something to say (DELIVERY)."""
+    there = np.flatnonzero(measured_ns != LOST)
+    rows = np.zeros(len(there), DELIVERY)
+    rows["station"], rows["values"] = there, frame[there]
+    rows["status"], rows["measured_ns"] = status[there], measured_ns[there]
+    rows["arrival_ns"] = start_ns
+    return rows
 
 
 @compiled

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 STEP = 1e-6  # of the central differences, p.u., rad
 NEGLIGIBLE = 0.02  # share of a state in a mode below which it is not listed
-ANGLE = list(CHANNELS).index("voltage_angle")
+ANGLE = "voltage_angle"
 TURNING = {"frequency": 1, "rocof": 2}  # channels that are derivatives of the voltage's angle, and which
 SWING_SHARE = 0.5  # share of rotor angles and speeds from which a mode is electromechanical
 COMMON_SHARE = 0.2  # the same for one in which all machines move together: governors take part
@@ -51,7 +51,7 @@ class LinearModel(NamedTuple):
     def response(self, s: complex) -> NDArray[np.complex128]:
         """From setpoints, F (C (s I - A)^-1 B + D) exp(-s Td) at a complex frequency (1/s), (signals, devices)."""
         states = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B)
-        C, D = (self.C, self.D) if self.filtered is None else (self.filtered.C, self.filtered.D)
+        C, D = self.seen
         return np.asarray(self.gain(s)[:, None] * (C @ states + D) * self.late(s))
 
     def late(self, s: complex) -> NDArray[np.complex128]:
@@ -59,9 +59,9 @@ class LinearModel(NamedTuple):
         return np.asarray(np.exp(-s * np.asarray(self.dead_time)), np.complex128)
 
     @property
-    def seen(self) -> NDArray[np.float64]:
-        """What goes into the filters: C, or of PMUs that have one what they sample."""
-        return self.C if self.filtered is None else self.filtered.C
+    def seen(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """What goes into the filters: C and D, or of PMUs that have one what they sample."""
+        return (self.C, self.D) if self.filtered is None else (self.filtered.C, self.filtered.D)
 
     def gain(self, s: complex) -> NDArray[np.complex128]:
         """F of all signals at a complex frequency (1/s): washouts s T / (1 + s T), and filters with their delay."""
@@ -145,11 +145,9 @@ def linear_model(
     work = workspace(plant, state)
     machines, devices = np.zeros(len(plant.machines), MACHINE_TRUTH), np.zeros(len(plant.devices), DEVICE_TRUTH)
     nominal = plant.omega_0 / (2.0 * np.pi)
-    turning = [i for i, signal in enumerate(signals.values()) if signal.channel in TURNING]
     weights = np.zeros((len(signals), len(stations), len(CHANNELS)))
     for i, signal in enumerate(signals.values()):
-        column = ANGLE if i in turning else list(CHANNELS).index(signal.channel)
-        weights[i, :, column] = station_weights(signal, stations, nominal)
+        weights[i] = weights_of(signal, stations, nominal, ANGLE if signal.channel in TURNING else signal.channel)
 
     def seen(x: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
         frame = np.zeros((len(stations), len(CHANNELS)))
@@ -173,10 +171,15 @@ def linear_model(
     return LinearModel(A, B, C, D, washout, own, plant.devices["dead_ns"] / NANOSECONDS)
 
 
-def weights_of(signal: Signal, stations: Sequence[str], nominal: float) -> NDArray[np.float64]:
-    """Weights of a signal over all stations' channels, (stations, channels); `nominal`: frequency, Hz."""
+def weights_of(
+    signal: Signal, stations: Sequence[str], nominal: float, channel: str | None = None
+) -> NDArray[np.float64]:
+    """Weights of a signal over all stations' channels, (stations, channels).
+
+    `nominal`: frequency, Hz; `channel`: the one that they are of, by default the signal's.
+    """
     made = np.zeros((len(stations), len(CHANNELS)))
-    made[:, list(CHANNELS).index(signal.channel)] = station_weights(signal, stations, nominal)
+    made[:, list(CHANNELS).index(channel or signal.channel)] = station_weights(signal, stations, nominal)
     return made
 
 
@@ -202,7 +205,7 @@ def modes(
         v, w = right[:, i], left[:, i].conj()
         one = mode(complex(values[i]), v, w, names, system)
         if model is not None and system is not None and one.label not in ("common", "control"):
-            seen = model.gain(values[i]) * (model.seen @ v)
+            seen = model.gain(values[i]) * (model.seen[0] @ v)
             matrix_of_residues = np.outer(seen, w @ model.B) / (w @ v) * model.late(values[i])
             one = one._replace(residues=_residues(matrix_of_residues, list(system.signals), devices))
         found.append(one)

@@ -128,7 +128,7 @@ def model(plant: Residues, system: System, controller: Controller) -> DesignMode
         for station, weight in weights.items():
             Z[i, plant.names.index(f"{machine[station]}.omega")] += weight
     own = plant.model
-    C, D = (own.C, own.D) if own.filtered is None else (own.filtered.C, own.filtered.D)
+    C, D = own.seen
     return DesignModel(own.A, own.B[:, columns], G, C[rows], D[np.ix_(rows, columns)], Z)
 
 

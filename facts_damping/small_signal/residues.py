@@ -96,7 +96,7 @@ def residues(
         return None
     least = min(swings, key=lambda mode: mode.damping_ratio)
     eigenvalue, v, w = eigenvalue_near(model.A, least.eigenvalue)
-    swing = model.gain(eigenvalue) * product(model.seen, v)
+    swing = model.gain(eigenvalue) * product(model.seen[0], v)
     residue = swing[:, None] * product(w, model.B) / product(w, v) * model.late(eigenvalue)
     known = list(system.signals), list(devices), eigenvalue, residue, swing
     return Residues(*known, frame_rate, model, list(built.state_names), v)

@@ -208,10 +208,10 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
     plant, *others = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])  # rows that pick each part
     memories, sent = others[: len(loop.controllers)], others[len(loop.controllers) :]
     sent, kept = sent[:-1], sent[-1]
-    seen = model.seen @ plant
+    C, D = model.seen
+    seen = C @ plant
     for c, way, buffer in zip(loop.controllers, ways, sent, strict=True):
-        at_once = model.D if model.filtered is None else model.filtered.D
-        seen += at_once[:, c.devices] @ _of_frames(buffer, [frames for frames, _ in way])
+        seen += D[:, c.devices] @ _of_frames(buffer, [frames for frames, _ in way])
     if filters is not None:
         seen[used] = filters.taps[:, 0, None] * seen[used] + kept[: len(used)]
     moved, following = held_for(model.A, model.B, period)[0] @ plant, []
