@@ -181,5 +181,7 @@ class Study(ParameterModel):
     sweep: list[Axis] = Field([], description="axes; every value of one with every value of the others")
     margin: Margin | None = Field(None, description="searched at every point of the sweep")
     modes: bool = Field(True, description="also find the interarea mode of each run")
-    check_step: bool = Field(False, description="also run each with half the integration step; rows say `converged`")
+    check_step: bool = Field(
+        False, description="each also with half the integration step; of a margin those at its ends"
+    )
     tables: Tables | None = Field(None, description="of figures of all runs; none: no page of tables")

@@ -40,7 +40,8 @@ LATENCIES = ("latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "
 SUMMED = ("settling_time_s", "smoothness", "max_injected_voltage_pu")
 OUTCOME = ("verdict", "damped", "instability", "duration_s")
 GROWTH = {"value": "growth_per_s", "low": "growth_low_per_s", "high": "growth_high_per_s"}
-CHECKED = ("converged", "step_change")  # the second is that of the index that changes most
+# With half the integration step; the second is the change of the index that changes most.
+CHECKED = ("converged", "step_change", "verdict_half_step")
 INTERAREA = ("interarea_hz", "interarea_damping_ratio")
 NAMED = ("system", "scenario", "link")
 IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
@@ -56,15 +57,18 @@ class Base(NamedTuple):
     source: str
     set: dict[str, Any]
     modes: bool
-    check_step: bool = False
 
 
 class RunRequest(NamedTuple):
-    """A run: its key in the journal, the fields that it sets, and its columns of the table."""
+    """A run: its key in the journal, the fields that it sets, and its columns of the table.
+
+    `check_step`: it is also made with half the integration step.
+    """
 
     key: str
     changes: dict[str, Any]
     columns: dict[str, Any]
+    check_step: bool = False
 
 
 def make(base: Base, changes: Mapping[str, Any]) -> Case:
@@ -81,7 +85,7 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
     try:
         case = make(base, task.changes)
         row |= {**identity(case), **task.columns, "horizon_s": case.duration}
-        finer = closed_loop(loop.with_half_step(case)) if base.check_step else None
+        finer = closed_loop(loop.with_half_step(case)) if task.check_step else None
         row |= {**figures(closed_loop(case), finer, modes=base.modes), "error": None}
     except FactsDampingError as error:
         row["error"] = _one_line(error)
@@ -159,8 +163,10 @@ def figures(record: Record, finer: Record | None = None, *, modes: bool) -> dict
         "warnings": "; ".join(told["warnings"]) or None,
     }
     if finer is not None:
-        beside = convergence.compare(told, summarise(finer, method=None))
-        found |= dict(zip(CHECKED, (beside["converged"], max(beside["step_change"][i] for i in INDICES)), strict=True))
+        half = summarise(finer, method=None)
+        beside = convergence.compare(told, half)
+        most = max(beside["step_change"][i] for i in INDICES)
+        found |= dict(zip(CHECKED, (beside["converged"], most, half["verdict"]), strict=True))
     if modes:
         slow = next((mode for mode in told["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)
         values = (slow["frequency_hz"], slow["damping_ratio"]) if slow else (None, None)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.studies.results import beneath, cell, label, margin_names, ranked, reach, spans, told_margin
 
@@ -48,6 +49,8 @@ def draw_margins(margins: Rows, across: str) -> Figure:
     title += (
         "" if all(row["monotonic"] for row in margins if row["criterion"] == first) else "; again: where it does not"
     )
+    if any(row.get("converged") is False for row in margins):
+        title += f"; {MARK} or grey: otherwise with half the integration step"
     figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
     _margin_legend(figure, margins)
     return figure
@@ -69,6 +72,7 @@ def _bar(axes: Axes, y: int, row: dict[str, Any]) -> None:
         axes.plot([row["low_s"], row["high_s"]], [y, y], "|-", color="0.1", lw=1.2, ms=7)
     text = f"{end:.3f}" if row["margin_s"] is not None else told_margin(row)
     again = "" if row["monotonic"] else f"  again {spans(row['holds_again'])}"
+    again += f" {MARK}" if row["margin_s"] is not None and row.get("converged") is False else ""
     place: dict[str, Any] = {"xytext": (5, 0), "textcoords": "offset points", "va": "center", "fontsize": "x-small"}
     axes.annotate(text + again, (max(end, row["high_s"] or 0.0), y), **place)
 
@@ -76,7 +80,8 @@ def _bar(axes: Axes, y: int, row: dict[str, Any]) -> None:
 def _diamond(axes: Axes, labels: Sequence[str], row: dict[str, Any]) -> None:
     at = row["high_s"] if row["beyond"] == "low" else row["margin_s"]
     if at is not None:
-        axes.plot(at, labels.index(row["label"]), "D", color="white", mec="0.1", ms=4.5, clip_on=False, zorder=3)
+        inside = "0.5" if row.get("converged") is False else "white"
+        axes.plot(at, labels.index(row["label"]), "D", color=inside, mec="0.1", ms=4.5, clip_on=False, zorder=3)
 
 
 def _margin_legend(figure: Figure, margins: Rows) -> None:

@@ -127,7 +127,7 @@ FOUND = (
     "per_seed",
     "field",
 )
-COUNTED = ("runs", "failed", "share", "low", "high")
+COUNTED = ("runs", "failed", "share", "low", "high", "not_converged")
 
 
 def label(row: dict[str, Any], names: Sequence[str]) -> str:
@@ -221,12 +221,15 @@ def spans(values: Sequence[float]) -> str:
 def share_table(shares: Rows) -> list[str]:
     """Shares of runs that fail in Markdown."""
     told = varying(shares, COUNTED)
+    checked = any("not_converged" in row for row in shares)
     cells = []
     for row in shares:
         interval = f"{100 * row['low']:.1f} to {100 * row['high']:.1f}"
         counted = [str(row["runs"]), f"{100 * row['share']:.1f}", interval]
+        counted += [cell(row.get("not_converged"))] if checked else []
         cells.append([*(cell(row.get(name)) for name in told), *counted])
-    return terminal.table([*told, "runs", "failed, %", "95 % interval"], cells, len(told), markdown=True)
+    titles = [*told, "runs", "failed, %", "95 % interval", *(["not converged"] if checked else [])]
+    return terminal.table(titles, cells, len(told), markdown=True)
 
 
 def cell(value: Any) -> str:

@@ -8,6 +8,7 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from facts_damping.analysis.verdict import DAMPED, LOST
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.files import find, parse_set, read_table, read_value
@@ -21,7 +22,7 @@ from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from facts_damping.parameters.study import Margin
@@ -34,7 +35,10 @@ NETWORK = ("system", "scenario", "devices")  # fields of a run that make its pla
 # Rows of a point by the value of the margin's field; None: there is no margin.
 Seen = dict[float | None, dict[str, Any]]
 Rows = list[dict[str, Any]]
-FAILED = {"unstable": lambda row: not row["stable"], "not_damped": lambda row: not row["damped"]}
+FAILED: dict[str, Callable[[Mapping[str, Any]], bool]] = {
+    "unstable": lambda row: row["verdict"] == LOST,
+    "not_damped": lambda row: row["verdict"] != DAMPED,
+}
 
 
 class Plan(NamedTuple):
@@ -91,7 +95,7 @@ def _base(study: Study, sets: Sequence[str], source: str) -> Base:
     content = dict(study.run) if isinstance(study.run, dict) else read_table(find("runs", study.run))
     pairs = dict(parse_set(text) for text in sets)
     changed = {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}
-    return Base(content, source, {**study.set, **changed}, study.modes, study.check_step)
+    return Base(content, source, {**study.set, **changed}, study.modes)
 
 
 def _margin_changes(study: Study, value: float | None) -> dict[str, Any]:
@@ -139,10 +143,28 @@ def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
         for i, seen in enumerate(_seen(made, rows))
         for value in (_wanted(made.study.margin, seen) if made.study.margin else [None] if not seen else [])
     ]
+    if made.study.check_step:
+        found = [task._replace(check_step=made.study.margin is None) for task in found] or _ends(made, rows)
     networks: dict[str, list[RunRequest]] = {}
     for task in found:
         networks.setdefault(_network(task), []).append(task)
     return [task for own in networks.values() for task in own]
+
+
+def _ends(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
+    """Runs at the ends of all brackets, which a margin rests on, that were not made with half the step yet."""
+    criteria = made.study.margin.criteria if made.study.margin else []
+    return [
+        _task(made, i, value)._replace(check_step=True)
+        for i, seen in enumerate(_seen(made, rows))
+        for value in {end: None for one in criteria for end in _bracket_ends(_failed(seen, one))}
+        if "converged" not in seen[value]
+    ]
+
+
+def _bracket_ends(failed: Mapping[float, bool | None]) -> list[float]:
+    one = margins.bracket(failed)
+    return [value for value in (one.low, one.high) if value is not None]
 
 
 def _network(task: RunRequest) -> str:
@@ -183,18 +205,26 @@ def found_margins(made: Plan, found: Sequence[Seen]) -> list[dict[str, Any]]:
     for place, group in groups.items():
         for criterion in margin.criteria:
             searches = [_failed(seen, criterion) for seen in group]
+            ends = [seen[v] for seen, one in zip(group, searches, strict=True) for v in _bracket_ends(one)]
             over = margins.over_seeds([margins.bracket(one) for one in searches], margin, made.study.seed)
             held = margins.held(margin, searches)
-            told.append({**json.loads(place), "criterion": criterion, **over, "holds": held, **_sure(group, searches)})
+            told.append({**json.loads(place), "criterion": criterion, **over, "holds": held, **_sure(ends, criterion)})
     return told
 
 
-def _sure(group: Sequence[Seen], searches: Sequence[Mapping[float, bool | None]]) -> dict[str, bool]:
-    """Whether the runs at the ends of all brackets are converged; nothing where that was not tried."""
-    ends = [(seen, margins.bracket(one)) for seen, one in zip(group, searches, strict=True)]
-    rows = [seen[value] for seen, one in ends for value in (one.low, one.high) if value is not None]
-    known = [row["converged"] for row in rows if row.get("converged") is not None]
-    return {"converged": all(known)} if known else {}
+def differ(rows: Sequence[dict[str, Any]], criterion: str) -> list[bool] | None:
+    """Of each run whether it fails with one integration step and not with half of it; None where that was not tried."""
+    fails = FAILED[criterion]
+    finer = [row.get("verdict_half_step") for row in rows]
+    if None in finer:
+        return None
+    return [fails(row) != fails({"verdict": half}) for row, half in zip(rows, finer, strict=True)]
+
+
+def _sure(ends: Rows, criterion: str) -> dict[str, bool]:
+    """Whether the runs at the ends of all brackets do the same with half the step; nothing where that was not tried."""
+    changed = differ(ends, criterion)
+    return {"converged": not any(changed)} if changed else {}
 
 
 def swept(made: Plan) -> list[str]:
@@ -226,7 +256,14 @@ def found_shares(made: Plan, found: Sequence[Seen]) -> list[dict[str, Any]]:
     if all(len(one) == 1 for one in groups.values()):
         return []
     return [
-        {**json.loads(place), "criterion": criterion, **margins.share(sum(map(fails, own)), len(own))}
+        {**json.loads(place), "criterion": criterion, **margins.share(sum(map(fails, own)), len(own)), **differing}
         for criterion, fails in FAILED.items()
         for place, own in groups.items()
+        for differing in [_differing(own, criterion)]
     ]
+
+
+def _differing(rows: Rows, criterion: str) -> dict[str, int]:
+    """How many runs of a share do otherwise with half the integration step; nothing where that was not tried."""
+    changed = differ(rows, criterion)
+    return {} if changed is None else {"not_converged": sum(changed)}

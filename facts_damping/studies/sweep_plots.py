@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.studies.batch import QUANTILES
 from facts_damping.studies.margin_plots import draw_margins
 from facts_damping.studies.margins import share
 from facts_damping.studies.pages import save
 from facts_damping.studies.results import by_scenario, label, varying
-from facts_damping.studies.sweep import FAILED
+from facts_damping.studies.sweep import FAILED, differ
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -122,6 +123,8 @@ def _legend(figure: Figure) -> None:
 def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
     """Index, damping ratio and smoothness against a numeric axis: medians, and points where values are drawn.
 
+    Runs that are not converged are left out.
+
     Of more than eight groups ITAE alone, direct and indirect schemes apart, controllers without adaptation in both.
     """
     shown = {name: title for name, title in CURVES.items() if any(row.get(name) is not None for row in rows)}
@@ -141,7 +144,8 @@ def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -
         for group, some in groups(own, swept, axes, rows).items():
             for panel, (_, name, kept) in zip(panels[scenario], parts, strict=True):
                 told = [row for row in some if row["scheme"] in kept]
-                values = [np.nan if row.get(name) is None else row[name] for row in told]
+                known = [row.get(name) if row.get("converged") is not False else None for row in told]
+                values = [np.nan if value is None else value for value in known]
                 _curve(panel, np.array([row[x] for row in told], float), np.array(values), looks[group], group)
                 panel.set_yscale("linear" if name.startswith("interarea") else "log")
     _legend(figure)
@@ -196,7 +200,10 @@ def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
 
 
 def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -> Figure:
-    """Share of runs that fail over two numeric axes: a panel for each scenario and group, at most twelve."""
+    """Share of runs that fail over two numeric axes: a panel for each scenario and group, at most twelve.
+
+    `~`: of these runs one at least does otherwise with half the integration step.
+    """
     panels = {
         ", ".join(text for text in (scenario, name) if text): some
         for scenario, own in by_scenario(rows).items()
@@ -207,6 +214,7 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
     down = -(-len(kept) // across)
     figure = Figure(figsize=(1.6 + 3.6 * across, 0.6 + 3.2 * down), layout="constrained")
     drawn: Any = figure.subplots(down, across, squeeze=False).ravel()
+    marked = False
     for axes, (title, some) in zip(drawn, kept, strict=False):
         columns, wide = binned(np.array([row[x] for row in some], float))
         lines, high = binned(np.array([row[y] for row in some], float))
@@ -215,10 +223,16 @@ def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -
         looks: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1, "shading": "nearest"}
         at, up = _ticked(axes.xaxis, columns), _ticked(axes.yaxis, lines)
         image = axes.pcolormesh(at, up, np.array(shares, float), **looks)
+        changed = np.array(differ(some, criterion) or np.zeros(len(some)), bool)
+        for i, j in np.argwhere([[np.any(changed & a & b) for a in wide] for b in high]):
+            colour = "white" if shares[i][j] < 0.5 else "black"  # of cividis, dark where few fail
+            axes.text(at[j], up[i], MARK, color=colour, ha="center", va="center", fontsize="large")
+        marked |= bool(changed.any())
         axes.set(title=title, xlabel=x, ylabel=y)
     for axes in drawn[len(kept) :]:
         axes.set_visible(False)
-    figure.colorbar(image, ax=list(drawn), label=_share_label(rows, criterion), shrink=0.8)
+    told = _share_label(rows, criterion) + (f"\n{MARK} some do otherwise with half the step" if marked else "")
+    figure.colorbar(image, ax=list(drawn), label=told, shrink=0.8)
     return figure
 
 

@@ -261,6 +261,49 @@ def test_seeds_make_one_margin_and_shares(tmp_path: Path) -> None:
     assert by_value[0.4]["low"] == pytest.approx(0.4385, abs=1e-4)  # Wilson's, of 3 of 3: 3 / (3 + 1.96^2)
 
 
+@pytest.mark.parametrize("tolerance", [0.02, 1e-6])
+def test_a_margin_is_converged_if_its_ends_do_the_same_with_half_the_step(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], tolerance: float
+) -> None:
+    """The step moves an edge by far less than 20 ms, and by more than a microsecond."""
+    text = MARGIN.replace("tolerance: 0.02", f"tolerance: {tolerance}").replace(", not_damped", "") + "check_step: true"
+    found = swept(tmp_path, study(tmp_path, text))
+    (one,) = found["margins"]
+    ends = {one["low_s"], one["high_s"]}
+    assert {row["link.up.1.delay"] for row in found["rows"] if row.get("verdict_half_step")} == ends
+    stable = []
+    for end in sorted(ends):
+        case = load_case("two_area_small", ["scenario=large", "link=delay_100ms", f"link.up.1.delay={end}"])
+        stable.append(summarise(loop.run(loop.with_half_step(case)))["stable"])
+    assert one["converged"] is (stable == [True, False]) is (tolerance > 0.01)
+    assert ("] ~" in capsys.readouterr().out) is not one["converged"]
+
+
+def test_a_share_counts_the_runs_that_do_otherwise_with_half_the_step(tmp_path: Path) -> None:
+    text = """
+run: two_area_small
+set:
+  scenario: large
+  controllers.0.name: ANFTrMeC
+  controllers.0.scheme: indirect
+  link: {up: [{delay: 0}, {model: bernoulli, loss: 0.1}]}
+sweep:
+  - {name: delay, field: link.up.0.delay, values: [0, 0.05, 0.1]}
+  - {field: seed, values: [1, 2, 3]}
+modes: false
+check_step: true
+"""
+    found = swept(tmp_path, study(tmp_path, text))
+    for share in found["shares"]:
+        own = [row for row in found["rows"] if row["delay"] == share["delay"]]
+        holds = "damped" if share["criterion"] == "not_damped" else None
+        told = [[row[v] == holds if holds else row[v] != "lost synchronism" for row in own] for v in VERDICTS]
+        assert share["not_converged"] == sum(a != b for a, b in zip(*told, strict=True))
+    assert sum(share["not_converged"] for share in found["shares"]) > 0
+
+
+VERDICTS = ("verdict", "verdict_half_step")
+
 # Interruption
 
 
