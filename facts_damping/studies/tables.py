@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping import terminal
-from facts_damping.analysis.convergence import text
+from facts_damping.analysis.convergence import MARK, text
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.analysis.verdict import DAMPED
@@ -96,17 +96,20 @@ def _alone(row: dict[str, Any], figure: str) -> str:
         return str(row["instability"] or value)
     if isinstance(value, bool):
         return "yes" if value else str(row["instability"] or "no")
-    return _figure(row, figure) if row.get("stable") else "-"
+    return _figure([row], figure) if row.get("stable") else "-"
 
 
-def _figure(row: dict[str, Any], figure: str) -> str:
-    """A figure; where the step was halved, with the digits that hold, or marked as not converged."""
-    value, change = row.get(figure), row.get("step_change")
-    if change is None or not isinstance(value, float):
-        return cell(value)
-    if figure in INDICES or row["converged"] is False:
-        return text(value, change)
-    return cell(value)
+def _figure(runs: Sequence[dict[str, Any]], figure: str) -> str:
+    """A figure, of several runs the median; where the step was halved, with the digits that hold in all, or marked."""
+    values = [row[figure] for row in runs if row.get(figure) is not None]
+    if not values or not isinstance(values[0], float):
+        return cell(values[0] if values else None)
+    middle = float(np.median(values))
+    unsure = any(row.get("converged") is False for row in runs)
+    changes = [row["step_change"] for row in runs if row.get("step_change") is not None]
+    if not changes or not (unsure or figure in INDICES):
+        return cell(middle)
+    return (MARK if unsure else "") + text(middle, max(changes)).lstrip(MARK)
 
 
 def _among(runs: Sequence[dict[str, Any]], figure: str) -> str:
@@ -120,7 +123,5 @@ def _among(runs: Sequence[dict[str, Any]], figure: str) -> str:
     if not sound:
         return max(odd, key=lambda word: odd[word])
     if len(runs) == 1:
-        return _figure(sound[0], figure) + ("" if not odd else f" ({words[0]})")
-    values = [row[figure] for row in sound if row[figure] is not None]
-    middle = cell(float(np.median(values))) if values else ""
-    return middle + "".join(f" ({count} of {len(runs)} {word})" for word, count in odd.items())
+        return _figure(sound, figure) + ("" if not odd else f" ({words[0]})")
+    return _figure(sound, figure) + "".join(f" ({count} of {len(runs)} {word})" for word, count in odd.items())

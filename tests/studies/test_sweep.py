@@ -597,7 +597,7 @@ def test_the_example(tmp_path: Path) -> None:
 
 
 Place = tuple[tuple[str, str], ...]  # columns that tell a margin apart, with what they say
-TITLE = re.compile(r"(unstable|not_damped), (?:(\w+), )?\w+, horizon 20 s:")
+TITLE = re.compile(r"(unstable|not_damped), (?:(\w+), )?\w+, horizon 30 s:")
 BRACKET = re.compile(r"[\d.]+ \[([\d.]+), ([\d.]+)\]|> ([\d.]+)|< ([\d.]+)")
 
 
@@ -626,9 +626,6 @@ def cells(line: str) -> list[str]:
     return [one.strip() for one in line.strip("|").split("|")]
 
 
-@pytest.mark.xfail(
-    strict=True, reason="margins of `not_damped` on these pages are older than verdicts: to be made anew"
-)
 @pytest.mark.parametrize(
     ("name", "page", "every"),
     [
@@ -661,6 +658,8 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
     tasks: dict[str, RunRequest] = {}
     expected: list[tuple[str, str, bool]] = []
     for criterion, place, text in written[::every]:
+        if text.endswith("~"):  # not converged: another processor may do otherwise, as half the step does
+            continue
         found = BRACKET.match(text)
         assert found, text
         low, high = found[1] or found[3], found[2] or found[4]
@@ -673,7 +672,7 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
                 expected.append((key, criterion, fails))
     with workers(2) as each:
         rows = dict(each(partial(one_run, plan.base), list(tasks.values())))
-    assert len(expected) >= len(written) // every
+    assert len(expected) >= 1.5 * len(written[::every]) - 2 * sum(text.endswith("~") for *_, text in written)
     assert [one for one in expected if sweep.FAILED[one[1]](rows[one[0]]) is not one[2]] == []
 
 
