@@ -18,6 +18,7 @@ from facts_damping_msgs.msg import PmuDataFrame
 from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import qos_profile_rosout_default
 
 from facts_damping.compiling import home
 from facts_damping.nodes.warmup import compile_once
@@ -25,6 +26,8 @@ from tests.nodes.graphs import PATIENCE_S, somebody
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from rclpy.qos import QoSProfile
 
 BIN = Path(sys.executable).parent
 NODES = ("plant_sim", "wan_link", "controller", "identifier", "recorder", "live_view")
@@ -39,22 +42,30 @@ def compiled() -> None:
 
 
 @pytest.fixture
-def heard(domain: int) -> Iterator[Callable[..., list[Any]]]:
+def listener(domain: int) -> Iterator[tuple[Any, Any]]:
+    with somebody("listener") as found:
+        yield found
+
+
+@pytest.fixture
+def heard(listener: tuple[Any, Any]) -> Callable[..., list[Any]]:
     """Waits for a message of a topic; all that came by then."""
-    with somebody("listener") as (node, executor):
-        came: dict[str, list[Any]] = {}
+    node, executor = listener
+    came: dict[str, list[Any]] = {}
 
-        def hear(kind: Any, topic: str, until: Callable[[list[Any]], bool] | None = None) -> list[Any]:
-            if topic not in came:
-                came[topic] = []
-                node.create_subscription(kind, topic, came[topic].append, 100)
-            deadline = time.monotonic() + PATIENCE_S
-            while until is not None and not until(came[topic]):
-                assert time.monotonic() < deadline, came[topic]
-                executor.spin_once(0.1)
-            return came[topic]
+    def hear(
+        kind: Any, topic: str, until: Callable[[list[Any]], bool] | None = None, qos: QoSProfile | int = 100
+    ) -> list[Any]:
+        if topic not in came:
+            came[topic] = []
+            node.create_subscription(kind, topic, came[topic].append, qos)
+        deadline = time.monotonic() + PATIENCE_S
+        while until is not None and not until(came[topic]):
+            assert time.monotonic() < deadline, came[topic]
+            executor.spin_once(0.1)
+        return came[topic]
 
-        yield hear
+    return hear
 
 
 def run(executable: str, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -139,11 +150,17 @@ def test_services_answer_while_a_node_waits_for_others(start: Any, client: Any) 
     assert link.poll() is None
 
 
-def test_logs_go_to_rosout_and_only_the_supervisor_gets_lines(start: Any, heard: Any) -> None:
-    """Also that synchronism is lost, which all say."""
-    heard(Log, "/rosout")
+def test_logs_go_to_rosout_and_only_the_supervisor_gets_lines(start: Any, heard: Any, listener: Any) -> None:
+    """Also that synchronism is lost, which all say. The run ends with it: the listener is to know the plant before."""
+    heard(Log, "/rosout", qos=qos_profile_rosout_default)
     common = {"progress": "false", "set": str(["scenario=large", "controllers=[]"]), "start_timeout": PATIENCE_S}
-    nodes = {name: start(name, **common) for name in ("plant_sim", "wan_link")}
+    nodes = {"plant_sim": start("plant_sim", **common)}
+
+    def known(_came: list[Any]) -> bool:
+        return "plant_sim" in [one.node_name for one in listener[0].get_publishers_info_by_topic("/rosout")]
+
+    heard(Log, "/rosout", known)
+    nodes["wan_link"] = start("wan_link", **common)
 
     def lost(came: list[Any]) -> set[tuple[str, int]]:
         return {(one.name, one.level) for one in came if "synchronism lost" in one.msg}
