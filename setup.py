@@ -132,11 +132,13 @@ setup(
             "stepss==3.83",
             "tops==0.3.0",
         ],
+        "control": ["control>=0.10,<0.11"],  # the linear plant as `control.StateSpace`
         "foxglove": ["foxglove-sdk>=0.30,<1"],  # for the node live_view
         "dask": ["distributed>=2024.1"],  # for `facts-damping sweep --scheduler`; versions are dates
         "matpower": ["matpowercaseframes==2.1.1", "pandas<4"],  # for `facts-damping import`
         "test": [
             "colcon-common-extensions>=0.3,<1",  # tests/test_packaging.py
+            "control>=0.10,<0.11",
             "distributed>=2024.1",
             "foxglove-sdk>=0.30,<1",
             "hypothesis>=6.100,<7",

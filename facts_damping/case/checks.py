@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.case.measurement import check_measurement
-from facts_damping.control.table import kind
+from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters.validation import origin
 from facts_damping.plant.events import stages
@@ -51,7 +51,7 @@ def check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
     check_measurement(case, source, sets)
     commanded: set[str] = set()
     for c, controller in enumerate(run.controllers):
-        here, row = f"controllers.{c}", kind(controller.name)
+        here, row = f"controllers.{c}", kind_of(controller)
 
         def where(field: str, here: str = here) -> str:
             return origin(f"{here}.{field}", source, sets)

@@ -6,10 +6,11 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from facts_damping.case.linear_laws import with_law
 from facts_damping.case.links import mean_delays
 from facts_damping.control import bank, identifier_model
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
-from facts_damping.control.table import RENAMED, Parameter, Value, defaults, kind
+from facts_damping.control.table import RENAMED, Parameter, Value, defaults, kind, kind_of
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.run import Controller, Tuned, Weights
@@ -31,10 +32,11 @@ def filled(
     link: Link,
     source: str,
     sets: dict[str, str] | None,
+    frame_rate: int = 60,
     latency: float = 0.0,
     measurement: str = "ideal",
 ) -> Controller:
-    """A controller with scheme, all parameters and its weights: the table's, then the system's tuned, then its own.
+    """A controller with scheme, all parameters, weights and law: the table's, then the system's tuned, then its own.
 
     `latency`: s, of its PMUs' filter; `measurement`: which.
     """
@@ -42,7 +44,8 @@ def filled(
     def where(field: str) -> str:
         return origin(f"{here}.{field}", source, sets)
 
-    row = kind(controller.name, where("name"))
+    row = kind_of(controller, where("name"))
+    controller = with_law(controller, f"{here}.linear", frame_rate, source, sets)
     if row.network is None and controller.scheme is not None:
         raise InputError(f"{where('scheme')}: '{controller.scheme}' given; allowed: none for {controller.name}")
     scheme = None if row.network is None else controller.scheme or "indirect"

@@ -131,6 +131,7 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
             links[used[i]],
             source,
             sets,
+            run.frame_rate,
             latency,
             measurement.filter,
         )

@@ -117,6 +117,7 @@ def _systems(add: Add) -> None:
     command.add_argument("system", metavar="SYSTEM", help="name under config/systems, or a YAML file")
     command.add_argument("--devices", metavar="NAME,...", help="devices installed, or none; default: sssc, where it is")
     command.add_argument("--scenario", metavar="NAME", help="scenario from whose dispatch it starts")
+    command.add_argument("--linear", metavar="FILE", help="FILE.npz for the linear plant: A, B, C, D and names")
     _common(command)
     text = "How much delay a loop of lead-lags bears, and its modes against delay, linearised with sampling and hold."
     command = add("margin", "studies.margin", text)

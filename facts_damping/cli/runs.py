@@ -258,10 +258,13 @@ def _explained(record: Record, path: str, run: str | None) -> Record:
 
 def modes(arguments: argparse.Namespace) -> None:
     """Power flow, eigenvalues, mode shapes and residues of a system at its start."""
-    from facts_damping.small_signal import modal_analysis
+    from facts_damping.small_signal import linear_plant, modal_analysis
 
+    files.check_writable(arguments.linear, "--linear", standard=False)
     system = loading.load_system(arguments.system, arguments.set, arguments.scenario)
     found = modal_analysis.analyse(system, loading.installed(system, arguments.devices))
+    if arguments.linear is not None:
+        linear_plant.save(linear_plant.of(found), Path(arguments.linear))
     pictures = [] if arguments.out is None else modal_analysis.plot(found, files.new_folder(Path(arguments.out)))
     write_json(arguments.json, modal_analysis.document(found))
     for line in (*modal_analysis.modes_text(found), *(f"plot: {path}" for path in pictures)):

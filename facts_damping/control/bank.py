@@ -19,7 +19,7 @@ from facts_damping.control.compensation import Compensated, Compensators, compen
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.neuro_fuzzy import Actuators, Memory, memories
 from facts_damping.control.state_space import StateSpace, state_spaces
-from facts_damping.control.table import DIRECT, LAW, LAWS, SETTINGS, STATE_SPACE, Parameter, Value, kind
+from facts_damping.control.table import DIRECT, LAW, LAWS, SETTINGS, STATE_SPACE, Parameter, Value, kind_of
 from facts_damping.neurofuzzy.learning import Learner, learners, view
 from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
@@ -90,7 +90,7 @@ def bank(
     without an observer; `nominal`: frequency, Hz.
     """
     n = len(controllers)
-    kinds = [kind(c.name) for c in controllers]
+    kinds = [kind_of(c) for c in controllers]
     nets = [controller_network(c) for c in controllers]
     most_signals = max([len(c.signals) for c in controllers], default=0)
     most_devices = max([len(c.devices) for c in controllers], default=0)
@@ -140,7 +140,7 @@ def bank(
 
 def settings(controller: Controller, rows: NDArray[Any], swing: NDArray[np.float64]) -> NDArray[Any]:
     """A controller's parameters into records of SETTINGS: the value of each signal or device; returns them."""
-    for name, parameter in kind(controller.name).parameters.items():
+    for name, parameter in kind_of(controller).parameters.items():
         put(rows, name, parameter, controller.parameters.get(name, parameter.default), swing)
     return rows
 
@@ -161,7 +161,7 @@ def put(rows: NDArray[Any], name: str, parameter: Parameter, value: Value, swing
 
 def controller_network(controller: Controller) -> Network:
     """A controller's network; one without has no rules."""
-    shape = table.variant_of(kind(controller.name), len(controller.devices))
+    shape = table.variant_of(kind_of(controller), len(controller.devices))
     if shape is None:
         return network("gaussian", "singleton", 0, 0, 0)
     return network(shape.antecedent, shape.consequent, 2 * len(controller.signals), RULES, len(controller.devices))

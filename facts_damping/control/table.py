@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.control import lead_lag
-from facts_damping.errors import check_known
+from facts_damping.errors import InputError, check_known
 from facts_damping.neurofuzzy.learning import RATES
 from facts_damping.neurofuzzy.table import (
     ANTECEDENTS,
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+    from facts_damping.parameters.run import Controller
 
 LAW, DIRECT, INDIRECT, STATE_SPACE = range(4)  # how a controller acts
 OFF_ON = ("off", "on")
@@ -99,6 +101,7 @@ class ControllerKind(NamedTuple):
     design: str = ""  # module:function that gives the matrices of an observer with state feedback
     tuned: bool = True  # `tune` may choose its parameters
     named: bool = True  # one of the thesis's, not a pair of rows
+    linear: bool = False  # a law of the user's own
 
     @property
     def compensates(self) -> bool:
@@ -109,7 +112,7 @@ class ControllerKind(NamedTuple):
         """How it acts: a network by its scheme."""
         if self.network is not None:
             return INDIRECT if scheme == "indirect" else DIRECT
-        return STATE_SPACE if self.design else LAW
+        return STATE_SPACE if self.design or self.linear else LAW
 
 
 def _choice(default: str, choices: tuple[str, ...], text: str, deployed: str | None = None) -> Parameter:
@@ -287,6 +290,8 @@ CONTROLLERS = {
     ),
 }
 
+OWN_LINEAR = ControllerKind("a linear law of the user's own", ANY, 0, COMPENSATION_PARAMETERS, tuned=False, linear=True)
+
 
 def _neuro_fuzzy(network: Variant) -> ControllerKind:
     """The row of a network: its identifier; its inputs within [-1, 1] where B-splines or Legendre polynomials lie."""
@@ -311,12 +316,21 @@ def kind(name: str, where: str = "controller") -> ControllerKind:
     """The row of a name: of the table, or `antecedent+consequent` for any pair. Raises `InputError`."""
     antecedent, plus, consequent = name.partition("+")
     if not plus:
-        check_known(where, name, [*CONTROLLERS, "antecedent+consequent"])
+        check_known(where, name, [*CONTROLLERS, "antecedent+consequent", "any other name with a `linear` law"])
         return CONTROLLERS[name]
     check_known(f"{where}: antecedent", antecedent, ANTECEDENTS)
     check_known(f"{where}: consequent", consequent, CONSEQUENTS)
     found = _neuro_fuzzy(Variant(antecedent, consequent, "ANFGuMoI" if has_dilation(consequent) else "ANFTSI"))
     return found._replace(named=False)
+
+
+def kind_of(controller: Controller, where: str = "controller") -> ControllerKind:
+    """The row of a run's controller: of its name, or of a linear law of the user's own. Raises `InputError`."""
+    if controller.linear is None:
+        return kind(controller.name, where)
+    if controller.name in CONTROLLERS or "+" in controller.name:
+        raise InputError(f"{where}: '{controller.name}' given with a `linear` law; allowed: a name of its own")
+    return OWN_LINEAR
 
 
 def defaults(kind: ControllerKind, profile: str, signals: int = 1, devices: int = 1) -> dict[str, Value]:

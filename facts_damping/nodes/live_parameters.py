@@ -12,7 +12,7 @@ from facts_damping.case.links import with_number
 from facts_damping.case.measurement import numbers
 from facts_damping.case.measurement import with_number as with_measured
 from facts_damping.control.bank import put
-from facts_damping.control.table import kind
+from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.nodes.parameters import declare, descriptor, field_descriptor, plain
 
@@ -46,7 +46,7 @@ def declare_settings(
     Raises `InputError` for a value that is not allowed, and where one that shapes the start differs from the run's:
     other nodes would not know.
     """
-    table = kind(controller.name).parameters
+    table = kind_of(controller).parameters
     counts = sizes(controller)
     for name in names:
         p = table[name]

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.load_noise import LoadNoise
 from facts_damping.parameters.security import Security
 from facts_damping.parameters.watchdog import Watchdog
@@ -119,7 +120,13 @@ class Weights(ParameterModel):
 class Controller(ParameterModel):
     """A controller node: which row of the table of controllers, what it is given, what it commands."""
 
-    name: Name = Field("LLC", description="a row of `facts-damping list controllers`, or antecedent+consequent")
+    name: Name = Field(
+        "LLC",
+        description="a row of `facts-damping list controllers`, or antecedent+consequent; with `linear` any other",
+    )
+    linear: str | dict[str, Any] | None = Field(
+        None, description="a law of the user's own: .yaml, .npz or .mat file, or inline; none: that of its name"
+    )
     scheme: Literal["direct", "indirect"] | None = Field(None, description="neuro-fuzzy only; none: indirect")
     devices: list[Name] = Field(["sssc"], min_length=1, description="installed devices that it commands")
     signals: list[Name] = Field(["speed"], min_length=1, description="signals of the system that it is given")
@@ -144,6 +151,11 @@ class Controller(ParameterModel):
         if re.search(r"(^|/)controller_\d", namespace or ""):  # those of own links (`case.names`)
             raise ValueError(f"'{namespace}' given; allowed: one that is not named as a controller, such as area_1")
         return namespace
+
+    @property
+    def law(self) -> LinearLaw:
+        """Its linear law, where that has been read."""
+        return LinearLaw.model_validate(self.linear)
 
     def number(self, name: str) -> float:
         """A parameter that is a number; of a list the first."""

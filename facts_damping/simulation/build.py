@@ -15,7 +15,7 @@ from facts_damping.control.identifier import identifiers
 from facts_damping.control.identifier_model import Identified, Identifiers, IdentifierState
 from facts_damping.control.inputs import TURN
 from facts_damping.control.plant_prior import PlantPrior
-from facts_damping.control.table import kind
+from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.link.chain import DirectionSpec
 from facts_damping.link.transfer import Links, links
@@ -27,6 +27,7 @@ from facts_damping.plant.events import timeline
 from facts_damping.plant.load_noise import draw as draw_noise
 from facts_damping.plant.watchdog import settings as watchdog_settings
 from facts_damping.signals import CHANNELS
+from facts_damping.small_signal import own_linear
 from facts_damping.small_signal.residues import Residues, residues
 
 if TYPE_CHECKING:
@@ -110,14 +111,22 @@ def needs_residues(case: Case) -> bool:
 
 def _design(controller: Controller) -> Callable[..., StateSpace]:
     """The function that designs a controller: (plant, system, controller, its field) to matrices."""
-    module, _, name = kind(controller.name).design.partition(":")
+    module, _, name = kind_of(controller).design.partition(":")
     found: Callable[..., StateSpace] = getattr(importlib.import_module(module), name)
     return found
 
 
 def _optimal(controller: Controller) -> bool:
     """Whether a controller is designed for the linearised plant."""
-    return bool(kind(controller.name).design)
+    return bool(kind_of(controller).design)
+
+
+def _designed(case: Case, i: int, plant: Residues | None) -> StateSpace | None:
+    """The matrices of controller i: designed for the plant, or of a linear law of the user's own; of others none."""
+    controller = case.controllers[i]
+    if _optimal(controller):
+        return _design(controller)(plant, case.system, controller, f"controllers.{i}")
+    return own_linear.design(controller, case.run.frame_rate) if controller.linear is not None else None
 
 
 def plant_residues(case: Case) -> Residues | None:
@@ -139,10 +148,7 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
         plant = plant_residues(case)
     known = [_known(case, i, plant) for i in range(len(case.controllers))]
     omega = [_compensated(case, i, plant) for i in range(len(case.controllers))]
-    designs = [
-        _design(c)(plant, case.system, c, f"controllers.{i}") if _optimal(c) else None
-        for i, c in enumerate(case.controllers)
-    ]
+    designs = [_designed(case, i, plant) for i in range(len(case.controllers))]
     rate, nominal = case.run.frame_rate, case.system.frequency
     made, state = bank(case.controllers, case.system.signals, stations, limits, rate, known, omega, designs, nominal)
     rows = [

@@ -15,7 +15,7 @@ from facts_damping.case.links import beside, read_link, with_number
 from facts_damping.case.loading import make_case
 from facts_damping.case.measurement import with_number as with_measured
 from facts_damping.control.bank import put
-from facts_damping.control.table import kind
+from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.link.transfer import Links, changed, replaced
 from facts_damping.parameters.files import read_value
@@ -168,7 +168,7 @@ def set_parameter(case: Case, bank: Any, identifiers: Any, change: dict[str, Any
     rows: NDArray[Any] = bank.settings[c]
     if change["role"] == "identifier":
         rows = identifiers.settings[list(identifiers.controller).index(c)]
-    put(rows, name, kind(case.controllers[c].name).parameters[name], change["value"], bank.mode_shape[c])
+    put(rows, name, kind_of(case.controllers[c]).parameters[name], change["value"], bank.mode_shape[c])
 
 
 def rerun(case: Case, changes: Sequence[dict[str, Any]]) -> Record:

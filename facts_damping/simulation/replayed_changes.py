@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.case.controllers import check_parameter, sizes
-from facts_damping.control.table import kind
+from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.simulation.changes import set_parameter
 
@@ -87,7 +87,7 @@ def _possible(case: Case, change: dict[str, Any]) -> bool:
         return False
     if change["kind"] != "parameter":
         return change["kind"] in ("start", "arm")
-    table = kind(controller.name).parameters
+    table = kind_of(controller).parameters
     try:
         check_parameter("", change["name"], change["value"], table, sizes(controller))
     except (InputError, TypeError, ValueError):  # the latter of what is neither number nor text

@@ -22,7 +22,7 @@ from scipy.signal import tf2ss
 
 from facts_damping.case.names import controller_names
 from facts_damping.control.bank import act
-from facts_damping.control.table import CONTROLLERS, STATE_SPACE
+from facts_damping.control.table import CONTROLLERS, STATE_SPACE, kind_of
 from facts_damping.errors import InputError
 from facts_damping.link.stages import CONSTANT, MODELS, mean_delay
 from facts_damping.parameters.link import Link
@@ -96,10 +96,10 @@ def delayed_loop(case: Case) -> DelayedLoop:
         raise InputError("controllers: none given; allowed: one linear controller at least")
     linear_ones = [name for name, row in CONTROLLERS.items() if row.network is None]
     for i, controller in enumerate(case.controllers):
-        if controller.name not in linear_ones:
+        if kind_of(controller).network is not None:
             raise InputError(
                 f"controllers.{i}.name: '{controller.name}' given, which is not linear and has no linear margin; "
-                f"allowed: {', '.join(linear_ones)} (of others a sweep of runs gives the margin)"
+                f"allowed: {', '.join(linear_ones)}, a `linear` law (of others a sweep of runs gives the margin)"
             )
         if controller.compensation != "none":
             raise InputError(

@@ -82,6 +82,11 @@ PLANTS = {
             ]
         ),
     ],
+    "a linear law of one's own": [
+        *("scenario=large", "duration=5", "link=pdci"),
+        "controllers="
+        + json.dumps([{"name": "my_damper", "signals": ["w13"], "linear": {"num": [50, 20], "den": [0.1, 1.1, 1]}}]),
+    ],
     "stabilisers and governors": [
         *("devices=[statcom]", "controllers=[]", "scenario=multiple", "link=delay_100ms"),
         *(f"system.{table}.{g}.enabled=true" for table in ("stabilisers", "governors") for g in range(4)),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.signal import cont2discrete, tf2ss
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
@@ -383,3 +384,14 @@ def test_a_loop_that_bears_every_delay_looked_at_says_so(tmp_path: Path) -> None
     assert document(one, None)["margin_s"] is None
     assert any("beyond 100 ms" in line for line in margin_text(one, None))
     assert draw(one, None, tmp_path / "margin.png").is_file()
+
+
+def test_a_linear_law_of_ones_own_has_the_margin_of_the_shipped_one() -> None:
+    """The thesis's lead-lag as a discrete law, by SciPy's bilinear transform."""
+    num = 10.0 * np.polymul(np.polymul([10.0, 0.0], [0.0761, 1.0]), [0.4272, 1.0])
+    den = np.polymul(np.polymul([10.0, 1.0], [0.3, 1.0]), [0.3, 1.0])
+    A, B, C, D, dt = cont2discrete(tf2ss(num, den), 1.0 / 60.0, method="bilinear")
+    law = {**{name: part.tolist() for name, part in zip("ABCD", (A, B, C, D), strict=True)}, "dt": dt}
+    case = load_case(None, ["controllers.0=" + json.dumps({"name": "my_damper", "linear": law})])
+    own = margin(case, LONGEST, 6, nothing)
+    assert own.margin == pytest.approx(limit(found("speed")), abs=1e-6)

@@ -1,0 +1,88 @@
+"""Linear controllers of a user's own: read from YAML, NPZ or MAT, and checked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.io import loadmat
+
+from facts_damping.control.linear_law import matrices
+from facts_damping.errors import InputError
+from facts_damping.parameters.files import MAX_FILE_BYTES, read_table
+from facts_damping.parameters.linear_law import FORMS, LinearLaw
+from facts_damping.parameters.validation import check, origin
+
+if TYPE_CHECKING:
+    from facts_damping.parameters.run import Controller
+
+NAMES = (*(name for form in FORMS for name in form), "dt")
+NEAR = 1e-6  # relative: of a period, which files have rounded
+
+
+def with_law(
+    controller: Controller, field: str, frame_rate: int, source: str, sets: dict[str, str] | None
+) -> Controller:
+    """A controller with its `linear` law inline. Raises `InputError` where it is none, or does not fit."""
+    given, where = controller.linear, origin(field, source, sets)
+    if given is None:
+        return controller
+    if isinstance(given, str):
+        law = check(LinearLaw, _read(Path(given), where), given)
+    else:
+        law = check(LinearLaw, given, source, sets, field)
+    if law.dt is not None and abs(law.dt * frame_rate - 1.0) > NEAR:
+        raise InputError(
+            f"{where}.dt: {law.dt:g} s given; allowed: the frames' {1.0 / frame_rate:.9g} s, or none: continuous"
+        )
+    try:
+        matrices(law, len(controller.signals), len(controller.devices))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    return controller.model_copy(update={"linear": law.model_dump(exclude_none=True)})
+
+
+def _read(path: Path, where: str) -> dict[str, Any]:
+    """What a file says of a law, as a YAML file would."""
+    if not path.is_file():
+        raise InputError(f"{where}: {path}: no such file; allowed: a law in a .yaml, .npz or .mat file")
+    if path.suffix in (".yaml", ".yml"):
+        return read_table(path)
+    if path.suffix not in (".npz", ".mat"):
+        raise InputError(f"{where}: {path} given; allowed: a law in a .yaml, .npz or .mat file")
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise InputError(f"{path}: {path.stat().st_size} bytes; allowed: at most {MAX_FILE_BYTES}")
+    try:
+        found = _arrays(path)
+    except Exception as error:  # whatever their readers die of
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path}: cannot be read: {reason}; allowed: arrays {', '.join(NAMES)}") from error
+    unknown = [name for name in found if name not in NAMES]
+    if unknown:
+        raise InputError(f"{path}: '{unknown[0]}' given; allowed: arrays {', '.join(NAMES)}")
+    return {name: _plain(name, values, path) for name, values in found.items()}
+
+
+def _arrays(path: Path) -> dict[str, Any]:
+    with path.open("rb") as file:
+        if path.suffix == ".npz":
+            return dict(np.load(file, allow_pickle=False).items())
+        return {name: values for name, values in loadmat(file).items() if not name.startswith("__")}
+
+
+def _plain(name: str, values: Any, path: Path) -> Any:
+    """An array as lists of numbers: a matrix, a list, or a number; what is complex as text."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiuc" or array.ndim > 2:
+        raise InputError(f"{path}: {name}: no numbers given; allowed: real matrices, and complex zeros and poles")
+    if name in ("gain", "dt"):
+        if array.size != 1:
+            raise InputError(f"{path}: {name}: {array.size} numbers given; allowed: one")
+        return float(array.real.item())
+    if name in ("A", "B", "C", "D"):
+        if array.dtype.kind == "c":
+            raise InputError(f"{path}: {name}: complex numbers given; allowed: real ones")
+        return np.atleast_2d(array).astype(float).tolist()
+    flat = array.ravel().tolist()
+    return [str(one) if isinstance(one, complex) else float(one) for one in flat]

@@ -1,0 +1,132 @@
+"""Matrices of a linear controller of a user's own, from whatever it is given as; what is wrong with them."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.signal import BadCoefficients, tf2ss, zpk2tf
+
+from facts_damping.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.linear_law import LinearLaw
+
+MOST_STATES = 200
+EDGE = 1e-9  # a pole so far beyond the edge of stability, in 1/s or of its magnitude, is on it: an integrator
+
+
+class Matrices(NamedTuple):
+    """dx = A x + B y, u = C x + D y; y signals, u setpoints, p.u."""
+
+    A: NDArray[np.float64]  # (states, states)
+    B: NDArray[np.float64]  # (states, signals)
+    C: NDArray[np.float64]  # (devices, states)
+    D: NDArray[np.float64]  # (devices, signals)
+
+
+def matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
+    """The matrices of a law. Raises `InputError` where they do not fit so many signals and devices, or are unstable."""
+    made = _of_matrices(law, signals, devices) if law.num is None and law.zeros is None else _of_fractions(law)
+    if made.D.shape != (devices, signals):
+        raise InputError(
+            f"{made.D.shape[0]} outputs and {made.D.shape[1]} inputs given; allowed: {devices} and {signals}, one a "
+            "device and one a signal"
+        )
+    if len(made.A) > MOST_STATES:
+        raise InputError(f"{len(made.A)} states given; allowed: at most {MOST_STATES}")
+    if not all(np.isfinite(part).all() for part in made):
+        raise InputError("numbers that are not finite come out; allowed: smaller ones")
+    poles = np.linalg.eigvals(made.A) if len(made.A) else np.zeros(0)
+    beyond = poles.real if law.dt is None else np.abs(poles) - 1.0
+    if len(poles) and beyond.max() > EDGE * max(1.0, float(np.abs(poles).max())):
+        worst, unit = poles[int(np.argmax(beyond))], "" if law.dt else " 1/s"
+        raise InputError(f"a pole at {worst:.4g}{unit} given: unstable; allowed: stable controllers, and integrators")
+    return made
+
+
+def _of_matrices(law: LinearLaw, signals: int, devices: int) -> Matrices:
+    """A, B, C and D as they were given."""
+    parts = {name: _matrix(name, getattr(law, name)) for name in ("A", "B", "C", "D")}
+    n = 0 if parts["A"] is None else len(parts["A"])
+    shapes = {"A": (n, n), "B": (n, signals), "C": (devices, n), "D": (devices, signals)}
+    for name, shape in shapes.items():
+        own = parts[name]
+        if own is not None and own.shape != shape:
+            raise InputError(
+                f"{name}: {own.shape[0]} x {own.shape[1]} given; allowed: {shape[0]} x {shape[1]}, with {n} states, "
+                f"{signals} signals and {devices} devices"
+            )
+    return Matrices(*(np.zeros(shapes[name]) if own is None else own for name, own in parts.items()))
+
+
+def _matrix(name: str, rows: list[list[float]] | None) -> NDArray[np.float64] | None:
+    if rows is None:
+        return None
+    if len({len(row) for row in rows}) > 1:
+        raise InputError(
+            f"{name}: rows of {', '.join(str(len(row)) for row in rows)} numbers given; allowed: of as many"
+        )
+    return np.array(rows, np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
+
+
+def _of_fractions(law: LinearLaw) -> Matrices:
+    """One transfer function, or a matrix of them, each with states of its own."""
+    if law.zeros is not None:
+        above, below = zpk2tf(_roots("zeros", law.zeros), _roots("poles", law.poles or []), law.gain)
+        num, den = [[np.atleast_1d(above).tolist()]], [[np.atleast_1d(below).tolist()]]
+    else:
+        num, den = _table(law.num or []), _table(law.den or [])
+    shape = [len(row) for row in num]
+    if not shape or len(set(shape)) > 1 or shape != [len(row) for row in den]:
+        raise InputError(
+            "num and den: tables of other shapes given; allowed: a polynomial each for every device and signal"
+        )
+    whole = [[_realised(n, d) for n, d in zip(*rows, strict=True)] for rows in zip(num, den, strict=True)]
+    parts = [one for row in whole for one in row]
+    sizes = [len(part.A) for part in parts]
+    starts = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+    n, signals, devices = int(starts[-1]), shape[0], len(shape)
+    made = Matrices(np.zeros((n, n)), np.zeros((n, signals)), np.zeros((devices, n)), np.zeros((devices, signals)))
+    for i, part in enumerate(parts):
+        d, s = divmod(i, signals)
+        own = slice(starts[i], starts[i + 1])
+        made.A[own, own], made.B[own, s], made.C[d, own], made.D[d, s] = part.A, part.B[:, 0], part.C[0], part.D[0, 0]
+    return made
+
+
+def _table(given: Any) -> list[list[list[float]]]:
+    """Polynomials as a row a device; one alone is that of one signal and device."""
+    return [[given]] if not given or not isinstance(given[0], list) else given
+
+
+def _roots(name: str, given: list[float | str]) -> NDArray[np.complex128]:
+    try:
+        found = np.array([complex(one) for one in given], complex)
+    except ValueError as error:
+        raise InputError(f"{name}: {given} given; allowed: numbers, complex ones as text such as '-1+2j'") from error
+    if not np.allclose(np.sort_complex(found), np.sort_complex(found.conj())):
+        raise InputError(f"{name}: {given} given; allowed: complex ones in conjugate pairs")
+    return found
+
+
+def _realised(num: list[float], den: list[float]) -> Matrices:
+    """One transfer function in states, in the controller canonical form."""
+    above, below = np.trim_zeros(np.array(num, float), "f"), np.trim_zeros(np.array(den, float), "f")
+    if not below.size:
+        raise InputError("den: zero given; allowed: a polynomial that is not")
+    if above.size > below.size:
+        raise InputError(
+            f"num of degree {above.size - 1} over den of degree {below.size - 1} given: improper; allowed: a numerator "
+            "of no higher degree"
+        )
+    if below.size == 1 or not above.size:
+        return Matrices(
+            np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.full((1, 1), (*above, 0.0)[0] / below[0])
+        )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BadCoefficients)
+        return Matrices(*map(np.asarray, tf2ss(above, below)))

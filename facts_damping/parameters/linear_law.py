@@ -1,0 +1,45 @@
+"""A linear controller as a user gives it: matrices, transfer functions, or zeros, poles and gain."""
+
+from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from facts_damping.parameters.base import ParameterModel, quantity
+
+Row = list[float]
+Polynomials = Row | list[list[Row]]  # one, or a row a device, with one a signal
+FORMS = (("A", "B", "C", "D"), ("num", "den"), ("zeros", "poles", "gain"))
+
+
+class LinearLaw(ParameterModel):
+    """u = K(s) y, or K(z): signals y and setpoints u in p.u.; one of `FORMS`.
+
+    dx/dt = A x + B y, u = C x + D y; or num(s) / den(s), the highest power first; or gain prod(s - zero) / prod(s -
+    pole). With `dt` it is discrete: x(k+1) instead of dx/dt, z instead of s.
+    """
+
+    A: list[Row] | None = Field(None, description="(states, states)")
+    B: list[Row] | None = Field(None, description="(states, signals)")
+    C: list[Row] | None = Field(None, description="(devices, states)")
+    D: list[Row] | None = Field(None, description="(devices, signals); none: 0")
+    num: Polynomials | None = Field(None, description="numerator; of several signals or devices a matrix of them")
+    den: Polynomials | None = Field(None, description="denominator, likewise")
+    zeros: list[float | str] | None = Field(None, description="of one signal and device; complex ones as text, -1+2j")
+    poles: list[float | str] | None = Field(None, description="likewise")
+    gain: float | None = Field(None, description="factor of the products of zeros and poles")
+    dt: float | None = quantity(
+        None, "s", "period of a discrete one: that of the frames; none: continuous", gt=0, le=10
+    )
+
+    @model_validator(mode="after")
+    def _one_form(self) -> LinearLaw:
+        given = [name for form in FORMS for name in form if getattr(self, name) is not None]
+        forms = [form for form in FORMS if any(name in given for name in form)]
+        needed = {"A": ["A", "B", "C"], "num": ["num", "den"], "zeros": ["zeros", "poles", "gain"]}
+        alone = given == ["D"]
+        if len(forms) != 1 or not (alone or all(name in given for name in needed[forms[0][0]])):
+            raise ValueError(
+                f"{', '.join(given) or 'nothing'} given; allowed: A, B, C (and D), or D alone; or num, den; or zeros, "
+                "poles, gain"
+            )
+        return self

@@ -1,0 +1,77 @@
+"""The linearised plant for other tools: as NPZ for python-control, slycot or MATLAB, and as `control.StateSpace`.
+
+It is what a controller faces, continuous, in deviations from the start: from setpoints (p.u., references of the
+devices) to signals behind their washouts (s T / (1 + s T), a state each). Not in it are frames and hold, links, a
+device's dead time (`dead_time_s`), filters of PMUs, and limits.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.errors import InputError
+from facts_damping.terminal import replacing
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from facts_damping.small_signal.modal_analysis import Modal
+
+
+class LinearPlant(NamedTuple):
+    """dx = A x + B u, y = C x + D u."""
+
+    A: NDArray[np.float64]  # (states, states), 1/s
+    B: NDArray[np.float64]  # (states, devices)
+    C: NDArray[np.float64]  # (signals, states)
+    D: NDArray[np.float64]  # (signals, devices)
+    states: list[str]
+    devices: list[str]  # u, p.u.
+    signals: list[str]  # y, p.u.
+    x_0: NDArray[np.float64]  # (states,), the start about which it is linearised; 0 of washouts
+    dead_time_s: NDArray[np.float64]  # (devices,)
+
+
+def of(modal: Modal) -> LinearPlant:
+    """The plant of an analysis, with its signals' washouts."""
+    model, names = modal.model, list(modal.system.signals)
+    washed = [i for i, tau in enumerate(model.washout) if tau > 0.0]
+    rate = 1.0 / model.washout[washed]
+    n, w = len(model.A), len(washed)
+    C, D = model.C[washed], model.D[washed]
+    A = np.block([[model.A, np.zeros((n, w))], [rate[:, None] * C, -np.diag(rate)]])
+    through = np.zeros((len(names), w))
+    through[washed, range(w)] = -1.0
+    return LinearPlant(
+        A,
+        np.vstack([model.B, rate[:, None] * D]),
+        np.hstack([model.C, through]),
+        model.D,
+        [*modal.built.state_names, *(f"{names[i]}.washout" for i in washed)],
+        list(modal.devices),
+        names,
+        np.concatenate([modal.built.state.x, np.zeros(w)]),
+        np.broadcast_to(np.asarray(model.dead_time, np.float64), len(modal.devices)).copy(),
+    )
+
+
+def save(plant: LinearPlant, path: Path) -> None:
+    """Write a plant as NPZ: arrays of the names of `LinearPlant`."""
+    arrays: dict[str, Any] = {name: np.array(value) for name, value in plant._asdict().items()}
+    with replacing(path) as beside, beside.open("wb") as file:
+        np.savez(file, **arrays)
+
+
+def state_space(plant: LinearPlant) -> Any:
+    """A plant as `control.StateSpace` of python-control. Raises `InputError` where that is not installed."""
+    try:
+        control = importlib.import_module("control")
+    except ImportError as error:
+        raise InputError("python-control is not installed; allowed: pip install 'facts_damping[control]'") from error
+    labels = {"states": plant.states, "inputs": plant.devices, "outputs": plant.signals}
+    return control.StateSpace(plant.A, plant.B, plant.C, plant.D, **labels)

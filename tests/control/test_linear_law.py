@@ -1,0 +1,196 @@
+"""Linear controllers of a user's own: forms and files, the law itself, lost frames, replay, bad input."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from scipy.signal import cont2discrete, dlsim, tf2ss, tf2zpk
+
+from facts_damping.case.loading import load_case, make_case
+from facts_damping.cli.main import main
+from facts_damping.control.linear_law import matrices
+from facts_damping.parameters.linear_law import LinearLaw
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.signals import CHANNELS, Record
+from facts_damping.simulation import loop
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from facts_damping.case.model import Case
+
+# The thesis's lead-lag (appendix B), as one fraction.
+NUM = (10.0 * np.polymul(np.polymul([10.0, 0.0], [0.0761, 1.0]), [0.4272, 1.0])).tolist()
+DEN = np.polymul(np.polymul([10.0, 1.0], [0.3, 1.0]), [0.3, 1.0]).tolist()
+
+
+SPEED = list(CHANNELS).index("speed_deviation")
+
+
+def weights(case: Case) -> dict[int, float]:
+    """Of the signal `speed`, by the index of the station."""
+    stations = [station.name for station in case.system.stations]
+    return {stations.index(name): weight for name, weight in case.system.signals["speed"].weights.items()}
+
+
+def own(law: dict[str, Any] | str, *sets: str, name: str = "my_damper", **fields: Any) -> Record:
+    controller = json.dumps({"name": name, "linear": law, **fields})
+    return loop.run(load_case("two_area_large", ["duration=5", *sets, f"controllers.0={controller}"]))
+
+
+def bilinear(rate: int = 60) -> dict[str, Any]:
+    A, B, C, D, dt = cont2discrete(tf2ss(NUM, DEN), 1.0 / rate, method="bilinear")
+    return {**{name: values.tolist() for name, values in zip("ABCD", (A, B, C, D), strict=True)}, "dt": dt}
+
+
+def test_the_lead_lag_by_the_bilinear_transform_is_the_shipped_one() -> None:
+    shipped = loop.run(load_case("two_area_large", ["duration=5"]))
+    given = own(bilinear())
+    assert len(given.issued) == len(shipped.issued) > 0
+    assert given.controller_names == ["controller_0_my_damper"]
+    assert np.abs(given.issued["value"] - shipped.issued["value"]).max() < 1e-9
+
+
+def test_a_continuous_one_is_discretised_exactly() -> None:
+    """Against SciPy: its setpoints, of the signal as it was delivered, up to the limits."""
+    record = own({"num": (5.0 * np.array(NUM)).tolist(), "den": DEN}, "link=delay_100ms")
+    case = load_case("two_area_large", [])
+    signal = sum(
+        weight * record.delivered[record.delivered["station"] == station]["values"][:, SPEED]
+        for station, weight in weights(case).items()
+    )
+    A, B, C, D, dt = cont2discrete(tf2ss(5.0 * np.array(NUM), DEN), 1.0 / 60.0, method="zoh")
+    _, wanted, _ = dlsim((A, B, C, D, dt), signal)
+    limit = case.system.device("sssc").v_max
+    got = record.issued["value"]
+    assert len(got) == len(wanted)
+    assert np.abs(got - np.clip(wanted[:, 0], -limit, limit)).max() < 1e-10 * limit + 1e-9
+    assert np.abs(got).max() == limit
+
+
+def test_all_forms_and_files_are_the_same_law(tmp_path: Path) -> None:
+    A, B, C, D = tf2ss(NUM, DEN)
+    zeros, poles, gain = tf2zpk(NUM, DEN)
+    arrays = {"A": A, "B": B, "C": C, "D": D}
+    np.savez(tmp_path / "law.npz", **arrays)
+    savemat(tmp_path / "law.mat", arrays)
+    savemat(tmp_path / "tf.mat", {"num": np.array(NUM), "den": np.array(DEN)})
+    np.savez(tmp_path / "zpk.npz", zeros=zeros.astype(complex), poles=poles.astype(complex), gain=gain)
+    (tmp_path / "law.yaml").write_text(dump({"num": NUM, "den": DEN}))
+    wanted = own({"num": NUM, "den": DEN}).issued["value"]
+    laws: list[dict[str, Any] | str] = [{name: values.tolist() for name, values in arrays.items()}]
+    for given in laws + list(map(str, tmp_path.iterdir())):
+        assert np.abs(own(given).issued["value"] - wanted).max() < 1e-9, given
+
+
+def test_complex_zeros_and_poles_are_text() -> None:
+    law = LinearLaw(zeros=[-0.5], poles=["-1+2j", "-1-2j"], gain=4.0)
+    A, B, C, D = matrices(law, 1, 1)
+    for s in (0.3j, 2.0 + 1.0j):
+        value = (C @ np.linalg.solve(s * np.eye(2) - A, B) + D).item()
+        assert value == pytest.approx(4.0 * (s + 0.5) / ((s + 1) ** 2 + 4))
+
+
+def test_a_table_of_transfer_functions_has_a_row_a_device_and_a_column_a_signal() -> None:
+    law = LinearLaw(num=[[[1.0], [2.0]], [[3.0, 0.0], [0.0]]], den=[[[1.0, 1.0], [1.0, 2.0]], [[1.0, 3.0], [1.0]]])
+    A, B, C, D = matrices(law, 2, 2)
+    s = 0.7j
+    value = C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D
+    assert value == pytest.approx(np.array([[1 / (s + 1), 2 / (s + 2)], [3 * s / (s + 3), 0.0]]))
+
+
+def test_a_lost_frame_leaves_the_signal_as_it_was() -> None:
+    """An integrator counts the frames that did not come with the newest signal before."""
+    record = own({"A": [[0.0]], "B": [[1.0]], "C": [[1.0]]}, "link={up: [{model: bernoulli, loss: 0.5}]}", "seed=3")
+    state, before, last = 0.0, 0.0, None
+    of_signal = weights(load_case("two_area_large", []))
+    held: dict[int, float] = {}
+    wanted = []
+    for tick in np.unique(record.delivered["tick"]):
+        rows = record.delivered[record.delivered["tick"] == tick]
+        rows = rows[np.isin(rows["station"], list(of_signal))]
+        held |= {int(row["station"]): float(row["values"][SPEED]) for row in rows}
+        if len(held) < len(of_signal) or not len(rows):
+            continue
+        value = sum(weight * held[station] for station, weight in of_signal.items())
+        if last is not None:
+            state += (tick - last) / 60.0 * before
+        wanted.append(state)
+        before, last = value, tick
+    assert np.abs(record.issued["value"] - wanted).max() < 1e-12
+    assert len(wanted) < len(record.ticks)
+
+
+def test_what_a_recording_says_of_a_run_has_the_law_without_its_file(tmp_path: Path) -> None:
+    law = tmp_path / "law.npz"
+    np.savez(law, num=np.array(NUM), den=np.array(DEN))
+    first = own(str(law), "link=delay_100ms", compensation="lead")
+    law.unlink()
+    again = loop.run(make_case(json.loads(json.dumps(first.configuration)), "recording"))
+    assert again.issued.tobytes() == first.issued.tobytes()
+    assert again.frames.tobytes() == first.frames.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        ("nowhere.npz", "linear: nowhere.npz: no such file; allowed: a law in a .yaml, .npz or .mat file"),
+        ({"num": [1], "den": [1, -1]}, "linear: a pole at 1 1/s given: unstable; allowed: stable controllers"),
+        ({"num": [1, 0, 0], "den": [1, 1]}, "linear: num of degree 2 over den of degree 1 given: improper"),
+        ({"num": [1]}, "num given; allowed: A, B, C (and D), or D alone; or num, den; or zeros, poles, gain"),
+        ({}, "nothing given; allowed: A, B, C"),
+        ({"num": [1], "den": [0]}, "linear: den: zero given"),
+        ({"num": [1], "den": [1], "zeros": []}, "num, den, zeros given; allowed:"),
+        ({"A": [[-1]], "B": [[1, 2]], "C": [[1]]}, "linear: B: 1 x 2 given; allowed: 1 x 1, with 1 states"),
+        ({"A": [[-1, 0], [0]], "B": [[1]], "C": [[1]]}, "linear: A: rows of 2, 1 numbers given"),
+        ({"D": [[1], [2]]}, "linear: D: 2 x 1 given; allowed: 1 x 1"),
+        ({"num": [[[1], [1]]], "den": [[[1], [1]]]}, "linear: 1 outputs and 2 inputs given; allowed: 1 and 1"),
+        ({"num": [1], "den": [1, 1], "dt": 0.1}, "linear.dt: 0.1 s given; allowed: the frames' 0.0166666667 s"),
+        ({"zeros": ["1+j2"], "poles": [-1], "gain": 1}, "linear: zeros: ['1+j2'] given; allowed: numbers"),
+        ({"zeros": ["-1+2j"], "poles": [-1, -2], "gain": 1}, "allowed: complex ones in conjugate pairs"),
+    ],
+)
+def test_bad_laws_are_one_line(law: Any, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    controller = json.dumps({"name": "my_damper", "linear": law})
+    assert main(["simulate", "--set", f"controllers.0={controller}"]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"name": "LLC"}, "controllers.0.name: 'LLC' given with a `linear` law; allowed: a name of its own"),
+        ({"scheme": "direct"}, "controllers.0.scheme: 'direct' given; allowed: none for my_damper"),
+        ({"compensation": "prediction"}, "controllers.0.compensation: 'prediction' given; allowed: none, lead, phasor"),
+        ({"parameters": {"gain": 2}}, "gain"),
+        ({"signals": ["speed", "power"]}, "linear: 1 outputs and 1 inputs given; allowed: 1 and 2"),
+    ],
+)
+def test_what_does_not_fit_a_law_is_one_line(
+    fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    controller = json.dumps({"name": "my_damper", "linear": {"num": [1], "den": [1, 1]}, **fields})
+    assert main(["simulate", "--set", f"controllers.0={controller}"]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"MATLAB 5.0 MAT-file, cut"])
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+def test_files_that_are_none_are_one_line(
+    tmp_path: Path, content: bytes, suffix: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"law{suffix}"
+    path.write_bytes(content)
+    controller = json.dumps({"name": "my_damper", "linear": str(path)})
+    assert main(["simulate", "--set", f"controllers.0={controller}"]) == 2
+    told = capsys.readouterr().err
+    assert f"{path}: cannot be read: " in told
+    assert told.count("\n") == 1
