@@ -32,7 +32,7 @@ def filled(
     link: Link,
     source: str,
     sets: dict[str, str] | None,
-    frame_rate: int = 60,
+    frame_rate: int,
     latency: float = 0.0,
     measurement: str = "ideal",
 ) -> Controller:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.signal import BadCoefficients, tf2ss, zpk2tf
 
 from facts_damping.errors import InputError
 
@@ -76,8 +74,8 @@ def _matrix(name: str, rows: list[list[float]] | None) -> NDArray[np.float64] | 
 def _of_fractions(law: LinearLaw) -> Matrices:
     """One transfer function, or a matrix of them, each with states of its own."""
     if law.zeros is not None:
-        above, below = zpk2tf(_roots("zeros", law.zeros), _roots("poles", law.poles or []), law.gain)
-        num, den = [[np.atleast_1d(above).tolist()]], [[np.atleast_1d(below).tolist()]]
+        above, below = (_polynomial(name, getattr(law, name)) for name in ("zeros", "poles"))
+        num, den = [[[(law.gain or 0.0) * one for one in above]]], [[below]]
     else:
         num, den = _table(law.num or []), _table(law.den or [])
     shape = [len(row) for row in num]
@@ -103,18 +101,19 @@ def _table(given: Any) -> list[list[list[float]]]:
     return [[given]] if not given or not isinstance(given[0], list) else given
 
 
-def _roots(name: str, given: list[float | str]) -> NDArray[np.complex128]:
+def _polynomial(name: str, given: list[float | str]) -> list[float]:
+    """Coefficients of the product of (s - root), the highest power first."""
     try:
         found = np.array([complex(one) for one in given], complex)
     except ValueError as error:
         raise InputError(f"{name}: {given} given; allowed: numbers, complex ones as text such as '-1+2j'") from error
     if not np.allclose(np.sort_complex(found), np.sort_complex(found.conj())):
         raise InputError(f"{name}: {given} given; allowed: complex ones in conjugate pairs")
-    return found
+    return [float(one) for one in np.atleast_1d(np.poly(found)).real]
 
 
 def _realised(num: list[float], den: list[float]) -> Matrices:
-    """One transfer function in states, in the controller canonical form."""
+    """One transfer function in states, in the controller canonical form; not by SciPy, which takes long to import."""
     above, below = np.trim_zeros(np.array(num, float), "f"), np.trim_zeros(np.array(den, float), "f")
     if not below.size:
         raise InputError("den: zero given; allowed: a polynomial that is not")
@@ -123,10 +122,8 @@ def _realised(num: list[float], den: list[float]) -> Matrices:
             f"num of degree {above.size - 1} over den of degree {below.size - 1} given: improper; allowed: a numerator "
             "of no higher degree"
         )
-    if below.size == 1 or not above.size:
-        return Matrices(
-            np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.full((1, 1), (*above, 0.0)[0] / below[0])
-        )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BadCoefficients)
-        return Matrices(*map(np.asarray, tf2ss(above, below)))
+    n = below.size - 1 if above.size else 0
+    high = np.concatenate([np.zeros(below.size - above.size), above])[: n + 1] / below[0]
+    low = below[1 : n + 1] / below[0]
+    A = np.vstack([-low, np.eye(n)[:-1]]) if n else np.zeros((0, 0))
+    return Matrices(A, np.eye(n, 1), (high[1:] - high[0] * low)[None, :], high[None, :1])

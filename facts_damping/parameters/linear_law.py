@@ -35,9 +35,7 @@ class LinearLaw(ParameterModel):
     def _one_form(self) -> LinearLaw:
         given = [name for form in FORMS for name in form if getattr(self, name) is not None]
         forms = [form for form in FORMS if any(name in given for name in form)]
-        needed = {"A": ["A", "B", "C"], "num": ["num", "den"], "zeros": ["zeros", "poles", "gain"]}
-        alone = given == ["D"]
-        if len(forms) != 1 or not (alone or all(name in given for name in needed[forms[0][0]])):
+        if len(forms) != 1 or (given != ["D"] and not set(forms[0]) - {"D"} <= set(given)):
             raise ValueError(
                 f"{', '.join(given) or 'nothing'} given; allowed: A, B, C (and D), or D alone; or num, den; or zeros, "
                 "poles, gain"

@@ -17,16 +17,12 @@ from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.signals import CHANNELS, Record
 from facts_damping.simulation import loop
+from tests.appendix_b import DEN, NUM, bilinear
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
-
-# The thesis's lead-lag (appendix B), as one fraction.
-NUM = (10.0 * np.polymul(np.polymul([10.0, 0.0], [0.0761, 1.0]), [0.4272, 1.0])).tolist()
-DEN = np.polymul(np.polymul([10.0, 1.0], [0.3, 1.0]), [0.3, 1.0]).tolist()
-
 
 SPEED = list(CHANNELS).index("speed_deviation")
 
@@ -40,11 +36,6 @@ def weights(case: Case) -> dict[int, float]:
 def own(law: dict[str, Any] | str, *sets: str, name: str = "my_damper", **fields: Any) -> Record:
     controller = json.dumps({"name": name, "linear": law, **fields})
     return loop.run(load_case("two_area_large", ["duration=5", *sets, f"controllers.0={controller}"]))
-
-
-def bilinear(rate: int = 60) -> dict[str, Any]:
-    A, B, C, D, dt = cont2discrete(tf2ss(NUM, DEN), 1.0 / rate, method="bilinear")
-    return {**{name: values.tolist() for name, values in zip("ABCD", (A, B, C, D), strict=True)}, "dt": dt}
 
 
 def test_the_lead_lag_by_the_bilinear_transform_is_the_shipped_one() -> None:

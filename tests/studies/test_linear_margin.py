@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.signal import cont2discrete, tf2ss
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
@@ -21,7 +20,7 @@ from facts_damping.studies.linear_closed_loop import DelayedLoop, Discrete, appr
 from facts_damping.studies.linear_margin import Margin, first_limit, intervals, margin
 from facts_damping.studies.linear_margin_pages import document, draw, margin_text
 from facts_damping.studies.linear_margin_runs import bears, beside, bounds, pulse_margin, pulsed
-from tests.appendix_b import lead_lag
+from tests.appendix_b import bilinear, lead_lag
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -388,10 +387,6 @@ def test_a_loop_that_bears_every_delay_looked_at_says_so(tmp_path: Path) -> None
 
 def test_a_linear_law_of_ones_own_has_the_margin_of_the_shipped_one() -> None:
     """The thesis's lead-lag as a discrete law, by SciPy's bilinear transform."""
-    num = 10.0 * np.polymul(np.polymul([10.0, 0.0], [0.0761, 1.0]), [0.4272, 1.0])
-    den = np.polymul(np.polymul([10.0, 1.0], [0.3, 1.0]), [0.3, 1.0])
-    A, B, C, D, dt = cont2discrete(tf2ss(num, den), 1.0 / 60.0, method="bilinear")
-    law = {**{name: part.tolist() for name, part in zip("ABCD", (A, B, C, D), strict=True)}, "dt": dt}
-    case = load_case(None, ["controllers.0=" + json.dumps({"name": "my_damper", "linear": law})])
+    case = load_case(None, ["controllers.0=" + json.dumps({"name": "my_damper", "linear": bilinear()})])
     own = margin(case, LONGEST, 6, nothing)
     assert own.margin == pytest.approx(limit(found("speed")), abs=1e-6)
