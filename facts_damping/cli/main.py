@@ -102,6 +102,8 @@ def _recordings(add: Add) -> None:
     command.add_argument("recording", metavar="RECORDING", help="folder or file of a recording")
     command.add_argument("--run", metavar="RUN", help="the run that it is of, where it holds none")
     command.add_argument("--nodes", action="store_true", help="by ROS 2 nodes in lockstep, recorded")
+    text = "run the code of its controllers, which the recording names; only of recordings that you trust"
+    command.add_argument("--policy", action="store_true", help=text)
     command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help="longest wait for a silent node")
     _common(command)
     text = "All signals of a recording on the grid of its ticks, as Parquet or CSV."

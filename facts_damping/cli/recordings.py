@@ -28,7 +28,7 @@ def replay(arguments: argparse.Namespace) -> None:
     from facts_damping.recording.reader import load
 
     record = load(arguments.recording)
-    case = again.case_of(record, str(arguments.recording), arguments.run, arguments.set)
+    case = again.case_of(record, str(arguments.recording), arguments.run, arguments.set, policy=arguments.policy)
     played = again.fitted(record, case)
     folder = None if arguments.out is None and not arguments.nodes else out_folder(arguments, "replay")
     issued, estimates, recording = (_by_nodes if arguments.nodes else _in_process)(arguments, case, played, folder)

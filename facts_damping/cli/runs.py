@@ -14,6 +14,7 @@ from facts_damping.parameters import files
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import learnt_weights, loop
+from facts_damping.simulation.policies import step_times
 from facts_damping.simulation.replay import check_has_run
 from facts_damping.terminal import Progress, table, write_json, write_whole
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from facts_damping.nodes.graph import Outcome
     from facts_damping.signals import Record
+    from facts_damping.simulation.policies import StepTimes
 
 
 def out_folder(arguments: argparse.Namespace, name: str) -> Path:
@@ -73,6 +75,15 @@ def _report(
     say(arguments, table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
     for line in (*(f"plot: {path}" for path in pictures), *more):
         say(arguments, line)
+
+
+def _told_steps(took: Mapping[str, StepTimes]) -> dict[str, Any]:
+    """How long steps of programs took, for JSON; nothing where there are none."""
+    return {"step_times": {name: times._asdict() for name, times in took.items()}} if took else {}
+
+
+def _step_lines(took: Mapping[str, StepTimes]) -> list[str]:
+    return [f"{name}: {times}" for name, times in took.items()]
 
 
 def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome | None = None) -> None:
@@ -127,7 +138,9 @@ def simulate(arguments: argparse.Namespace) -> None:
         for name, weights in learnt_weights.all_adapted(case, built).items():
             saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
             write_whole(folder / f"{name}.weights.yaml", dump(weights.model_dump()))
-    _report(arguments, [(label(case.summary()), record)], [result], folder, *saved)
+    took = step_times(built.programs)
+    result |= _told_steps(took)
+    _report(arguments, [(label(case.summary()), record)], [result], folder, *saved, *_step_lines(took))
     check_ended_well(result, record)
 
 
@@ -152,8 +165,10 @@ def run(arguments: argparse.Namespace) -> None:
     result = summarise(record, outcome.wall_s, str(outcome.recording))
     result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
     result["nodes_ended"] = outcome.fallen
+    result |= _told_steps(outcome.step_times)
+    steps = _step_lines(outcome.step_times)
     counted = f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}"
-    _report(arguments, [(name, record)], [result], folder, counted, f"recording: {outcome.recording}")
+    _report(arguments, [(name, record)], [result], folder, *steps, counted, f"recording: {outcome.recording}")
     check_ended_well(result, record, outcome)
 
 

@@ -15,11 +15,22 @@ import numpy as np
 
 from facts_damping.compiling import branching, compiled, inner
 from facts_damping.control import neuro_fuzzy, state_space, table
+from facts_damping.control.called import Calls, call, calls
 from facts_damping.control.compensation import Compensated, Compensators, compensate, compensators
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.neuro_fuzzy import Actuators, Memory, memories
 from facts_damping.control.state_space import StateSpace, state_spaces
-from facts_damping.control.table import DIRECT, LAW, LAWS, SETTINGS, STATE_SPACE, Parameter, Value, kind_of
+from facts_damping.control.table import (
+    CALLED,
+    DIRECT,
+    LAW,
+    LAWS,
+    SETTINGS,
+    STATE_SPACE,
+    Parameter,
+    Value,
+    kind_of,
+)
 from facts_damping.neurofuzzy.learning import Learner, learners, view
 from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
@@ -70,6 +81,7 @@ class BankState(NamedTuple):
     learner: Learner
     memory: Memory
     estimate: NDArray[np.float64]  # (controllers, 2, most states), of observers, and room to step them
+    calls: Calls
 
 
 def bank(
@@ -134,6 +146,7 @@ def bank(
         learner=learners(nets, starts),
         memory=memories(n, most_signals, most_devices),
         estimate=estimate,
+        calls=calls(n, most_signals, len(stations)),
     )
     return made, state
 
@@ -279,7 +292,7 @@ def act(
     """One tick of controller c: `count` delivered entries in, setpoints into `out` from index `first` on.
 
     Entries of the same arrival are taken together; it acts if a frame is newer than all before and all signals are
-    there. Returns the index after the last setpoint written.
+    there. A called one that fails says nothing more. Returns the index after the last setpoint written.
     """
     i = 0
     while i < count:
@@ -303,6 +316,9 @@ def act(
                     )
         elif made.code[c] == STATE_SPACE:
             _optimal(made, state, c, since)
+        elif made.code[c] == CALLED:
+            if not call(made.inputs, state.held, state.calls, c, arrival):
+                return first
         else:
             _neuro_fuzzy(made, state, c, since, arrival - newest)
         _limit(made, state, c)

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.run import Controller
 
-LAW, DIRECT, INDIRECT, STATE_SPACE = range(4)  # how a controller acts
+LAW, DIRECT, INDIRECT, STATE_SPACE, CALLED = range(5)  # how a controller acts
+PROGRAMS = ("policy",)  # fields of a controller whose step is a program of the user's own
 OFF_ON = ("off", "on")
 ANY = 16  # signals, of a controller that takes several
 MOST_AHEAD = 60  # frames that an identifier may look ahead
@@ -101,18 +102,25 @@ class ControllerKind(NamedTuple):
     design: str = ""  # module:function that gives the matrices of an observer with state feedback
     tuned: bool = True  # `tune` may choose its parameters
     named: bool = True  # one of the thesis's, not a pair of rows
-    linear: bool = False  # a law of the user's own
+    own: str = ""  # the field of a controller of the user's own, which says what it is
 
     @property
     def compensates(self) -> bool:
         """Whether it may have a `compensation`."""
         return COMPENSATION_PARAMETERS.keys() <= self.parameters.keys()
 
+    @property
+    def program(self) -> bool:
+        """Whether its step is a program of the user's own."""
+        return self.own in PROGRAMS
+
     def code(self, scheme: str | None) -> int:
         """How it acts: a network by its scheme."""
         if self.network is not None:
             return INDIRECT if scheme == "indirect" else DIRECT
-        return STATE_SPACE if self.design or self.linear else LAW
+        if self.program:
+            return CALLED
+        return STATE_SPACE if self.design or self.own else LAW
 
 
 def _choice(default: str, choices: tuple[str, ...], text: str, deployed: str | None = None) -> Parameter:
@@ -290,7 +298,11 @@ CONTROLLERS = {
     ),
 }
 
-OWN_LINEAR = ControllerKind("a linear law of the user's own", ANY, 0, COMPENSATION_PARAMETERS, tuned=False, linear=True)
+# Controllers of the user's own, by the field that says what they are.
+OWN = {
+    "linear": ControllerKind("a linear law", ANY, 0, COMPENSATION_PARAMETERS, tuned=False, own="linear"),
+    "policy": ControllerKind("a class in Python", ANY, 0, {}, tuned=False, own="policy"),
+}
 
 
 def _neuro_fuzzy(network: Variant) -> ControllerKind:
@@ -316,7 +328,8 @@ def kind(name: str, where: str = "controller") -> ControllerKind:
     """The row of a name: of the table, or `antecedent+consequent` for any pair. Raises `InputError`."""
     antecedent, plus, consequent = name.partition("+")
     if not plus:
-        check_known(where, name, [*CONTROLLERS, "antecedent+consequent", "any other name with a `linear` law"])
+        others = f"any other name with {' or '.join(f'`{field}`' for field in OWN)}"
+        check_known(where, name, [*CONTROLLERS, "antecedent+consequent", others])
         return CONTROLLERS[name]
     check_known(f"{where}: antecedent", antecedent, ANTECEDENTS)
     check_known(f"{where}: consequent", consequent, CONSEQUENTS)
@@ -325,12 +338,16 @@ def kind(name: str, where: str = "controller") -> ControllerKind:
 
 
 def kind_of(controller: Controller, where: str = "controller") -> ControllerKind:
-    """The row of a run's controller: of its name, or of a linear law of the user's own. Raises `InputError`."""
-    if controller.linear is None:
+    """The row of a run's controller: of its name, or of one of the user's own. Raises `InputError`."""
+    given = [field for field in OWN if getattr(controller, field) is not None]
+    if not given:
         return kind(controller.name, where)
+    if len(given) > 1:
+        both = " and ".join(f"`{field}`" for field in given)
+        raise InputError(f"{where}: '{controller.name}' given with {both}; allowed: one of {', '.join(OWN)}")
     if controller.name in CONTROLLERS or "+" in controller.name:
-        raise InputError(f"{where}: '{controller.name}' given with a `linear` law; allowed: a name of its own")
-    return OWN_LINEAR
+        raise InputError(f"{where}: '{controller.name}' given with `{given[0]}`; allowed: a name of its own")
+    return OWN[given[0]]
 
 
 def defaults(kind: ControllerKind, profile: str, signals: int = 1, devices: int = 1) -> dict[str, Value]:

@@ -5,25 +5,28 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
 from facts_damping.compiling import specialised
 from facts_damping.control.bank import act, set_estimate
+from facts_damping.control.table import kind_of
 from facts_damping.nodes.live_parameters import declare_settings
 from facts_damping.nodes.member import CONTROLLER, Member
-from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates
+from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates, Health
 from facts_damping.nodes.node import SAYING, graph_prefix, run_node
 from facts_damping.nodes.parameters import read_case, read_index, read_options
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.nodes.weights_file import WeightsFile
-from facts_damping.signals import DELIVERY, SETPOINT
+from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.learnt_weights import adapted
 from facts_damping.simulation.loop import setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.simulation.policies import check, connect, step_times
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,10 +45,11 @@ class ControllerNode:
         self.case = self.weights.start(self.case, self.index)
         self.controller = self.case.controllers[self.index]
         self.bank, self.state, _, _ = build_control(self.case)
+        self.programs, self.late = connect(self.case, self.state, only=self.index), 0
         address, hardware = controller_addresses(self.case)[self.index], ", ".join(self.controller.devices)
         self.name, graph = address.name, graph_prefix(node, address)
         self.member = Member(node, self.case, self.options, CONTROLLER, self.index, graph=graph, hardware=hardware)
-        names = [name for name in self.controller.parameters if not name.startswith("identifier_")]
+        names = [name for name in kind_of(self.controller).parameters if not name.startswith("identifier_")]
         rows, swing = self.bank.settings[self.index], self.bank.mode_shape[self.index]
         declare_settings(node, self.controller, names, rows, swing, self.member.change)
         link = link_addresses(self.case)[self.case.used_links[self.index]]
@@ -80,10 +84,27 @@ class ControllerNode:
             self.ticks.spin(self.spinner)
         finally:
             self.weights.keep(self.learnt, last=True)
+            for took in step_times(self.programs).values():
+                self.member.guard.voice.line(f"steps {' '.join(map(repr, took))}")
 
     def learnt(self) -> Weights | None:
         """What it has learnt so far."""
         return adapted(self.controller, self.index, self.state, None)
+
+    def health(self) -> Health:
+        """Whether frames arrive; of a program of the user's own also how long its steps take."""
+        took = {
+            name: f"{value:.6g}"
+            for times in step_times(self.programs).values()
+            for name, value in times._asdict().items()
+        }
+        own = self.ticks.health("controls", controller=self.controller.name, **took)
+        late, period_ns = self.late, NANOSECONDS // self.case.run.frame_rate
+        self.late = sum(ns > period_ns for one in self.programs for ns in one.elapsed_ns)
+        if not (self.options.paced and self.late > late):
+            return own
+        text = f"{self.late - late} steps of {self.controller.name} took longer than a frame"
+        return Health(DiagnosticStatus.WARN, text, own.values | {"late_steps": self.late})
 
     def act(self, tick: int, delivered: NDArray[Any], estimates: list[Estimate]) -> None:
         """One tick: act on what was delivered, answer also when nothing was; disarmed, say nothing that acts."""
@@ -94,10 +115,11 @@ class ControllerNode:
         start = tick_ns(tick, self.case.run.frame_rate)
         issued = setpoint_buffer(len(self.controller.devices), len(delivered))
         count = self.compute(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)
+        check(self.programs)
         said = count if self.member.joining.acts else 0
         self.to_link.publish(self.setpoints.fill(tick, start, issued[:said], self.name))
         self.to_recorder.publish(self.inner.fill(tick, start, len(delivered) > 0, self.state))
-        self.member.tell(lambda: self.ticks.health("controls", controller=self.controller.name))
+        self.member.tell(self.health)
         self.weights.keep(self.learnt)
 
 

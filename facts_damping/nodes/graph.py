@@ -25,6 +25,7 @@ from facts_damping.nodes import forked
 from facts_damping.parameters.files import new_folder, read_table
 from facts_damping.parameters.security import read_keys
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.simulation.policies import StepTimes
 from facts_damping.terminal import clean_up_first, write_whole
 
 if TYPE_CHECKING:
@@ -60,6 +61,7 @@ class Outcome:
     messages_lost: int
     messages_refused: Refusals
     fallen: list[str]  # why nodes ended before the run did, in real time
+    step_times: dict[str, StepTimes]  # of controllers that are programs of the user's own
 
 
 @dataclass
@@ -95,6 +97,13 @@ class Process:
         said = self.output.read().decode(errors="replace")
         lines = re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", said, re.MULTILINE)
         return {(self.name, *how): int(count) for count, *how in lines}
+
+    def step_times(self) -> StepTimes | None:
+        """How long the steps of its program took; None: it runs none, or has not told."""
+        self.output.seek(0)
+        said = self.output.read().decode(errors="replace")
+        line = re.search(r"^steps (\d+) (\S+) (\S+) (\S+)$", said, re.MULTILINE)
+        return StepTimes(int(line[1]), *map(float, line.groups()[1:])) if line else None
 
     def reason(self) -> str:
         """Why it ended, in one line."""
@@ -267,9 +276,14 @@ def run(
         if recorder.failed():
             raise RunError(recorder.reason())
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
+        took = {
+            name.rpartition("/")[2]: times
+            for name, process in running.items()
+            if (times := process.step_times()) is not None
+        }
         refused = {how: count for process in running.values() for how, count in process.refused().items()}
     missed = int(lost.group(1)) if lost else 0
-    return Outcome(out / "recording", wall, misses, missed, refused, list(fallen.values()))
+    return Outcome(out / "recording", wall, misses, missed, refused, list(fallen.values()), took)
 
 
 def check_domain(domain: str) -> None:

@@ -122,10 +122,13 @@ class Controller(ParameterModel):
 
     name: Name = Field(
         "LLC",
-        description="a row of `facts-damping list controllers`, or antecedent+consequent; with `linear` any other",
+        description="a row of `facts-damping list controllers`, antecedent+consequent, or of the user's own any other",
     )
     linear: str | dict[str, Any] | None = Field(
         None, description="a law of the user's own: .yaml, .npz or .mat file, or inline; none: that of its name"
+    )
+    policy: str | None = Field(
+        None, description="a class of the user's own: module:Class, path/to/file.py:Class, or an entry point"
     )
     scheme: Literal["direct", "indirect"] | None = Field(None, description="neuro-fuzzy only; none: indirect")
     devices: list[Name] = Field(["sssc"], min_length=1, description="installed devices that it commands")

@@ -44,6 +44,7 @@ from facts_damping.simulation.build import (
     learning_rates,
 )
 from facts_damping.simulation.measured_plant import go_on, observe, tick_ns
+from facts_damping.simulation.policies import check, connect
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from facts_damping.control.identifier_model import Identifiers, IdentifierState
     from facts_damping.measurement.pmu import Pmus, PmuState
     from facts_damping.plant.build import Built
+    from facts_damping.simulation.policies import Program
     from facts_damping.small_signal.residues import Residues
 
 
@@ -89,6 +91,7 @@ class Loop(NamedTuple):
     issued: NDArray[Any]  # SETPOINT, what the controllers issue in a tick
     applied: NDArray[Any]  # SETPOINT, what all links deliver to the devices in a tick
     signals: Signals
+    programs: list[Program]  # of controllers of the user's own, which the compiled step calls
 
 
 def setpoint_buffer(commands: int, entries: int) -> NDArray[Any]:
@@ -116,7 +119,8 @@ def build_loop(case: Case, residues: Residues | None = None, built: Built | None
     up, down = (way.packets.now_ns.shape[1] for way in (links.up, links.down))
     signals = signals_for(case, stamps, up, down)
     pmus, pmu_state = build_pmus(case)
-    return Loop(built.plant, built.state, work, pmus, pmu_state, links, *control, issued, applied, signals)
+    programs = connect(case, control[1])
+    return Loop(built.plant, built.state, work, pmus, pmu_state, links, *control, issued, applied, signals, programs)
 
 
 def signals_for(case: Case, stamps: int, up: int, down: int) -> Signals:
@@ -243,6 +247,7 @@ def _step(
         arrived = downlink(links, link, tick, end, given, issued)
         applied = merge(taken, applied, links.down.out[link], arrived)
     kept.used[3] = _append(kept.applied, kept.used[3], taken, applied)
+    sound = sound and not bank_state.calls.failed.any()
     if sound:
         go_on(plant, plant_state, pmus, pmu_state, tick, taken, applied, work)
     return sound
@@ -286,13 +291,22 @@ def _run(
 
 
 def step(loop: Loop, tick: int) -> bool:
-    """One tick of a loop, the next one of those before; False: the plant is no longer sound, and stands still."""
-    return bool(_step(*loop, tick))
+    """One tick of a loop, the next one of those before; False: the plant is no longer sound, and stands still.
+
+    Raises `RunError` where a program of the user's own has failed.
+    """
+    sound = bool(_step(*loop[:-1], tick))
+    check(loop.programs)
+    return sound
 
 
 def run_loop(loop: Loop) -> None:
-    """All ticks from the first on, or until the plant is no longer sound."""
-    _run(*loop)
+    """All ticks from the first on, or until the plant is no longer sound.
+
+    Raises `RunError` where a program of the user's own has failed.
+    """
+    _run(*loop[:-1])
+    check(loop.programs)
 
 
 def with_half_step(case: Case) -> Case:

@@ -16,6 +16,7 @@ import numpy as np
 from facts_damping.case.loading import change, load_case, make_case
 from facts_damping.case.names import controller_names
 from facts_damping.compiling import specialised
+from facts_damping.control.table import OWN, PROGRAMS
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import each_path, parse_set, read_value
 from facts_damping.plant.integration import watch
@@ -24,6 +25,7 @@ from facts_damping.simulation.build import build_control, build_plant, commands
 from facts_damping.simulation.changes import by_tick, change_watch
 from facts_damping.simulation.loop import allocate_signals, control_step, setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.replayed_changes import ReplayedChanges
 
 if TYPE_CHECKING:
@@ -53,17 +55,24 @@ class Difference(NamedTuple):
         return f"{where}: {self.recorded!r} p.u. recorded, {self.replayed!r} p.u. replayed"
 
 
-def case_of(record: Record, source: str, run: str | None, sets: list[str]) -> Case:
+def case_of(record: Record, source: str, run: str | None, sets: list[str], *, policy: bool = False) -> Case:
     """The case to be replayed: that of the recording, or of a run (name or path), with `--set` applied.
 
     Where `--set` makes a controller another one, its stored parameters go: what the user had given stays, if that was
-    for the same kind. Raises `InputError` where neither names a run.
+    for the same kind. Raises `InputError` where neither names a run, and where the recording, which may be another's,
+    names a program that the user has not asked for by `policy` or `--set`.
     """
     if run is not None:
         return load_case(run, sets)
     check_has_run(record, source)
     content, pairs = deepcopy(record.configuration), dict(parse_set(text) for text in sets)
-    _forget(content, pairs)
+    changed = {path for key in pairs for path in each_path(content, key)}
+    _forget(content, changed)
+    for i, row in enumerate(() if policy else content.get("controllers") or ()):
+        for field in PROGRAMS:
+            if row.get(field) is not None and f"controllers.{i}.{field}" not in changed:
+                given = f"{source}: controllers.{i}.{field}: '{row[field]}' given by the recording"
+                raise InputError(f"{given}; allowed: --policy, to run this code, or another controller by --set")
     change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
     return make_case(content, source, pairs)
 
@@ -79,16 +88,16 @@ def _noted(record: Record) -> str:
     return "".join(f"; {note}" for note in record.notes)
 
 
-def _forget(content: dict[str, Any], pairs: dict[str, str]) -> None:
-    """Drop parameters, scheme and weights of controllers that `--set` makes others."""
+def _forget(content: dict[str, Any], changes: set[str]) -> None:
+    """Drop parameters, scheme and weights of controllers that changes of these fields make others."""
     asked = (content.get("asked") or {}).get("controllers") or []
-    changes = {path for key in pairs for path in each_path(content, key)}
     for i, row in enumerate(content.get("controllers") or []):
         changed = {name for name in SHAPES if f"controllers.{i}.{name}" in changes}
         if changed:
             own = asked[i] if i < len(asked) and "name" not in changed else {}
             row["parameters"] = dict(own.get("parameters") or {})
             row["weights"] = None
+            row.update(dict.fromkeys(OWN if "name" in changed else ()))
             row["scheme"] = own.get("scheme")
 
 
@@ -165,6 +174,7 @@ def play(
     `record`: as `fitted` gives it. The same `control_step` as in the loop, but identifiers hear what was recorded.
     """
     bank, state, identifiers, learnt = build_control(case)
+    programs = connect(case, state)
     ticks, used = record.ticks, np.array(case.used_links, np.int64)
     arrived = [_by_tick(record.delivered[record.delivered["link"] == link], ticks) for link in range(len(case.links))]
     recorded = _by_tick(record.issued, ticks)
@@ -182,6 +192,7 @@ def play(
             delivered[link, : len(rows[at])], ring[link, 2] = rows[at], len(rows[at])
         heard[: len(recorded[at])] = recorded[at]
         act(*parts, len(recorded[at]), tick, kept)
+        check(programs)
         changed.end()
         if at % record.frame_rate == 0 or at + 1 == len(ticks):
             progress(at + 1, len(ticks))

@@ -96,7 +96,8 @@ def delayed_loop(case: Case) -> DelayedLoop:
         raise InputError("controllers: none given; allowed: one linear controller at least")
     linear_ones = [name for name, row in CONTROLLERS.items() if row.network is None]
     for i, controller in enumerate(case.controllers):
-        if kind_of(controller).network is not None:
+        row = kind_of(controller)
+        if row.network is not None or row.program:
             raise InputError(
                 f"controllers.{i}.name: '{controller.name}' given, which is not linear and has no linear margin; "
                 f"allowed: {', '.join(linear_ones)}, a `linear` law (of others a sweep of runs gives the margin)"

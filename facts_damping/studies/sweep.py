@@ -9,11 +9,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.analysis.verdict import DAMPED, LOST
+from facts_damping.control.table import PROGRAMS
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.files import find, parse_set, read_table, read_value
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
+from facts_damping.simulation.policies import source_hash
 from facts_damping.studies import axes, margins
 from facts_damping.studies.batch import IDENTITY, Base, RunRequest, figure_names, make, one_run
 from facts_damping.studies.journal import Journal
@@ -22,7 +24,7 @@ from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from facts_damping.parameters.study import Margin
@@ -72,11 +74,26 @@ def planned(study: Study, name: str, source: str, text: str, sets: Sequence[str]
             check_known("margin.across", study.margin.across, [*IDENTITY, *points[0].columns])
         _check_tables(study, points[0])
         first = make(base, points[0].changes | _margin_changes(study, study.margin.low if study.margin else None))
+        changes = [point.changes for point in points]
+        code = [source_hash(name) for name in dict.fromkeys(_programs([base.content, base.set, *changes]))]
     except InputError as error:
         raise InputError(str(error) if source in str(error) else f"{source}: {error}") from error
-    told = [study.model_dump(), base.content, base.set, first.document(), __version__]
+    told = [study.model_dump(), base.content, base.set, first.document(), __version__, *code]
     digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
     return Plan(name, text, study, base, points, digest)
+
+
+def _programs(content: Any) -> Iterator[str]:
+    """All programs of the user's own that a content of runs names."""
+    if isinstance(content, list):
+        for one in content:
+            yield from _programs(one)
+    elif isinstance(content, dict):
+        for name, value in content.items():
+            if isinstance(value, str) and name.rpartition(".")[2] in PROGRAMS:
+                yield value
+            else:
+                yield from _programs(value)
 
 
 def _check_tables(study: Study, first: Point) -> None:

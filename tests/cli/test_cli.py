@@ -256,7 +256,7 @@ def test_what_did_not_go_well_is_one_line() -> None:
     record = loop.run(load_case(None, ["duration=0.2"]))
     result = summarise(record)
     check_ended_well(result, record)
-    sound = Outcome(Path("recording"), 1.0, 0, 0, {}, [])
+    sound = Outcome(Path("recording"), 1.0, 0, 0, {}, [], {})
     check_ended_well(result, record, sound)
     refused = {
         ("wan_link", "publisher", "/pmu/frames", "/forger"): 3,

@@ -50,6 +50,7 @@ def test_lockstep_recording_equals_in_process_run_bit_for_bit(
     assert_same(recorded, computed)
 
 
+LEAD_LAG = f"{Path(__file__).parents[2] / 'examples' / 'lead_lag.py'}:LeadLag"
 LLC = {"name": "LLC", "signals": ["speed"]}
 SVC = {"kind": "svc", "v_max": 0.05, "rate_max": 5, "B_max": 2, "B_min": -1, "K": 30}
 PLANTS = {
@@ -86,6 +87,10 @@ PLANTS = {
         *("scenario=large", "duration=5", "link=pdci"),
         "controllers="
         + json.dumps([{"name": "my_damper", "signals": ["w13"], "linear": {"num": [50, 20], "den": [0.1, 1.1, 1]}}]),
+    ],
+    "a class of one's own": [
+        *("scenario=large", "duration=5", "link=pdci"),
+        "controllers=" + json.dumps([{"name": "mine", "policy": LEAD_LAG}]),
     ],
     "stabilisers and governors": [
         *("devices=[statcom]", "controllers=[]", "scenario=multiple", "link=delay_100ms"),

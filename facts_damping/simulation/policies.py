@@ -1,0 +1,280 @@
+"""Controllers that are classes of the user's own: found, made, and called by the compiled step.
+
+    class Damper:
+        def __init__(self, spec): ...              # `Spec`
+        def reset(self): ...                       # at the start of a run; may be left out
+        def step(self, t_s, y, age_s, fresh): ...  # -> u
+
+`step` is called at every arrival at which a shipped controller would act: t_s, time of arrival, s; y, the signals,
+(signals,), p.u.; age_s, of the newest frame that each is made of, s; fresh, whether a frame of it is new. It gives the
+setpoints u, (devices,), p.u., which limits follow. An exception, or a setpoint that is none, ends the run.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import importlib
+import inspect
+import os
+import sys
+import time
+import traceback
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.metadata import entry_points
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.case.names import controller_names
+from facts_damping.control.table import kind_of
+from facts_damping.errors import InputError, RunError
+from facts_damping.small_signal import linear_plant, modal_analysis
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.control.bank import BankState
+    from facts_damping.parameters.system import System
+
+GROUP = "facts_damping.policies"  # of entry points
+STEP = ("t_s", "y", "age_s", "fresh")
+_C_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)  # as `control.called` calls it
+
+_loaded: dict[Path, tuple[int, Any]] = {}  # files that were run, and when they had been written
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What a controller of the user's own is made for."""
+
+    name: str
+    signals: list[str]
+    devices: list[str]
+    limits: NDArray[np.float64]  # (devices,), p.u., of setpoints
+    rates: NDArray[np.float64]  # (devices,), p.u./s, at which the devices follow
+    frame_rate: int  # frames/s
+    seed: int  # of its own randomness: made of the run's and its place
+    parameters: dict[str, Any]  # as the run gives them
+    system: System = field(repr=False)
+    installed: list[str] = field(repr=False)  # devices of the run, those of other controllers too
+
+    @cached_property
+    def plant(self) -> linear_plant.LinearPlant:
+        """The linearised plant at the start, of all signals and installed devices (docs/own_controller.md)."""
+        return linear_plant.of(modal_analysis.analyse(self.system, self.installed))
+
+
+class StepTimes(NamedTuple):
+    """How long the steps of a program took, s, by the wall clock."""
+
+    steps: int
+    mean_s: float
+    p99_s: float
+    max_s: float
+
+    def __str__(self) -> str:
+        """In words."""
+        mean, p99, most = (f"{1e6 * value:.0f}" for value in self[1:])
+        return f"{self.steps} steps of {mean} us, 99 % within {p99} us, longest {most} us"
+
+
+class Program:
+    """A controller's program, connected to its row of the bank."""
+
+    def __init__(self, case: Case, c: int, state: BankState) -> None:
+        """Make it. Raises `InputError` where that cannot be done."""
+        controller = case.controllers[c]
+        self.name, self.node, self.devices = controller.name, controller_names(case)[c], controller.devices
+        self.error: BaseException | None = None
+        self.now_ns = 0
+        self.elapsed_ns: list[int] = []
+        signals, devices = len(controller.signals), len(controller.devices)
+        self._y, self._u = state.compensated.signal[c, :signals], state.unlimited[c, :devices]
+        self._age, self._fresh = state.calls.age[c, :signals], state.calls.fresh[c, :signals]
+        self._where, (self._file, self._step) = f"controllers.{c}.policy", _made(case, c)
+        self._function = _C_FUNCTION(self._call)  # kept here, as long as it may be called
+        state.calls.address[c] = ctypes.cast(self._function, ctypes.c_void_p).value or 0
+
+    def _call(self, _controller: int, now_ns: int) -> int:
+        """A step, as the compiled one calls it; 1: it has failed."""
+        try:
+            self.now_ns = now_ns
+            given = now_ns / 1e9, self._y.copy(), self._age.copy(), self._fresh.copy()
+            began = time.perf_counter_ns()
+            u = self._step(*given)
+            self.elapsed_ns.append(time.perf_counter_ns() - began)
+            self._u[:] = _checked(u, self.devices)
+        except BaseException as error:  # noqa: BLE001 (between compiled functions none can pass; `check` raises it)
+            self.error = error
+            return 1
+        return 0
+
+    def check(self) -> None:
+        """Raise what a step has failed with: `RunError` that names the line."""
+        if self.error is None:
+            return
+        if isinstance(self.error, KeyboardInterrupt):
+            raise self.error
+        told = _told(self.error, self._file)
+        raise RunError(f"{self._where}: {told}, in step of {self.name} at {self.now_ns / 1e9:.6g} s") from self.error
+
+    def times(self) -> StepTimes | None:
+        """How long its steps took so far; None where there was none."""
+        if not self.elapsed_ns:
+            return None
+        took = np.array(self.elapsed_ns) * 1e-9
+        return StepTimes(len(took), *map(float, (took.mean(), np.percentile(took, 99), took.max())))
+
+
+def connect(case: Case, state: BankState, only: int | None = None) -> list[Program]:
+    """Make the programs of a case and connect them to their controllers' state; `only`: of one controller.
+
+    They must be kept as long as the state is used. Raises `InputError` where one cannot be made.
+    """
+    mine = range(len(case.controllers)) if only is None else (only,)
+    return [Program(case, c, state) for c in mine if kind_of(case.controllers[c]).program]
+
+
+def check(programs: list[Program]) -> None:
+    """Raise what a program has failed with, if one has."""
+    for program in programs:
+        program.check()
+
+
+def step_times(programs: list[Program]) -> dict[str, StepTimes]:
+    """How long the steps of each program took, by its name as a node."""
+    return {one.node: found for one in programs if (found := one.times()) is not None}
+
+
+def source_hash(text: str) -> str:
+    """What tells one state of a policy's code from another: a hash of its file. Raises `InputError`."""
+    file = inspect.getsourcefile(find(text, "policy"))
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
+
+
+def _made(case: Case, c: int) -> tuple[str, Callable[..., Any]]:
+    """The file of a controller's class, and the `step` of an instance. Raises `InputError`."""
+    controller, where = case.controllers[c], f"controllers.{c}.policy"
+    found = find(str(controller.policy), where)
+    file = inspect.getsourcefile(found) or ""
+    try:
+        made = found(spec_of(case, c))
+        if callable(getattr(made, "reset", None)):
+            made.reset()
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{where}: {_told(error, file)}, as {found.__name__} was made") from error
+    return file, _step_of(made, found.__name__, where)
+
+
+def spec_of(case: Case, c: int) -> Spec:
+    """What controller c is made for."""
+    controller = case.controllers[c]
+    own = [case.system.device(name) for name in controller.devices]
+    return Spec(
+        controller.name,
+        list(controller.signals),
+        list(controller.devices),
+        np.array([device.v_max for device in own]),
+        np.array([device.rate_max for device in own]),
+        case.run.frame_rate,
+        int(np.random.SeedSequence([case.run.seed, c]).generate_state(1)[0]),
+        dict(controller.parameters),
+        case.system,
+        list(case.run.devices),
+    )
+
+
+def find(text: str, where: str) -> Any:
+    """The class that a text names. Raises `InputError`."""
+    place, colon, name = text.rpartition(":")
+    if not colon:
+        known = {one.name: one for one in entry_points(group=GROUP)}
+        if text not in known:
+            others = ", ".join(["module:Class", "path/to/file.py:Class", *known])
+            raise InputError(f"{where}: '{text}' given; allowed: {others}")
+        place, _, name = known[text].value.rpartition(":")
+    try:
+        with _importable(Path.cwd()):
+            module = _run_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
+    except FileNotFoundError as error:
+        raise InputError(f"{where}: {place}: no such file; allowed: a file in Python with the class") from error
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{where}: {_told(error, place)}, as {place} was loaded") from error
+    found = getattr(module, name, None)
+    if not isinstance(found, type):
+        classes = [key for key, value in vars(module).items() if isinstance(value, type) and hasattr(value, "step")]
+        raise InputError(f"{where}: no class '{name}' in {place}; allowed: {', '.join(classes) or 'one with a step'}")
+    return found
+
+
+@contextmanager
+def _importable(folder: Path) -> Iterator[None]:
+    """Let modules of a folder be imported, as they are for a script that lies in it."""
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        with suppress(ValueError):  # the user's code may have changed it, too
+            sys.path.remove(str(folder))
+
+
+def _run_file(path: Path) -> Any:
+    """A file as a module, run once, and again after it has been written anew."""
+    whole = path.resolve()
+    written = whole.stat().st_mtime_ns
+    if _loaded.get(whole, (None,))[0] != written:
+        name = f"policy_{whole.stem}_{hashlib.sha256(os.fsencode(whole)).hexdigest()[:8]}"
+        spec = spec_from_file_location(name, whole)
+        if spec is None or spec.loader is None:
+            raise ImportError(f"{path} is no file in Python")
+        module = module_from_spec(spec)
+        sys.modules[name] = module
+        with _importable(whole.parent):
+            spec.loader.exec_module(module)
+        _loaded[whole] = (written, module)
+    return _loaded[whole][1]
+
+
+def _step_of(made: Any, name: str, where: str) -> Callable[..., Any]:
+    """The `step` of an instance. Raises `InputError` where it does not take what it is given."""
+    step: Callable[..., Any] | None = getattr(made, "step", None)
+    allowed = f"step(self, {', '.join(STEP)})"
+    if not callable(step):
+        raise InputError(f"{where}: {name} has no step; allowed: a class with {allowed}")
+    try:
+        inspect.signature(step).bind(*STEP)
+    except TypeError as error:
+        given = str(inspect.signature(step)).replace("(", "(self, ", 1)
+        raise InputError(f"{where}: {name}: step{given} given; allowed: {allowed}") from error
+    return step
+
+
+def _checked(u: Any, devices: list[str]) -> NDArray[np.float64]:
+    """Setpoints that a step has given. Raises `ValueError` where they are none."""
+    found = np.asarray(u, np.float64)
+    if found.shape != (len(devices),) and not (found.ndim == 0 and len(devices) == 1):
+        raise ValueError(f"u of shape {found.shape} given; allowed: ({len(devices)},), one a device")
+    if not np.isfinite(found).all():
+        at = devices[int(np.argmin(np.isfinite(np.atleast_1d(found))))]
+        raise ValueError(f"{np.atleast_1d(found).tolist()} p.u. given, no number for {at}; allowed: finite ones")
+    return found
+
+
+def _told(error: BaseException, file: str) -> str:
+    """An error of the user's code in one line, with the line of code that it is from."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [one for one in frames if file and Path(one.filename).name == Path(file).name]
+    if isinstance(error, SyntaxError) and error.filename:
+        at = f"{Path(error.filename).name}:{error.lineno}: "
+    else:
+        at = f"{Path(own[-1].filename).name}:{own[-1].lineno}: " if own else ""
+    text = " ".join(str(error).split())
+    return f"{at}{type(error).__name__}: {text}" if text else f"{at}{type(error).__name__}"

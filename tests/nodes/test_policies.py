@@ -1,0 +1,129 @@
+"""Classes of a user's own in real graphs: replayed when asked to, named when they fail or are slow."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from mcap.reader import make_reader
+from rclpy.serialization import deserialize_message
+
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
+from facts_damping.errors import InputError, RunError
+from facts_damping.nodes import graph
+from facts_damping.recording.reader import load
+from facts_damping.simulation import loop
+from tests.nodes.graphs import ARRAYS, LOADED_S, assert_same, quiet
+from tests.nodes.test_graph import LEAD_LAG
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from facts_damping.signals import Record
+
+
+def own(policy: str, *sets: str) -> list[str]:
+    return ["scenario=large", *sets, "controllers=" + json.dumps([{"name": "mine", "policy": policy}])]
+
+
+def written(folder: Path, step: str) -> str:
+    head = "import time\n\nclass Mine:\n    def __init__(self, spec): pass\n"
+    text = f"{head}    def step(self, t_s, y, age_s, fresh): {step}\n"
+    (folder / "mine.py").write_text(text)
+    return f"{folder / 'mine.py'}:Mine"
+
+
+@pytest.fixture(scope="module")
+def recording(module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    assert module_domain > 0
+    folder = tmp_path_factory.mktemp("graph")
+    outcome = graph.run(load_case(None, own(LEAD_LAG, "duration=2", "link=pdci")), "lockstep", folder, quiet, LOADED_S)
+    assert outcome.step_times["controller_0_mine"].steps > 100
+    return outcome.recording
+
+
+def test_a_recording_runs_its_code_when_asked_to_alone(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(recording)]) == 2
+    told = capsys.readouterr().err
+    assert f"controllers.0.policy: '{LEAD_LAG}' given by the recording; allowed: --policy" in told
+    assert told.count("\n") == 1
+    for more in (["--policy"], ["--set", "controllers.0.name=LLC"], ["--set", f"controllers.0.policy={LEAD_LAG}"]):
+        assert main(["replay", str(recording), *more]) == 0
+        assert "identical, bit for bit" in capsys.readouterr().out
+
+
+def test_what_only_reads_a_recording_runs_no_code(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("facts_damping.simulation.policies.find", refuse)
+    report = ["--out", str(tmp_path / "analysis"), "--report", str(tmp_path / "report.html")]
+    assert main(["analyze", str(recording), *report]) == 0
+    assert main(["views", str(recording), "--out", str(tmp_path / "views")]) == 0
+    assert main(["export", str(recording), "--out", str(tmp_path / "signals.csv")]) == 0
+    assert "mine" in (tmp_path / "report.html").read_text()
+
+
+def test_a_class_that_fails_is_named_and_its_recording_is_readable(domain: int, tmp_path: Path) -> None:
+    case = load_case(None, own(written(tmp_path, "return 0.001 if t_s < 1 else 1 / 0"), "duration=3"))
+    said = r"controller_0_mine: controllers.0.policy: mine.py:5: ZeroDivisionError: .*, in step of mine at 1 s"
+    with pytest.raises(RunError, match=said):
+        graph.run(case, "lockstep", tmp_path / "out", quiet, LOADED_S)
+    recorded = load(tmp_path / "out" / "recording")
+    assert len(recorded.time_ns) >= 60
+    before = loop.run(load_case(None, own(written(tmp_path, "return 0.001"), "duration=1")))
+    _same_up_to(recorded, before, 60)
+
+
+def _same_up_to(recorded: Record, computed: Record, ticks: int) -> None:
+    for name in ("frames", "machines", "devices"):
+        assert name in ARRAYS
+        assert getattr(recorded, name)[:ticks].tobytes() == getattr(computed, name)[:ticks].tobytes()
+
+
+def test_nothing_is_started_for_a_class_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = [part for text in own("nowhere.py:Mine") for part in ("--set", text)]
+    assert main(["run", *asked, "--out", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().err
+    assert "controllers.0.policy: nowhere.py: no such file" in told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_node_refuses_it_too(domain: int, tmp_path: Path) -> None:
+    case = load_case(None, own("nowhere.py:Mine", "duration=1"))
+    with pytest.raises((RunError, InputError), match=r"nowhere\.py: no such file"):
+        graph.run(case, "lockstep", tmp_path / "out", quiet, LOADED_S)
+
+
+def test_in_real_time_steps_longer_than_a_frame_are_counted(domain: int, tmp_path: Path) -> None:
+    slow = written(tmp_path, "time.sleep(0.05 if 1.0 < t_s < 1.3 else 0); return 0.0")
+    case = load_case(None, own(slow, "duration=3"))
+    outcome = graph.run(case, "realtime", tmp_path / "out", quiet, LOADED_S)
+    times = outcome.step_times["controller_0_mine"]
+    assert times.max_s > 0.05
+    assert times.steps > 100
+    diagnostics = _diagnostics(outcome.recording)
+    assert any("steps of mine took longer than a frame" in text for text in diagnostics), diagnostics
+
+
+def _diagnostics(recording: Path) -> list[str]:
+    found = []
+    for path in sorted(recording.glob("*.mcap")):
+        with path.open("rb") as file:
+            for _, _, message in make_reader(file).iter_messages(topics=["/diagnostics"]):
+                array = deserialize_message(message.data, DiagnosticArray)
+                found += [status.message for status in array.status if "controller" in status.name]
+    return found
+
+
+def test_lockstep_waits_for_a_step_that_is_slow(domain: int, tmp_path: Path) -> None:
+    slow = written(tmp_path, "time.sleep(0.05 if t_s == 0.5 else 0); return 0.0")
+    sets = own(slow, "duration=1")
+    graph.run(load_case(None, sets), "lockstep", tmp_path / "out", quiet, LOADED_S)
+    assert_same(load(tmp_path / "out" / "recording"), loop.run(load_case(None, sets)))

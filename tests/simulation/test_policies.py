@@ -1,0 +1,307 @@
+"""Controllers that are classes of a user's own: what they are given, what becomes of it, how they fail."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from textwrap import dedent
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
+from facts_damping.errors import InputError, RunError
+from facts_damping.simulation import loop
+from facts_damping.simulation.policies import find, step_times
+
+if TYPE_CHECKING:
+    from facts_damping.signals import Record
+
+ROOT = Path(__file__).parents[2]
+LEAD_LAG = f"{ROOT / 'examples' / 'lead_lag.py'}:LeadLag"
+
+
+def own(policy: str, *sets: str, **fields: Any) -> list[str]:
+    """`--set` of a run with a class of its own, on two_area_large."""
+    return [*sets, "controllers=" + json.dumps([{"name": "mine", "policy": policy, **fields}])]
+
+
+def run(policy: str, *sets: str, **fields: Any) -> Record:
+    return loop.run(load_case("two_area_large", own(policy, "duration=5", *sets, **fields)))
+
+
+def written(folder: Path, text: str, name: str = "mine.py") -> str:
+    """A file with a class `Mine`; its name as the field `policy` has it."""
+    (folder / name).write_text(dedent(text))
+    return f"{folder / name}:Mine"
+
+
+@pytest.mark.parametrize("link", ["ideal", "pdci", "plc", "lossy_bursts"])
+@pytest.mark.parametrize("frame_rate", [60, 50])
+def test_the_lead_lag_as_a_class_is_the_shipped_one_bit_for_bit(link: str, frame_rate: int) -> None:
+    sets = [f"link={link}" if link != "lossy_bursts" else LOSSY, f"frame_rate={frame_rate}"]
+    shipped = loop.run(load_case("two_area_large", ["duration=5", *sets]))
+    given = run(LEAD_LAG, *sets)
+    assert len(shipped.issued) > 0
+    assert given.issued.tobytes() == shipped.issued.tobytes()
+    assert given.machines.tobytes() == shipped.machines.tobytes()
+    assert given.controller_names == ["controller_0_mine"]
+
+
+LOSSY = "link={up: [{model: bernoulli, loss: 0.3}, {model: uniform, low: 0.0, high: 0.15}]}"
+NOTES = """
+    import numpy as np
+
+    class Mine:
+        heard = []
+
+        def __init__(self, spec):
+            self.spec = spec
+            type(self).made = spec
+
+        def step(self, t_s, y, age_s, fresh):
+            self.heard.append((t_s, y, age_s, fresh))
+            y[:] = np.nan  # its own: nobody else sees that
+            return np.zeros(len(self.spec.devices))
+"""
+
+
+def test_it_is_given_what_is_delivered_when_it_arrives(tmp_path: Path) -> None:
+    policy = written(tmp_path, NOTES)
+    record = run(policy, LOSSY, "seed=4", signals=["speed", "power"])
+    steps = find(policy, "policy").heard
+    assert len(steps) == len(record.issued) > 100
+    own = load_case("two_area_large", []).system.signals
+    places = [[record.stations.index(name) for name in own[signal].weights] for signal in ("speed", "power")]
+    rows, taken = record.delivered, np.full((2, len(record.stations)), -1)
+    newest = np.full(len(record.stations), -1)
+    at = 0
+    for (t_s, y, age_s, fresh), issued in zip(steps, record.issued, strict=True):
+        assert round(t_s * 1e9) == issued["issued_ns"]
+        while at < len(rows) and rows[at]["arrival_ns"] <= issued["issued_ns"]:
+            newest[rows[at]["station"]] = max(newest[rows[at]["station"]], rows[at]["measured_ns"])
+            at += 1
+        for i, mine in enumerate(places):
+            assert age_s[i] == pytest.approx((issued["issued_ns"] - newest[mine].max()) * 1e-9, abs=1e-15)
+            assert fresh[i] == bool((newest[mine] != taken[i, mine]).any())
+            taken[i, mine] = newest[mine]
+        assert np.isnan(y).all()  # as it has written itself
+    assert {tuple(fresh) for _, _, _, fresh in steps} > {(True, True)}
+
+
+def test_it_knows_what_it_is_made_for(tmp_path: Path) -> None:
+    policy = written(tmp_path, NOTES)
+    run(policy, "seed=4", "devices=[sssc, statcom]", signals=["w13"], parameters={"gain": 3, "taps": [1, 2], "a": "b"})
+    spec, case = find(policy, "policy").made, load_case("two_area_large", [])
+    assert (spec.name, spec.signals, spec.devices, spec.frame_rate) == ("mine", ["w13"], ["sssc"], 60)
+    assert spec.parameters == {"gain": 3.0, "taps": [1.0, 2.0], "a": "b"}
+    assert (spec.limits, spec.rates) == (case.system.device("sssc").v_max, case.system.device("sssc").rate_max)
+    plant = spec.plant
+    assert plant.devices == ["sssc", "statcom"]
+    assert plant.A.shape[0] == len(plant.states)
+    assert "w13" in plant.signals
+
+
+def test_its_seed_is_of_the_run_and_its_place(tmp_path: Path) -> None:
+    policy = written(tmp_path, NOTES)
+    seeds = []
+    for seed in (1, 1, 2):
+        rows = [{"name": n, "policy": policy, "devices": [n]} for n in ("sssc", "statcom")]
+        sets = ["devices=[sssc, statcom]", f"seed={seed}", "duration=0.1", "controllers=" + json.dumps(rows)]
+        built = loop.build_loop(load_case("two_area_large", sets))
+        seeds.append([one._step.__self__.spec.seed for one in built.programs])  # type: ignore[attr-defined]
+    assert seeds[0] == seeds[1]
+    assert len({*seeds[0], *seeds[2]}) == 4
+
+
+def test_setpoints_are_limited_like_others(tmp_path: Path) -> None:
+    policy = written(tmp_path, "class Mine:\n    def __init__(self, spec): pass\n    def step(self, *a): return 7.0\n")
+    record = run(policy)
+    assert set(record.issued["value"]) == {load_case("two_area_large", []).system.device("sssc").v_max}
+
+
+def test_a_file_is_read_again_when_it_is_written_anew(tmp_path: Path) -> None:
+    text = "class Mine:\n    def __init__(self, spec): pass\n    def step(self, *a): return {}\n"
+    for value in (0.001, 0.0025):
+        assert set(run(written(tmp_path, text.format(value)), "duration=0.2").issued["value"]) == {value}
+
+
+def test_it_may_import_what_lies_beside_it_and_modules_of_the_folder_where_the_command_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "beside_it.py").write_text("VALUE = 0.002\n")
+    text = "from beside_it import VALUE\nclass Mine:\n    def __init__(self, s): pass\n    step = lambda *a: VALUE\n"
+    written(tmp_path, text, "importing.py")
+    assert set(run(f"{tmp_path / 'importing.py'}:Mine", "duration=0.2").issued["value"]) == {0.002}
+    monkeypatch.chdir(tmp_path)
+    assert set(run("importing:Mine", "duration=0.2").issued["value"]) == {0.002}
+
+
+MINE = "class Mine:\n    def __init__(self, spec): {}\n    def step(self, t_s, y, age_s, fresh): {}\n"
+
+
+@pytest.mark.parametrize(
+    ("policy", "said"),
+    [
+        ("nowhere.py:Mine", "controllers.0.policy: nowhere.py: no such file; allowed: a file in Python"),
+        ("nowhere:Mine", "ModuleNotFoundError: No module named 'nowhere', as nowhere was loaded"),
+        ("json:Mine", "controllers.0.policy: no class 'Mine' in json; allowed: one with a step"),
+        ("Mine", "'Mine' given; allowed: module:Class, path/to/file.py:Class"),
+        (1, "policy"),
+    ],
+)
+def test_classes_that_are_not_there_are_one_line(policy: Any, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert_one_line(2, own(policy), said, capsys)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("class Mine:\n    pass\n", "policy: TypeError: Mine() takes no arguments, as Mine was made"),
+        ("class Mine:\n    def __init__(self, spec): pass\n", "Mine has no step; allowed: a class with step(self, t_s"),
+        (
+            "class Mine:\n    def __init__(self, spec): pass\n    def step(self, y): pass\n",
+            "Mine: step(self, y) given; allowed: step(self, t_s, y, age_s, fresh)",
+        ),
+        ("import nothing_like_it\n", "mine.py:1: ModuleNotFoundError: No module named 'nothing_like_it'"),
+        ("class Mine:\n  def\n", "mine.py:2: SyntaxError"),
+        (MINE.format("spec.parameters['gain']", "pass"), "mine.py:2: KeyError: 'gain', as Mine was made"),
+        ("class Other:\n    def step(self): pass\n", "no class 'Mine' in" ),
+        ("raise SystemExit(5)\n", "mine.py:1: SystemExit: 5, as"),
+    ],
+)  # fmt: skip
+def test_classes_that_do_not_fit_are_one_line(
+    tmp_path: Path, text: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert_one_line(2, own(written(tmp_path, text)), said, capsys)
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        ("return 1 / (t_s < 1.0)", "controllers.0.policy: mine.py:3: ZeroDivisionError: division by zero, in step of"),
+        ("return float('nan') if t_s > 1 else 0", "ValueError: [nan] p.u. given, no number for sssc; allowed: finite"),
+        ("return [0.0, 0.0]", "ValueError: u of shape (2,) given; allowed: (1,), one a device, in step of mine at 0 s"),
+        ("return 'zero'", "ValueError: could not convert string to float: 'zero', in step of mine"),
+        ("return None", "no number for sssc"),
+        ("raise SystemExit", "mine.py:3: SystemExit, in step of mine at 0 s"),
+    ],
+)
+def test_steps_that_fail_end_the_run_by_name(
+    tmp_path: Path, step: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert_one_line(1, own(written(tmp_path, MINE.format("pass", step))), said, capsys)
+
+
+def assert_one_line(status: int, sets: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = [part for text in ["duration=3", *sets] for part in ("--set", text)]
+    assert main(["simulate", "two_area_large", *asked]) == status
+    out, told = capsys.readouterr()
+    assert out == ""
+    assert said in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"name": "LLC"}, "controllers.0.name: 'LLC' given with `policy`; allowed: a name of its own"),
+        ({"linear": {"D": [[1]]}}, "'mine' given with `linear` and `policy`; allowed: one of linear, policy"),
+        ({"scheme": "direct"}, "controllers.0.scheme: 'direct' given; allowed: none for mine"),
+        ({"compensation": "lead"}, "controllers.0.compensation: 'lead' given; allowed: none for mine"),
+        ({"signals": ["nothing"]}, "controllers.0.signals: 'nothing' given"),
+        ({"devices": ["statcom"]}, "controllers.0.devices: 'statcom' given"),
+    ],
+)
+def test_what_does_not_fit_a_class_is_one_line(
+    fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sets = ["controllers=" + json.dumps([{"name": "mine", "policy": LEAD_LAG, **fields}])]
+    assert_one_line(2, sets, said, capsys)
+
+
+def test_an_interruption_in_a_step_interrupts_the_run(tmp_path: Path) -> None:
+    policy = written(tmp_path, MINE.format("pass", "raise KeyboardInterrupt('enough')"))
+    with pytest.raises(KeyboardInterrupt, match="enough"):
+        run(policy)
+
+
+def test_who_steps_by_hand_is_told_of_the_failure_at_once(tmp_path: Path) -> None:
+    policy = written(tmp_path, MINE.format("pass", "return 0 if t_s < 0.5 else 1 / 0"))
+    built = loop.build_loop(load_case("two_area_large", own(policy, "duration=2")))
+    for tick in range(30):
+        assert loop.step(built, tick)
+    with pytest.raises(RunError, match="ZeroDivisionError") as failure:
+        loop.step(built, 30)
+    assert isinstance(failure.value.__cause__, ZeroDivisionError)
+
+
+def test_it_is_said_how_long_steps_take(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = "import time\n" + MINE.format("pass", "time.sleep(0.002 if t_s < 1.5 else 0.0); return 0")
+    policy, target = written(tmp_path, text), tmp_path / "told.json"
+    asked = [part for one in own(policy, "duration=2") for part in ("--set", one)]
+    assert main(["simulate", *asked, "--json", str(target)]) == 0
+    told = json.loads(target.read_text())["step_times"]["controller_0_mine"]
+    assert told["steps"] == 120
+    assert 0.0015 < told["mean_s"] < told["p99_s"] <= told["max_s"]
+    assert "controller_0_mine: 120 steps of " in capsys.readouterr().out
+    assert step_times([]) == {}
+
+
+STUDY = """
+run: two_area_large
+set: {{duration: 8, link: pdci}}
+sweep:
+  - name: law
+    labels: [LLC, mine]
+    rows:
+      - {{controllers.0.name: LLC}}
+      - {{controllers.0.name: mine, controllers.0.policy: "{policy}"}}
+margin:
+  name: added_s
+  fields: {{link.down.1.delay: 1}}
+  low: 0
+  high: 0.9
+  coarse: 3
+  tolerance: 0.05
+  criteria: [unstable]
+modes: false
+"""
+
+
+def test_a_sweep_takes_the_delay_margin_of_a_class_beside_others(tmp_path: Path) -> None:
+    (tmp_path / "copy.py").write_text((ROOT / "examples" / "lead_lag.py").read_text())
+    study, out = tmp_path / "study.yaml", tmp_path / "out"
+    study.write_text(STUDY.format(policy=f"{tmp_path / 'copy.py'}:LeadLag"))
+    sweep = ["sweep", str(study), "--out", str(out), "--jobs", "1"]
+    assert main([*sweep, "--json", str(tmp_path / "told.json")]) == 0
+    rows = json.loads((tmp_path / "told.json").read_text())["margins"]
+    assert [row["controller"] for row in rows] == ["LLC", "mine"]
+    assert [rows[0][end] for end in ("low_s", "high_s")] == [rows[1][end] for end in ("low_s", "high_s")]
+    assert 0.3 < rows[0]["low_s"] < rows[0]["high_s"] < 0.5
+    # What the class says belongs to what the rows depend on.
+    (tmp_path / "copy.py").write_text((tmp_path / "copy.py").read_text() + "\n# another one\n")
+    assert main(sweep) == 2
+
+
+def test_a_study_of_a_class_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study = tmp_path / "study.yaml"
+    study.write_text(STUDY.format(policy="nowhere.py:Mine"))
+    assert main(["sweep", str(study), "--out", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().err
+    assert "nowhere.py: no such file" in told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_linear_margins_refuse_it(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = [part for one in own(LEAD_LAG) for part in ("--set", one)]
+    assert main(["margin", "two_area_small", *asked]) == 2
+    assert "'mine' given, which is not linear and has no linear margin" in capsys.readouterr().err
+
+
+def test_errors_are_input_errors_for_scripts(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        run(f"{tmp_path / 'nowhere.py'}:Mine")
