@@ -133,6 +133,7 @@ setup(
             "tops==0.3.0",
         ],
         "control": ["control>=0.10,<0.11"],  # the linear plant as `control.StateSpace`
+        "fmi": ["fmpy==0.3.22"],  # FMUs as controllers; later ones bring CMake and Jupyter along
         "foxglove": ["foxglove-sdk>=0.30,<1"],  # for the node live_view
         "dask": ["distributed>=2024.1"],  # for `facts-damping sweep --scheduler`; versions are dates
         "matpower": ["matpowercaseframes==2.1.1", "pandas<4"],  # for `facts-damping import`
@@ -140,6 +141,7 @@ setup(
             "colcon-common-extensions>=0.3,<1",  # tests/test_packaging.py
             "control>=0.10,<0.11",
             "distributed>=2024.1",
+            "fmpy==0.3.22",
             "foxglove-sdk>=0.30,<1",
             "hypothesis>=6.100,<7",
             "import-linter>=2,<3",
@@ -150,6 +152,8 @@ setup(
             "pytest>=8,<9.2",  # from there on pytest-xdist 3.8 knows no groups
             "pytest-timeout>=2.3,<3",
             "pytest-xdist>=3.6,<4",
+            "pythonfmu==0.7.0",
+            "pythonfmu3==0.3.4",
             "ruff==0.17.5",
             "types-PyYAML>=6,<7",
             "websockets>=14,<18",

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
 
 LAW, DIRECT, INDIRECT, STATE_SPACE, CALLED = range(5)  # how a controller acts
-PROGRAMS = ("policy",)  # fields of a controller whose step is a program of the user's own
+PROGRAMS = ("policy", "fmu")  # fields of a controller whose step is a program of the user's own
 OFF_ON = ("off", "on")
 ANY = 16  # signals, of a controller that takes several
 MOST_AHEAD = 60  # frames that an identifier may look ahead
@@ -302,6 +302,7 @@ CONTROLLERS = {
 OWN = {
     "linear": ControllerKind("a linear law", ANY, 0, COMPENSATION_PARAMETERS, tuned=False, own="linear"),
     "policy": ControllerKind("a class in Python", ANY, 0, {}, tuned=False, own="policy"),
+    "fmu": ControllerKind("an FMU", ANY, 0, {}, tuned=False, own="fmu"),
 }
 
 

@@ -117,6 +117,14 @@ class Weights(ParameterModel):
     identifier: list[float] | None = Field(None, description="parameters of its identifier's network")
 
 
+class Fmu(ParameterModel):
+    """An FMU as a controller, whose variables are called otherwise than its signals and devices."""
+
+    file: str = Field(..., description="an FMU of FMI 2 or 3, for co-simulation")
+    inputs: dict[Name, str] = Field({}, description="signal: name of its input, where that differs")
+    outputs: dict[Name, str] = Field({}, description="device: name of its output, where that differs")
+
+
 class Controller(ParameterModel):
     """A controller node: which row of the table of controllers, what it is given, what it commands."""
 
@@ -130,6 +138,7 @@ class Controller(ParameterModel):
     policy: str | None = Field(
         None, description="a class of the user's own: module:Class, path/to/file.py:Class, or an entry point"
     )
+    fmu: str | Fmu | None = Field(None, description="an FMU of the user's own, FMI 2 or 3, for co-simulation")
     scheme: Literal["direct", "indirect"] | None = Field(None, description="neuro-fuzzy only; none: indirect")
     devices: list[Name] = Field(["sssc"], min_length=1, description="installed devices that it commands")
     signals: list[Name] = Field(["speed"], min_length=1, description="signals of the system that it is given")

@@ -33,6 +33,7 @@ import numpy as np
 from facts_damping.case.names import controller_names
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
+from facts_damping.simulation.fmus import FmuController
 from facts_damping.small_signal import linear_plant, modal_analysis
 
 if TYPE_CHECKING:
@@ -99,7 +100,8 @@ class Program:
         signals, devices = len(controller.signals), len(controller.devices)
         self._y, self._u = state.compensated.signal[c, :signals], state.unlimited[c, :devices]
         self._age, self._fresh = state.calls.age[c, :signals], state.calls.fresh[c, :signals]
-        self._where, (self._file, self._step) = f"controllers.{c}.policy", _made(case, c)
+        self._where = f"controllers.{c}.{kind_of(controller).own}"
+        self._file, self._step = _made(case, c, self._where)
         self._function = _C_FUNCTION(self._call)  # kept here, as long as it may be called
         state.calls.address[c] = ctypes.cast(self._function, ctypes.c_void_p).value or 0
 
@@ -155,14 +157,16 @@ def step_times(programs: list[Program]) -> dict[str, StepTimes]:
 
 
 def source_hash(text: str) -> str:
-    """What tells one state of a policy's code from another: a hash of its file. Raises `InputError`."""
-    file = inspect.getsourcefile(find(text, "policy"))
+    """What tells one state of a program from another: a hash of a class's, or an FMU's, file. Raises `InputError`."""
+    file = text if text.endswith(".fmu") else inspect.getsourcefile(find(text, "policy"))
     return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
 
 
-def _made(case: Case, c: int) -> tuple[str, Callable[..., Any]]:
-    """The file of a controller's class, and the `step` of an instance. Raises `InputError`."""
-    controller, where = case.controllers[c], f"controllers.{c}.policy"
+def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any]]:
+    """The file of a controller's class, and the `step` of an instance; an FMU's. Raises `InputError`."""
+    controller = case.controllers[c]
+    if controller.fmu is not None:
+        return "", FmuController(spec_of(case, c), controller.fmu, where).step
     found = find(str(controller.policy), where)
     file = inspect.getsourcefile(found) or ""
     try:

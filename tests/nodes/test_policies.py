@@ -16,8 +16,9 @@ from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from tests.lead_lag_fmu import build
 from tests.nodes.graphs import ARRAYS, LOADED_S, assert_same, quiet
-from tests.nodes.test_graph import LEAD_LAG
+from tests.nodes.test_graph import EXAMPLES, LEAD_LAG
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -120,6 +121,18 @@ def _diagnostics(recording: Path) -> list[str]:
                 array = deserialize_message(message.data, DiagnosticArray)
                 found += [status.message for status in array.status if "controller" in status.name]
     return found
+
+
+def test_an_fmu_in_a_graph_is_the_one_in_process_bit_for_bit(domain: int, tmp_path: Path) -> None:
+    fmu = build(tmp_path, EXAMPLES, 3)
+    sets = [
+        "scenario=large",
+        "duration=2",
+        "link=pdci",
+        "controllers=" + json.dumps([{"name": "mine", "fmu": str(fmu)}]),
+    ]
+    graph.run(load_case(None, sets), "lockstep", tmp_path / "out", quiet, LOADED_S)
+    assert_same(load(tmp_path / "out" / "recording"), loop.run(load_case(None, sets)))
 
 
 def test_lockstep_waits_for_a_step_that_is_slow(domain: int, tmp_path: Path) -> None:

@@ -1,0 +1,142 @@
+"""Controllers that are FMUs: of FMI 2 or 3, for co-simulation, by FMPy.
+
+As Simulink, OpenModelica or Dymola export them: https://fmi-standard.org. At an arrival the inputs are set to the
+newest signals, the FMU steps by the time between the newest two measurements, and its outputs are the setpoints. So its
+time is that of measurement, and it begins at the first frame, with that frame's signals.
+"""
+
+from __future__ import annotations
+
+import importlib
+import weakref
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+from zipfile import ZipFile
+
+import numpy as np
+
+from facts_damping.errors import InputError
+from facts_damping.parameters.run import Fmu
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.simulation.policies import Spec
+
+REAL = {"2.0": "Real", "3.0": "Float64"}  # how numbers are called, by the version of FMI
+ERROR = 3  # status of log messages from there on
+
+
+class FmuController:
+    """An FMU as a controller: what `policies` calls."""
+
+    def __init__(self, spec: Spec, given: str | Fmu, where: str) -> None:
+        """Load it. Raises `InputError` where that cannot be done, and where it lacks a variable."""
+        fmu = Fmu(file=given) if isinstance(given, str) else given
+        self._said: list[str] = []
+        folder, description = _unpacked(Path(fmu.file), where)
+        names = {one.name: one for one in description.modelVariables}
+        self._real = REAL[description.fmiVersion]
+        self._inputs, self._outputs, parameters = (
+            self._references(names, causality, {name: others.get(name, name) for name in wanted}, fmu.file, where)
+            for causality, others, wanted in (
+                ("input", fmu.inputs, spec.signals),
+                ("output", fmu.outputs, spec.devices),
+                ("parameter", {}, spec.parameters),
+            )
+        )
+        try:
+            make = importlib.import_module("fmpy.simulation").instantiate_fmu
+            self._fmu = make(folder.name, description, "CoSimulation", logger=self._log)
+            self._set(parameters, [float(value) for value in spec.parameters.values()])
+        except Exception as error:  # a library for another machine, say
+            reason = " ".join("; ".join([str(error), *self._said]).split())
+            raise InputError(
+                f"{where}: {fmu.file}: cannot be loaded: {reason}; allowed: one for this machine"
+            ) from error
+        weakref.finalize(self, self._fmu.freeInstance)
+        self._measured_ns = -1
+
+    def step(
+        self, t_s: float, y: NDArray[np.float64], age_s: NDArray[np.float64], _fresh: NDArray[np.bool_]
+    ) -> list[float]:
+        """Setpoints, p.u., of the newest signals."""
+        try:
+            return self._step(round((t_s - float(np.min(age_s))) * 1e9), y.tolist())
+        except Exception as error:
+            raise RuntimeError("; ".join([str(error), *self._said])) from error
+
+    def _step(self, measured_ns: int, y: list[float]) -> list[float]:
+        before, self._measured_ns = self._measured_ns, measured_ns
+        if before >= 0:
+            self._set(self._inputs, y)
+            self._fmu.doStep(before * 1e-9, (measured_ns - before) * 1e-9)
+        elif self._real == "Real":
+            self._fmu.setupExperiment(startTime=measured_ns * 1e-9)
+            self._fmu.enterInitializationMode()
+        else:
+            self._fmu.enterInitializationMode(startTime=measured_ns * 1e-9)
+        if before < 0:
+            self._set(self._inputs, y)
+            self._fmu.exitInitializationMode()
+        found: list[float] = getattr(self._fmu, f"get{self._real}")(self._outputs)
+        return found
+
+    def _set(self, references: list[int], values: list[float]) -> None:
+        if references:
+            getattr(self._fmu, f"set{self._real}")(references, values)
+
+    def _log(self, *message: Any) -> None:
+        """What the FMU says: errors go with the exception of its call. The last ones: status, category, text."""
+        status, _, text = message[-3:]
+        if status >= ERROR:
+            self._said.append(" ".join((text or b"").decode(errors="replace").split()))
+
+    def _references(
+        self, names: dict[str, Any], causality: str, wanted: dict[str, str], file: str, where: str
+    ) -> list[int]:
+        """References of variables by the names of signals, devices or parameters. Raises `InputError`."""
+        allowed = [
+            one.name
+            for one in names.values()
+            if one.causality == causality and one.type == self._real and not one.dimensions
+        ]
+        for own, name in wanted.items():
+            if name not in allowed:
+                more = f", or `{causality}s: {{{own}: ...}}`" if causality != "parameter" else ""
+                raise InputError(
+                    f"{where}: {file} has no {causality} '{name}' of type {self._real}; "
+                    f"allowed: {', '.join(allowed) or 'none'}{more}"
+                )
+        return [names[name].valueReference for name in wanted.values()]
+
+
+def _unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
+    """The folder of an FMU, and its description. Raises `InputError` where it is none."""
+    try:
+        importlib.import_module("fmpy")
+    except ImportError as error:
+        raise InputError(f"{where}: FMPy is not installed; allowed: pip install 'facts_damping[fmi]'") from error
+    if not path.is_file():
+        raise InputError(f"{where}: {path}: no such file; allowed: an FMU")
+    try:
+        folder, description = _unpack(path.resolve(), path.stat().st_mtime_ns)
+    except Exception as error:  # whatever archives, XML and FMPy die of
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{where}: {path}: cannot be read: {reason}; allowed: an FMU of FMI 2 or 3") from error
+    if description.fmiVersion not in REAL or description.coSimulation is None:
+        given = f"FMI {description.fmiVersion}" + ("" if description.coSimulation else " without co-simulation")
+        raise InputError(f"{where}: {path}: {given} given; allowed: FMI 2.0 or 3.0, for co-simulation")
+    return folder, description
+
+
+@cache
+def _unpack(path: Path, _written: int) -> tuple[TemporaryDirectory[str], Any]:
+    """An FMU in a folder that goes with this process, once for each state of its file."""
+    description = importlib.import_module("fmpy").read_model_description(str(path))
+    folder = TemporaryDirectory(prefix="facts_damping_fmu_")
+    with ZipFile(path) as archive:
+        archive.extractall(folder.name)
+    return folder, description
