@@ -11,6 +11,7 @@ class LeadLag:
     """kG s Tw / (1 + s Tw) (1 + s T1) / (1 + s T2) (1 + s T3) / (1 + s T4), by the bilinear transform."""
 
     def __init__(self, spec):
+        self.measured_ns = None
         p = DEFAULTS | spec.parameters
         self.sections = (
             (p["gain"] * p["Tw"], 0.0, p["Tw"]),

@@ -10,14 +10,16 @@ import sys
 import time
 from typing import Any
 
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, Shutdown
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, RegisterEventHandler, Shutdown
 from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from facts_damping.case.loading import load_case
 from facts_damping.case.names import Address, controller_addresses, identifier_addresses, link_addresses
+from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
+from facts_damping.nodes.commands import command
 from facts_damping.nodes.warmup import compile_once
 from facts_damping.parameters.files import read_value
 from launch import LaunchContext, LaunchDescription
@@ -61,7 +63,7 @@ def ended(event: Any, context: LaunchContext) -> None:
         raise RuntimeError(f"{event.process_name} ended with status {event.returncode}")
 
 
-def nodes(context: LaunchContext) -> list[Node | RegisterEventHandler]:
+def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventHandler]:
     """Plant and recorder, a node for each link that is used, for each controller of the run, for each identifier."""
     check_arguments(sys.argv)
     asked = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
@@ -93,11 +95,18 @@ def nodes(context: LaunchContext) -> list[Node | RegisterEventHandler]:
             watched.append(made)
         return made
 
-    watched: list[Node] = []
+    watched: list[Node | ExecuteProcess] = []
     plant = node("plant_sim", Address("", "plant_sim"))
-    started = [plant]
+    started: list[Node | ExecuteProcess] = [plant]
     started += [node("wan_link", address, index=i) for i, address in enumerate(link_addresses(case))]
-    started += [node("controller", address, index=i) for i, address in enumerate(controller_addresses(case))]
+    for i, address in enumerate(controller_addresses(case)):
+        own = kind_of(case.controllers[i])
+        if not own.node:
+            started.append(node("controller", address, index=i))
+        elif own.own == "command":
+            cmd = command(case, i, asked["namespace"].strip("/"))
+            watched.append(ExecuteProcess(cmd=cmd, name=address.name, output="screen"))
+            started.append(watched[-1])
     started += [node("identifier", address, index=i) for i, address in identifier_addresses(case).items()]
     if asked["output"]:
         started.append(node("recorder", Address("", "recorder"), output=asked["output"]))

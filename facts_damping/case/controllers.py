@@ -61,7 +61,7 @@ def filled(
             f"{controller.name}{f' {scheme}' if scheme else ''}, or an indirect controller, whose identifier predicts"
         )
     counts = sizes(controller)
-    for name, value in () if row.program else controller.parameters.items():
+    for name, value in () if row.program or row.node else controller.parameters.items():
         check_parameter(where(f"parameters.{name}"), name, value, row.parameters, counts)
     known = tuned(system.name, controller.signals, controller.devices, measurement)
     if controller.name == "LLC-tuned" and (controller.name, None) not in known and not controller.parameters:

@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
 
 LAW, DIRECT, INDIRECT, STATE_SPACE, CALLED = range(5)  # how a controller acts
-PROGRAMS = ("policy", "fmu")  # fields of a controller whose step is a program of the user's own
+# Fields of a controller that is a program of the user's own: which is called, or is a node by itself.
+PROGRAMS, NODES = ("policy", "fmu"), ("external", "command")
+RUN = ("policy", "fmu", "command")  # those whose code is run for it
 OFF_ON = ("off", "on")
 ANY = 16  # signals, of a controller that takes several
 MOST_AHEAD = 60  # frames that an identifier may look ahead
@@ -114,11 +116,16 @@ class ControllerKind(NamedTuple):
         """Whether its step is a program of the user's own."""
         return self.own in PROGRAMS
 
+    @property
+    def node(self) -> bool:
+        """Whether it is a node of the user's own."""
+        return self.own in NODES
+
     def code(self, scheme: str | None) -> int:
         """How it acts: a network by its scheme."""
         if self.network is not None:
             return INDIRECT if scheme == "indirect" else DIRECT
-        if self.program:
+        if self.program or self.node:
             return CALLED
         return STATE_SPACE if self.design or self.own else LAW
 
@@ -303,6 +310,8 @@ OWN = {
     "linear": ControllerKind("a linear law", ANY, 0, COMPENSATION_PARAMETERS, tuned=False, own="linear"),
     "policy": ControllerKind("a class in Python", ANY, 0, {}, tuned=False, own="policy"),
     "fmu": ControllerKind("an FMU", ANY, 0, {}, tuned=False, own="fmu"),
+    "external": ControllerKind("a node", ANY, 0, {}, tuned=False, own="external"),
+    "command": ControllerKind("a node", ANY, 0, {}, tuned=False, own="command"),
 }
 
 
@@ -340,7 +349,7 @@ def kind(name: str, where: str = "controller") -> ControllerKind:
 
 def kind_of(controller: Controller, where: str = "controller") -> ControllerKind:
     """The row of a run's controller: of its name, or of one of the user's own. Raises `InputError`."""
-    given = [field for field in OWN if getattr(controller, field) is not None]
+    given = [field for field in OWN if getattr(controller, field) not in (None, False)]
     if not given:
         return kind(controller.name, where)
     if len(given) > 1:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import tempfile
 import time
@@ -20,8 +21,10 @@ from facts_damping.case.names import (
     link_addresses,
     recorded_topic,
 )
+from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import forked
+from facts_damping.nodes.commands import Command, command
 from facts_damping.parameters.files import new_folder, read_table
 from facts_damping.parameters.security import read_keys
 from facts_damping.parameters.yaml_text import dump
@@ -69,7 +72,7 @@ class Process:
     """A node that runs, and the files that take its output."""
 
     name: str
-    process: BaseProcess
+    process: BaseProcess | Command
     output: IO[bytes]
     errors: IO[bytes]
     told: int = field(default=0)  # bytes of its output that were read
@@ -112,6 +115,8 @@ class Process:
         code = self.process.exitcode
         if code is not None and code < 0 and code != STUCK:
             return f"{self.name} was killed by {signal.Signals(-code).name}"
+        if lines and isinstance(self.process, Command):
+            return f"{self.name} ended with exit status {code}: {lines[-1]}"
         return lines[-1] if lines else f"{self.name} ended with exit status {code}"
 
 
@@ -129,6 +134,27 @@ def start(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[st
     names = (f"/proc/{os.getpid()}/fd/{file.fileno()}" for file in (output, errors))
     process = forked.start(module, arguments, {**ENVIRONMENT, **os.environ}, *names)
     return Process(name, process, output, errors)
+
+
+def start_command(case: Case, c: int, out: Path) -> Process:
+    """Start a node of the user's own by its command; what it says goes into a file beside the recording."""
+    name = str(controller_addresses(case)[c])
+    log = (out / f"{controller_names(case)[c]}.log").open("w+b")
+    asked = command(case, c)
+    try:
+        process = Command(asked, {**ENVIRONMENT, **os.environ}, log)
+    except OSError as error:
+        log.close()
+        raise RunError(f"{name}: {asked[0]}: cannot be started: {error.strerror}") from error
+    return Process(name, process, log, log)
+
+
+def check_commands(case: Case) -> None:
+    """Refuse nodes of the user's own whose program is not there."""
+    for c, controller in enumerate(case.controllers):
+        if controller.command is not None and shutil.which(controller.command[0]) is None:
+            given = f"controllers.{c}.command: '{controller.command[0]}' given"
+            raise InputError(f"{given}; allowed: a program that is there, and may be run")
 
 
 def _end(processes: Iterable[Process], number: int) -> None:
@@ -208,6 +234,11 @@ def graph(
             ("identifier", identifier_addresses(case)),
         ):
             for i, node in nodes.items():
+                kind = kind_of(case.controllers[i]) if module == "controller" else None
+                if kind is not None and kind.node:
+                    if kind.own == "command":
+                        running[str(node)] = start_command(case, i, out)
+                    continue
                 own = {"index": i} | ({} if module == "wan_link" else {"save": _part(out, node.name)})
                 hears = () if replayed is None or module != "identifier" else (recorded_topic(senders[i]),)
                 remaps = ({f"/{senders[i]}/setpoints": f"/{topic}" for topic in hears},) if hears else ()
@@ -245,6 +276,7 @@ def run(
     check_domain(os.environ.get("ROS_DOMAIN_ID", "0"))
     if (out / "recording").exists():
         raise InputError(f"--out {out}: holds a recording already; allowed: a new folder")
+    check_commands(case)
     if case.run.security is not None and replayed is None:
         read_keys(Path(case.run.security.keys))
     new_folder(out)

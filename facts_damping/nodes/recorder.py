@@ -13,6 +13,7 @@ import facts_damping_msgs.msg as messages
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
+from facts_damping.control.table import kind_of
 from facts_damping.nodes.cdr import Refused
 from facts_damping.nodes.guard import PLANT
 from facts_damping.nodes.member import RECORDER, Member
@@ -50,7 +51,8 @@ OF_A_LINK = {
     "setpoints/delivered": messages.VoltageSetpoints,
     "link/statistics": messages.LinkStatistics,
 }
-OF_A_CONTROLLER = {"setpoints": messages.VoltageSetpoints, "state": messages.ControllerState}
+SETPOINTS = "setpoints"
+OF_A_CONTROLLER = {SETPOINTS: messages.VoltageSetpoints, "state": messages.ControllerState}
 
 
 STAMP_END, TICK_END = 12, 20  # where in a message that of the header ends, and its frame_id, which is empty
@@ -67,7 +69,12 @@ def begins_a_run(data: bytes) -> bool:
 def topics(case: Case) -> dict[str, Any]:
     """Topics of a case and their types."""
     own = {link.topic(name): kind for link in link_addresses(case) for name, kind in OF_A_LINK.items()}
-    own |= {f"{one}/{name}": kind for one in controller_addresses(case) for name, kind in OF_A_CONTROLLER.items()}
+    for controller, address in zip(case.controllers, controller_addresses(case), strict=True):
+        own |= {
+            f"{address}/{name}": kind
+            for name, kind in OF_A_CONTROLLER.items()
+            if name == SETPOINTS or not kind_of(controller).node  # one of the user's own need not tell its state
+        }
     own |= {f"{one}/estimate": messages.JacobianEstimate for one in identifier_addresses(case).values()}
     return {**TOPICS, **own}
 

@@ -199,7 +199,10 @@ class FramesMessage(TableMessage):
 
 
 class SetpointsMessage(TableMessage):
-    """Voltage setpoints of a case; a key is the message's controller, and controller and device of each entry."""
+    """Voltage setpoints of a case; a key is the message's controller, and controller, device and frame of each entry.
+
+    A frame (`frame_id`) is for people: a node of the user's own may say another one, or none.
+    """
 
     layout = Layout(
         "setpoints",
@@ -217,7 +220,7 @@ class SetpointsMessage(TableMessage):
         """
         super().__init__(case, seal)
         self._devices = list(case.run.devices)
-        self._places = {d.name: d.place for d in case.system.devices}
+        self._frames = [case.system.device(name).place for name in self._devices]
         self._controllers = controller_names(case)
         self._sender = sender
         self._of = {
@@ -226,30 +229,32 @@ class SetpointsMessage(TableMessage):
             if of is None or c in of
         }
 
-    def make(self, key: tuple[str, tuple[tuple[int, int], ...]]) -> tuple[VoltageSetpoints, dict[str, Any]]:
-        """A message with an entry for each pair of controller and device of the key."""
-        controller, pairs = key
+    def make(self, key: tuple[str, tuple[tuple[int, int, str], ...]]) -> tuple[VoltageSetpoints, dict[str, Any]]:
+        """A message with an entry for each controller, device and frame of the key."""
+        controller, entries = key
         message = VoltageSetpoints(controller=controller)
-        for c, d in pairs:
+        for c, d, frame in entries:
             entry = VoltageSetpoint(device=self._devices[d], controller=self._controllers[c])
-            entry.header.frame_id = self._places[entry.device]
+            entry.header.frame_id = frame
             message.setpoints.append(entry)
-        return message, {"controller": [c for c, _ in pairs], "device": [d for _, d in pairs]}
+        return message, {"controller": [c for c, *_ in entries], "device": [d for _, d, _ in entries]}
 
-    def key(self, data: bytes) -> tuple[str, tuple[tuple[int, int], ...]]:
-        """Sender of a message, controllers and devices of its entries."""
+    def key(self, data: bytes) -> tuple[str, tuple[tuple[int, int, str], ...]]:
+        """Sender of a message; controllers, devices and frames of its entries."""
         message = self.content(data, VoltageSetpoints)
         controllers = places(self._controllers, [entry.controller for entry in message.setpoints])
         devices = places(self._devices, [entry.device for entry in message.setpoints])
-        pairs = tuple(zip(controllers, devices, strict=True))
+        pairs = zip(controllers, devices, strict=True)
         if message.controller != self._sender or any(d not in self._of.get(c, ()) for c, d in pairs):
             raise Refused("names")
-        return message.controller, pairs
+        frames = [str(entry.header.frame_id) for entry in message.setpoints]
+        return message.controller, tuple(zip(controllers, devices, frames, strict=True))
 
     def fill(self, tick: int, start_ns: int, rows: NDArray[Any], controller: str) -> bytes:
         """Message of setpoints; `controller` is empty as delivered by a link."""
-        pairs = tuple(zip(rows["controller"].tolist(), rows["device"].tolist(), strict=True))
-        return self.shape((controller, pairs)).fill(tick, start_ns, rows)
+        pairs = zip(rows["controller"].tolist(), rows["device"].tolist(), strict=True)
+        entries = tuple((c, d, self._frames[d]) for c, d in pairs)
+        return self.shape((controller, entries)).fill(tick, start_ns, rows)
 
 
 def places(names: list[str], given: Iterable[str]) -> tuple[int, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -67,6 +68,10 @@ class WanLink:
         self.tick = -1
         self.missing: set[str] = set()
         self.answered = dict.fromkeys(self.places, 0)  # the newest tick that a controller has answered
+        self.behind: Counter[str] = Counter()  # answers of each that came after their tick, since it was told
+        self.publishers = {
+            name: partial(node.count_publishers, f"{graph}{x}/setpoints") for name, x in self.places.items()
+        }
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
         self.uplink = specialised(uplink, self.links, self.index, 0, 0, 0, *self.measured)
         self.downlink = specialised(downlink, self.links, self.index, 0, 0, np.zeros(0, SETPOINT), 0)
@@ -111,11 +116,14 @@ class WanLink:
         return response
 
     def health(self) -> Health:
-        """Which controllers do not answer."""
+        """Which controllers do not answer, or answer late."""
         silent = ", ".join(sorted(self.places[name] for name in self.places if self.late(name)))
-        level = DiagnosticStatus.WARN if silent else DiagnosticStatus.OK
-        values = {"mode": self.options.mode, "tick": self.tick}
-        return Health(level, f"no answer from {silent}" if silent else "delivers", values)
+        late = ", ".join(f"{count} of {self.places[name]}" for name, count in self.behind.items())
+        self.behind.clear()
+        flaws = [f"no answer from {silent}"] if silent else []
+        flaws += [f"late answers: {late}"] if late else []
+        level = DiagnosticStatus.WARN if flaws else DiagnosticStatus.OK
+        return Health(level, "; ".join(flaws) or "delivers", {"mode": self.options.mode, "tick": self.tick})
 
     def late(self, controller: str) -> bool:
         """Whether a controller has not answered for a second."""
@@ -150,6 +158,7 @@ class WanLink:
         """A controller's setpoints; the last one's bring the answer to the plant."""
         self.given[controller].append(rows)
         self.answered[controller] = tick
+        self.behind += Counter({controller: int(tick < self.tick)})
         if tick == self.tick and self.missing:
             self.missing.discard(controller)
             if not self.missing:
@@ -187,8 +196,10 @@ class WanLink:
                 continue
             patience = self.options.patience(self.tick) + (0.0 if self.missing else PATIENCE_S)
             if self.owed() and time.monotonic() - self.member.guard.heard > patience:
-                who = ", ".join(sorted(self.places[name] for name in self.missing)) or "plant_sim"
-                raise RunError(f"{who} is silent: nothing after tick {self.tick} within {patience:g} s")
+                left = [name for name in self.missing if self.publishers[name]() == 0]
+                who = ", ".join(sorted(self.places[name] for name in left or self.missing)) or "plant_sim"
+                what = "has left" if left else "is silent"
+                raise RunError(f"{who} {what}: nothing after tick {self.tick} within {patience:g} s")
 
     def owed(self) -> bool:
         """Whether, in lockstep, a controller owes its setpoints or the plant its next frame."""

@@ -139,6 +139,10 @@ class Controller(ParameterModel):
         None, description="a class of the user's own: module:Class, path/to/file.py:Class, or an entry point"
     )
     fmu: str | Fmu | None = Field(None, description="an FMU of the user's own, FMI 2 or 3, for co-simulation")
+    external: bool = Field(False, description="a node of the user's own, which the graph waits for")
+    command: list[str] | None = Field(
+        None, min_length=1, description="a node of the user's own: its command, started and stopped with the graph"
+    )
     scheme: Literal["direct", "indirect"] | None = Field(None, description="neuro-fuzzy only; none: indirect")
     devices: list[Name] = Field(["sssc"], min_length=1, description="installed devices that it commands")
     signals: list[Name] = Field(["speed"], min_length=1, description="signals of the system that it is given")

@@ -16,7 +16,7 @@ import numpy as np
 from facts_damping.case.loading import change, load_case, make_case
 from facts_damping.case.names import controller_names
 from facts_damping.compiling import specialised
-from facts_damping.control.table import OWN, PROGRAMS
+from facts_damping.control.table import OWN, RUN
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import each_path, parse_set, read_value
 from facts_damping.plant.integration import watch
@@ -69,9 +69,10 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str], *, po
     changed = {path for key in pairs for path in each_path(content, key)}
     _forget(content, changed)
     for i, row in enumerate(() if policy else content.get("controllers") or ()):
-        for field in PROGRAMS:
+        for field in RUN:
             if row.get(field) is not None and f"controllers.{i}.{field}" not in changed:
-                given = f"{source}: controllers.{i}.{field}: '{row[field]}' given by the recording"
+                code = " ".join(row[field]) if isinstance(row[field], list) else row[field]
+                given = f"{source}: controllers.{i}.{field}: '{code}' given by the recording"
                 raise InputError(f"{given}; allowed: --policy, to run this code, or another controller by --set")
     change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
     return make_case(content, source, pairs)
@@ -97,7 +98,8 @@ def _forget(content: dict[str, Any], changes: set[str]) -> None:
             own = asked[i] if i < len(asked) and "name" not in changed else {}
             row["parameters"] = dict(own.get("parameters") or {})
             row["weights"] = None
-            row.update(dict.fromkeys(OWN if "name" in changed else ()))
+            for field in OWN if "name" in changed else ():
+                row.pop(field, None)
             row["scheme"] = own.get("scheme")
 
 

@@ -97,7 +97,7 @@ def delayed_loop(case: Case) -> DelayedLoop:
     linear_ones = [name for name, row in CONTROLLERS.items() if row.network is None]
     for i, controller in enumerate(case.controllers):
         row = kind_of(controller)
-        if row.network is not None or row.program:
+        if row.network is not None or row.program or row.node:
             raise InputError(
                 f"controllers.{i}.name: '{controller.name}' given, which is not linear and has no linear margin; "
                 f"allowed: {', '.join(linear_ones)}, a `linear` law (of others a sweep of runs gives the margin)"

@@ -40,7 +40,9 @@ def kinds(*names: str) -> dict[str, type[Asked]]:
 
 MODULES = {
     "launch": kinds("LaunchContext", "LaunchDescription"),
-    "launch.actions": kinds("DeclareLaunchArgument", "OpaqueFunction", "RegisterEventHandler", "Shutdown"),
+    "launch.actions": kinds(
+        "DeclareLaunchArgument", "ExecuteProcess", "OpaqueFunction", "RegisterEventHandler", "Shutdown"
+    ),
     "launch.event_handlers": kinds("OnProcessExit"),
     "launch.substitutions": kinds("LaunchConfiguration"),
     "launch_ros": {},
@@ -116,6 +118,23 @@ def test_a_run_of_ones_own_is_started_with_mode_and_without_recorder(launched: A
     }
     common = {"run": str(path), "mode": "realtime", "recorder": False}
     assert all(node.parameters.items() >= common.items() for node in nodes(actions))
+
+
+def test_a_node_of_ones_own_is_started_by_its_command_or_not_at_all(launched: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.yaml"
+    own = "name: mine, link: delay_100ms, namespace: here, parameters: {gain: 3}"
+    path.write_text(f"controllers: [{{{own}, command: [my_node, -v]}}]")
+    actions = launched("run.launch.py", run=str(path), namespace="grid")
+    (started,) = [action.named["cmd"] for action in actions if type(action).__name__ == "ExecuteProcess"]
+    assert started[:3] == ["my_node", "-v", "--ros-args"]
+    given = set(zip(started[3::2], started[4::2], strict=True))
+    names = {"__node:=controller_0_mine", "__ns:=/grid/here", "pmu/delivered:=/grid/here/pmu/delivered"}
+    assert given == {*(("-r", name) for name in names), ("-p", "gain:=3.0")}
+    assert "controller" not in {executable for executable, *_ in places(actions)}
+    path.write_text(f"controllers: [{{{own}, external: true}}]")
+    actions = launched("run.launch.py", run=str(path))
+    assert not any(type(action).__name__ == "ExecuteProcess" for action in actions)
+    assert "controller" not in {executable for executable, *_ in places(actions)}
 
 
 def test_nodes_that_may_join_are_started_again_where_that_is_wanted(launched: Any) -> None:

@@ -109,17 +109,17 @@ def test_in_real_time_steps_longer_than_a_frame_are_counted(domain: int, tmp_pat
     times = outcome.step_times["controller_0_mine"]
     assert times.max_s > 0.05
     assert times.steps > 100
-    diagnostics = _diagnostics(outcome.recording)
-    assert any("steps of mine took longer than a frame" in text for text in diagnostics), diagnostics
+    told = diagnostics(outcome.recording, "controller")
+    assert any("steps of mine took longer than a frame" in text for text in told), told
 
 
-def _diagnostics(recording: Path) -> list[str]:
+def diagnostics(recording: Path, of: str) -> list[str]:
     found = []
     for path in sorted(recording.glob("*.mcap")):
         with path.open("rb") as file:
             for _, _, message in make_reader(file).iter_messages(topics=["/diagnostics"]):
                 array = deserialize_message(message.data, DiagnosticArray)
-                found += [status.message for status in array.status if "controller" in status.name]
+                found += [status.message for status in array.status if of in status.name]
     return found
 
 

@@ -1,0 +1,73 @@
+"""Nodes of a user's own that are started by a command, and stopped with the graph."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+from contextlib import suppress
+from typing import IO, TYPE_CHECKING
+
+from facts_damping.case.names import controller_addresses, link_addresses
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from facts_damping.case.model import Case
+
+PARENT_ENDS = 1  # PR_SET_PDEATHSIG of prctl(2)
+
+
+def command(case: Case, c: int, graph: str = "") -> list[str]:
+    """The command of a controller's node, with name, namespace, topic and parameters as ROS 2 takes them.
+
+    `graph`: the namespace of the graph, without slashes around it.
+    """
+    controller, address = case.controllers[c], controller_addresses(case)[c]
+    delivered = link_addresses(case)[case.used_links[c]].topic("pmu/delivered")
+    namespace = "/".join(part for part in (graph, address.namespace) if part)
+    given = ["-r", f"__node:={address.name}", "-r", f"__ns:=/{namespace}"]
+    given += ["-r", f"pmu/delivered:=/{graph}/{delivered}" if graph else f"pmu/delivered:=/{delivered}"]
+    for name, value in controller.parameters.items():
+        given += ["-p", f"{name}:={value}"]
+    return [*(controller.command or []), "--ros-args", *given]
+
+
+class Command:
+    """A command that runs, as `graph` handles a process; what it starts itself ends with it."""
+
+    def __init__(self, arguments: list[str], environment: Mapping[str, str], output: IO[bytes]) -> None:
+        """Start it in a session of its own."""
+        self._process = subprocess.Popen(
+            arguments,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            env=environment,
+            start_new_session=True,
+            preexec_fn=_end_with_parent,  # noqa: PLW1509 (it calls the kernel alone)
+        )
+        self.pid = self._process.pid
+
+    @property
+    def exitcode(self) -> int | None:
+        """How it has ended; None: it runs."""
+        return self._process.poll()
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait until it ends; what it has left running is killed."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout)
+        if self._process.poll() is not None:
+            self.kill()
+
+    def kill(self) -> None:
+        """Kill it, and all of its session."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
+
+
+def _end_with_parent() -> None:
+    """Be told to end when the process that started this one is killed."""
+    ctypes.CDLL(None).prctl(PARENT_ENDS, signal.SIGTERM)

@@ -1,0 +1,239 @@
+"""A node of a user's own in the graph: bit for bit its law in process; missing, late, silent, dying it is named."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
+from facts_damping.errors import RunError
+from facts_damping.nodes import graph
+from facts_damping.parameters.files import read_table
+from facts_damping.recording.reader import load
+from facts_damping.simulation import loop
+from tests.nodes.graphs import ARRAYS, LOADED_S, PATIENCE_S, SILENCE_S, assert_same, quiet
+from tests.nodes.test_graph import EXAMPLES
+from tests.nodes.test_policies import diagnostics
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from facts_damping.signals import Record
+
+NODE = str(EXAMPLES / "lead_lag_node.py")
+SETS = ["scenario=large", "link=pdci", "watchdog=off"]
+BESIDE = f"import runpy, sys; sys.path.insert(0, {str(EXAMPLES)!r})"
+SLOW = (
+    "import time; from lead_lag import LeadLag; step = LeadLag.step; "
+    "LeadLag.step = lambda *given: (time.sleep(0.025), step(*given))[1]"
+)
+NAME = "controller_0_mine"
+
+
+def own(*sets: str, **fields: Any) -> list[str]:
+    return [*SETS, *sets, "controllers=" + json.dumps([{"name": "mine", **fields}])]
+
+
+def by_command(*sets: str, more: str = "", **fields: Any) -> list[str]:
+    """Run files whose node is started; `more`: Python that comes before it is."""
+    lines = [BESIDE, *([more] if more else []), f"runpy.run_path({NODE!r}, run_name='__main__')"]
+    return own(*sets, command=[sys.executable, "-c", "; ".join(lines)], **fields)
+
+
+@contextmanager
+def started_by_hand(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """The example as its user starts it, in this domain."""
+    given = [sys.executable, NODE, "--ros-args", "-r", f"__node:={NAME}", *arguments]
+    with subprocess.Popen(given, stderr=subprocess.DEVNULL) as popen:
+        try:
+            yield popen
+        finally:
+            popen.send_signal(signal.SIGCONT)
+            popen.terminate()
+            try:
+                popen.wait(10)
+            except subprocess.TimeoutExpired:
+                popen.kill()
+
+
+def in_process(*sets: str, **fields: Any) -> Record:
+    """The same law as the shipped controller."""
+    llc = "controllers=" + json.dumps([{"name": "LLC", **fields}])
+    return loop.run(load_case(None, [*SETS, *sets, llc]))
+
+
+def assert_same_law(recorded: Record, computed: Record) -> None:
+    assert recorded.controller_names == [NAME]
+    named = replace(computed, controller_names=[NAME], configuration=recorded.configuration)
+    assert_same(recorded, named)
+
+
+def run(folder: Path, sets: list[str], mode: str = "lockstep", timeout: float = LOADED_S) -> graph.Outcome:
+    return graph.run(load_case(None, sets), mode, folder, quiet, timeout)
+
+
+def test_the_example_is_what_the_page_says_it_is() -> None:
+    assert len(Path(NODE).read_text().splitlines()) <= 50
+    asked = read_table(EXAMPLES / "lead_lag_node.yaml")
+    assert asked["controllers"][0]["command"][-1] == "examples/lead_lag_node.py"
+    assert load_case(str(EXAMPLES / "lead_lag_node.yaml")).controllers[0].name == "my_node"
+
+
+def test_started_by_the_graph_in_lockstep(domain: int, tmp_path: Path) -> None:
+    outcome = run(tmp_path, by_command("duration=3", parameters={"gain": 12}))
+    assert_same_law(load(outcome.recording), in_process("duration=3", parameters={"gain": 12}))
+    assert (tmp_path / f"{NAME}.log").read_text() == ""
+
+
+def test_started_by_hand_it_serves_one_run_after_the_other(domain: int, tmp_path: Path) -> None:
+    computed = in_process("duration=2")
+    with started_by_hand() as popen:
+        for name in ("first", "second"):
+            outcome = run(tmp_path / name, own("duration=2", external=True))
+            assert_same_law(load(outcome.recording), computed)
+        assert popen.poll() is None
+
+
+def test_behind_a_link_of_its_own_in_a_namespace(domain: int, tmp_path: Path) -> None:
+    placed = {"link": "delay_100ms", "namespace": "area_1"}
+    recorded = load(run(tmp_path, by_command("duration=1", **placed)).recording)
+    assert_same_law(recorded, in_process("duration=1", **placed))
+
+
+def test_in_real_time(domain: int, tmp_path: Path) -> None:
+    outcome = run(tmp_path, by_command("duration=3"), "realtime")
+    recorded, computed = load(outcome.recording), in_process("duration=3")
+    assert outcome.messages_lost == 0
+    if outcome.deadline_misses == 0:  # delays are simulated: then the clock changes nothing
+        assert_same_law(recorded, computed)
+    else:
+        assert len(recorded.issued) > 0.5 * len(computed.issued)
+
+
+def test_missing_it_is_named(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(graph, "QUIET", (*graph.QUIET, "-p", "start_timeout:=2.0"))
+    with pytest.raises(RunError, match=f"missing after 2 s: .*/{NAME}/setpoints"):
+        run(tmp_path, own("duration=1", external=True))
+
+
+def test_silent_it_is_named_in_lockstep(domain: int, tmp_path: Path) -> None:
+    with started_by_hand() as popen:
+
+        def strike(done: int, _of: int) -> None:
+            if done > 1:
+                popen.send_signal(signal.SIGSTOP)
+
+        case = load_case(None, own("duration=100", external=True))
+        with pytest.raises(RunError, match=f"{NAME} is silent: nothing after tick"):
+            graph.run(case, "lockstep", tmp_path, strike, SILENCE_S)
+    assert len(load(tmp_path / "recording").time_ns) > 1
+
+
+def test_who_has_left_is_named_in_lockstep(domain: int, tmp_path: Path) -> None:
+    with started_by_hand() as popen:
+
+        def strike(done: int, _of: int) -> None:
+            if done > 1:
+                popen.send_signal(signal.SIGINT)
+
+        case = load_case(None, own("duration=100", external=True))
+        with pytest.raises(RunError, match=f"{NAME} has left: nothing after tick"):
+            graph.run(case, "lockstep", tmp_path, strike, SILENCE_S)
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_a_command_that_dies_is_named_with_what_it_said(domain: int, tmp_path: Path, mode: str) -> None:
+    dying = "import threading, os; threading.Timer(4.0, lambda: (os.write(2, b'out of ideas'), os._exit(7))).start()"
+    sets = by_command("duration=1000" if mode == "lockstep" else "duration=8", more=dying)
+    said = f"{NAME} ended with exit status 7: out of ideas"
+    if mode == "lockstep":
+        with pytest.raises(RunError, match=said):
+            run(tmp_path, sets, mode)
+    else:
+        assert run(tmp_path, sets, mode).fallen == [said]
+
+
+def test_late_in_real_time_it_is_named(domain: int, tmp_path: Path) -> None:
+    outcome = run(tmp_path, by_command("duration=3", more=SLOW), "realtime")
+    assert outcome.deadline_misses > 0
+    told = diagnostics(outcome.recording, "wan_link")
+    assert any(f"of {NAME}" in text and "late answers" in text for text in told), told
+
+
+def test_it_ends_with_a_command_that_is_killed(domain: int, tmp_path: Path) -> None:
+    asked = [part for one in by_command("duration=1000") for part in ("--set", one)]
+    command = [sys.executable, "-m", "facts_damping.cli.main", "run", *asked, "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as popen:
+        deadline = time.monotonic() + PATIENCE_S
+        while not (mine := left()) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        while not any((tmp_path / "out").glob("recording/*.mcap")) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        popen.kill()
+    assert mine
+    while left():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
+def left() -> list[str]:
+    """Example nodes of this domain that run."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            words = (entry / "cmdline").read_bytes().decode().split("\0")
+            environment = (entry / "environ").read_bytes().decode(errors="replace").split("\0")
+        except OSError:
+            continue
+        if any(NODE in word for word in words) and f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']}" in environment:
+            found += [entry.name] if "facts_damping.cli.main" not in words else []
+    return found
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"external": True}, "controllers.0.external: a node of one's own given; allowed: in a graph"),
+        ({"command": ["true"]}, "controllers.0.command: a node of one's own given; allowed: in a graph"),
+        ({"external": True, "command": ["true"]}, "given with `external` and `command`; allowed: one of"),
+        ({"command": []}, "command"),
+        ({"external": True, "compensation": "lead"}, "compensation: 'lead' given; allowed: none for mine"),
+    ],
+)
+def test_in_process_it_is_refused(fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = [part for one in own(**fields) for part in ("--set", one)]
+    assert main(["simulate", *asked]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+
+
+def test_a_command_that_is_not_there_starts_nothing(
+    domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = [part for one in own(command=["no_such_program"]) for part in ("--set", one)]
+    assert main(["run", *asked, "--out", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().err
+    assert "controllers.0.command: 'no_such_program' given; allowed: a program that is there" in told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_of_it_is_replayed_with_others(domain: int, tmp_path: Path) -> None:
+    outcome = run(tmp_path, by_command("duration=1"))
+    assert main(["replay", str(outcome.recording)]) == 2
+    assert main(["replay", str(outcome.recording), "--set", "controllers.0.name=LLC"]) == 0
+    assert "issued" in ARRAYS
+    nodes = ["--policy", "--nodes", "--out", str(tmp_path / "again"), "--timeout", str(LOADED_S)]
+    assert main(["replay", str(outcome.recording), *nodes]) == 0
