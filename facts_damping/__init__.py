@@ -1,6 +1,6 @@
 """Wide-area damping of power systems with FACTS devices, as a ROS 2 node graph.
 
-For scripts and notebooks: `import facts_damping as fd`; what there is, is in `api.py`.
+For scripts and notebooks: `import facts_damping as fd`; what there is, is in `api`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,10 @@ from typing import Any
 
 from facts_damping.version import __version__ as __version__
 
-PUBLIC = ("FactsDampingError", "InputError", "load_recording", "modes", "simulate", "summarise")  # of api.py
+PUBLIC = (  # of api
+    *("FactsDampingError", "InputError", "Result", "RunError", "Simulation", "Spec", "Sweep"),
+    *("linear_plant", "load_recording", "modes", "simulate", "summarise", "sweep"),
+)
 
 
 def __getattr__(name: str) -> Any:

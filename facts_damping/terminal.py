@@ -23,8 +23,8 @@ INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM)  # a polite kill is one, too
 class Progress:
     """A line of progress on standard error, where that is a terminal."""
 
-    def __init__(self, label: str, unit: str = "ticks") -> None:
-        self._label, self._unit, self._shown = label, unit, sys.stderr.isatty()
+    def __init__(self, label: str, unit: str = "ticks", *, shown: bool = True) -> None:
+        self._label, self._unit, self._shown = label, unit, shown and sys.stderr.isatty()
         self._began, self._before = time.monotonic(), 0
 
     def __call__(self, done: int, of: int) -> None:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.pictures import PICTURES
-from facts_damping.errors import InputError
+from facts_damping.analysis.pictures import PICTURES, Curve, Panel, Picture
+from facts_damping.errors import InputError, check_known
 from facts_damping.signals import NANOSECONDS
 from facts_damping.terminal import save_picture
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from facts_damping.analysis.indices import Regions
-    from facts_damping.analysis.pictures import Panel, Picture
     from facts_damping.signals import Record
 
 WIDTH, PANEL_HEIGHT, MARGIN = 9.0, 2.3, 1.3  # inch
@@ -57,6 +56,29 @@ def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -
             save_picture(figure, path, dpi=DPI, pil_kwargs=FAST)
             paths.append(path)
     return paths
+
+
+def figure(names: Sequence[str], records: Sequence[tuple[str, Record]]) -> Figure:
+    """One of the pictures by its name, or columns of the records (`Record.arrays`) over time, below each other.
+
+    Raises `InputError` where a name is none, and where a picture would be empty.
+    """
+    pictures = {picture.stem: picture for picture in PICTURES}
+    if len(names) == 1 and names[0] in pictures:
+        found = _figure(pictures[names[0]], records)
+        if found is None:
+            raise InputError(f"plot: '{names[0]}' given, of which there is nothing; allowed: another picture")
+        return found
+    for name in names:
+        check_known("plot", name, [*pictures, *records[0][1].arrays])
+
+    def panels(record: Record) -> list[Panel]:
+        return [Panel(f"{name} [{record.units[name]}]", {"": Curve(record.arrays[name])}) for name in names]
+
+    own = _figure(Picture("columns", "", "", panels, together=False), records)
+    if own is None:
+        raise InputError("plot: no name given; allowed: at least one")
+    return own
 
 
 def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
@@ -78,3 +78,18 @@ def re_name(kind: str) -> str:
 def served(case: Case, link: int) -> list[int]:
     """The controllers that use a link."""
     return [c for c, used in enumerate(case.used_links) if used == link]
+
+
+def label(run: dict[str, Any]) -> str:
+    """A short name of a run: system, scenario, controllers, links, and how it is measured where that is not ideal."""
+    links = [run["link"] if c.get("link") is None else c["link"] for c in run["controllers"]] or [run["link"]]
+    parts = [
+        [run["system"]],
+        [run["scenario"]],
+        [c["name"] for c in run["controllers"]] or ["none"],
+        links if any(c.get("link") is not None for c in run["controllers"]) else links[:1],
+    ]
+    if run.get("measurement", "ideal") != "ideal":
+        parts.append([run["measurement"]])
+    named = ("+".join(one if isinstance(one, str) else "custom" for one in part) for part in parts)
+    return "-".join(named).replace("/", "_")

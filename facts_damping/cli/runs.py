@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
+from facts_damping.case.names import label
 from facts_damping.errors import DegradedError, InputError, RunError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.run import Run
@@ -104,21 +105,6 @@ def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome
         flaws += [f"of tick {record.gap_tick} not all was recorded"] if record.gap_tick is not None else []
     if flaws:
         raise DegradedError(f"the run ended, but: {'; '.join(flaws)}")
-
-
-def label(run: dict[str, Any]) -> str:
-    """A short name of a run: system, scenario, controllers, links, and how it is measured where that is not ideal."""
-    links = [run["link"] if c.get("link") is None else c["link"] for c in run["controllers"]] or [run["link"]]
-    parts = [
-        [run["system"]],
-        [run["scenario"]],
-        [c["name"] for c in run["controllers"]] or ["none"],
-        links if any(c.get("link") is not None for c in run["controllers"]) else links[:1],
-    ]
-    if run.get("measurement", "ideal") != "ideal":
-        parts.append([run["measurement"]])
-    named = ("+".join(one if isinstance(one, str) else "custom" for one in part) for part in parts)
-    return "-".join(named).replace("/", "_")
 
 
 def simulate(arguments: argparse.Namespace) -> None:

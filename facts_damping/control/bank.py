@@ -23,6 +23,7 @@ from facts_damping.control.state_space import StateSpace, state_spaces
 from facts_damping.control.table import (
     CALLED,
     DIRECT,
+    GIVEN,
     LAW,
     LAWS,
     SETTINGS,
@@ -292,9 +293,10 @@ def act(
     """One tick of controller c: `count` delivered entries in, setpoints into `out` from index `first` on.
 
     Entries of the same arrival are taken together; it acts if a frame is newer than all before and all signals are
-    there. A called one that fails says nothing more. Returns the index after the last setpoint written.
+    there. A called one that fails says nothing more; one whose setpoints are given (`state.unlimited`) issues them
+    once, at the last arrival at which it acts. Returns the index after the last setpoint written.
     """
-    i = 0
+    i, began = 0, first
     while i < count:
         arrival = delivered[i].arrival_ns
         i = take(state.held, c, delivered, i, count)
@@ -319,6 +321,8 @@ def act(
         elif made.code[c] == CALLED:
             if not call(made.inputs, state.held, state.calls, c, arrival):
                 return first
+        elif made.code[c] == GIVEN:
+            first = began
         else:
             _neuro_fuzzy(made, state, c, since, arrival - newest)
         _limit(made, state, c)

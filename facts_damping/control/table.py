@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.run import Controller
 
-LAW, DIRECT, INDIRECT, STATE_SPACE, CALLED = range(5)  # how a controller acts
+LAW, DIRECT, INDIRECT, STATE_SPACE, CALLED, GIVEN = range(6)  # how a controller acts
 # Fields of a controller that is a program of the user's own: which is called, or is a node by itself.
 PROGRAMS, NODES = ("policy", "fmu"), ("external", "command")
 RUN = ("policy", "fmu", "command")  # those whose code is run for it
@@ -125,8 +125,10 @@ class ControllerKind(NamedTuple):
         """How it acts: a network by its scheme."""
         if self.network is not None:
             return INDIRECT if scheme == "indirect" else DIRECT
-        if self.program or self.node:
+        if self.program:
             return CALLED
+        if self.node:
+            return GIVEN
         return STATE_SPACE if self.design or self.own else LAW
 
 

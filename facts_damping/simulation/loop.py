@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.case.names import controller_names
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled, inner, part, released
 from facts_damping.control.bank import Bank, BankState, act, set_estimate
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.control.table import DIRECT, INDIRECT
@@ -209,6 +209,65 @@ def control_step(
     return issued
 
 
+@part
+def _begin(
+    plant: Plant,
+    plant_state: PlantState,
+    work: Work,
+    pmus: Pmus,
+    pmu_state: PmuState,
+    links: Links,
+    kept: Signals,
+    tick: int,
+) -> bool:
+    """The first half of a tick: PMUs measure, links deliver upwards; whether the plant is sound."""
+    start, end = tick_ns(tick, pmus.frame_rate), tick_ns(tick + 1, pmus.frame_rate)
+    frame, measured_ns, status = kept.frames[tick], kept.measured_ns[tick], kept.status[tick]
+    truth = kept.machines[tick], kept.devices[tick]
+    sound = observe(plant, plant_state, pmus, pmu_state, tick, frame, measured_ns, status, *truth, work)
+    kept.time_ns[tick] = start
+    kept.in_synchronism[tick] = sound
+    kept.used[0] = tick + 1
+    for link in range(links.up.ring.shape[0]):
+        delivered = uplink(links, link, tick, start, end, frame, measured_ns, status)
+        kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
+    return sound
+
+
+@part
+def _end(
+    plant: Plant,
+    plant_state: PlantState,
+    work: Work,
+    pmus: Pmus,
+    pmu_state: PmuState,
+    links: Links,
+    bank: Bank,
+    bank_state: BankState,
+    ids: Identifiers,
+    id_state: IdentifierState,
+    given: NDArray[Any],
+    taken: NDArray[Any],
+    kept: Signals,
+    tick: int,
+    sound: bool,
+) -> bool:
+    """The second half of a tick: controllers act, identifiers learn, links deliver downwards, the plant goes on."""
+    end = tick_ns(tick + 1, pmus.frame_rate)
+    issued = control_step(
+        bank, bank_state, ids, id_state, links.used, links.up.out, links.up.ring, given, given, -1, tick, kept
+    )
+    applied = 0
+    for link in range(links.up.ring.shape[0]):
+        arrived = downlink(links, link, tick, end, given, issued)
+        applied = merge(taken, applied, links.down.out[link], arrived)
+    kept.used[3] = _append(kept.applied, kept.used[3], taken, applied)
+    sound = sound and not bank_state.calls.failed.any()
+    if sound:
+        go_on(plant, plant_state, pmus, pmu_state, tick, taken, applied, work)
+    return sound
+
+
 @compiled
 def _step(
     plant: Plant,
@@ -231,29 +290,69 @@ def _step(
     Handed over in one piece, a tuple as large as a whole loop takes the compiler several times as long: each of its
     hundreds of numbers is put into it by an instruction that spells out the type of all.
     """
-    several = links.up.ring.shape[0]
-    start, end = tick_ns(tick, pmus.frame_rate), tick_ns(tick + 1, pmus.frame_rate)
-    frame, measured_ns, status = kept.frames[tick], kept.measured_ns[tick], kept.status[tick]
-    truth = kept.machines[tick], kept.devices[tick]
-    sound = observe(plant, plant_state, pmus, pmu_state, tick, frame, measured_ns, status, *truth, work)
-    kept.time_ns[tick] = start
-    kept.in_synchronism[tick] = sound
-    kept.used[0] = tick + 1
-    for link in range(several):
-        delivered = uplink(links, link, tick, start, end, frame, measured_ns, status)
-        kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
-    issued = control_step(
-        bank, bank_state, ids, id_state, links.used, links.up.out, links.up.ring, given, given, -1, tick, kept
+    sound = _begin(plant, plant_state, work, pmus, pmu_state, links, kept, tick)
+    return _end(
+        plant,
+        plant_state,
+        work,
+        pmus,
+        pmu_state,
+        links,
+        bank,
+        bank_state,
+        ids,
+        id_state,
+        given,
+        taken,
+        kept,
+        tick,
+        sound,
     )
-    applied = 0
-    for link in range(several):
-        arrived = downlink(links, link, tick, end, given, issued)
-        applied = merge(taken, applied, links.down.out[link], arrived)
-    kept.used[3] = _append(kept.applied, kept.used[3], taken, applied)
-    sound = sound and not bank_state.calls.failed.any()
-    if sound:
-        go_on(plant, plant_state, pmus, pmu_state, tick, taken, applied, work)
-    return sound
+
+
+@released
+def turn(
+    plant: Plant,
+    plant_state: PlantState,
+    work: Work,
+    pmus: Pmus,
+    pmu_state: PmuState,
+    links: Links,
+    bank: Bank,
+    bank_state: BankState,
+    ids: Identifiers,
+    id_state: IdentifierState,
+    given: NDArray[Any],
+    taken: NDArray[Any],
+    kept: Signals,
+    tick: int,
+) -> bool:
+    """From what was delivered in a tick to what is delivered in the next: its second half, the first one of the next.
+
+    `tick`: -1 at the start. False: there is no next one, as the plant, or a controller, does not go on.
+    """
+    if tick >= 0 and not _end(
+        plant,
+        plant_state,
+        work,
+        pmus,
+        pmu_state,
+        links,
+        bank,
+        bank_state,
+        ids,
+        id_state,
+        given,
+        taken,
+        kept,
+        tick,
+        kept.in_synchronism[tick],
+    ):
+        return False
+    if tick + 1 == kept.time_ns.size:
+        return False
+    _begin(plant, plant_state, work, pmus, pmu_state, links, kept, tick + 1)
+    return True
 
 
 @compiled

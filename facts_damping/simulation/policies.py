@@ -99,7 +99,7 @@ class Program:
         self.elapsed_ns: list[int] = []
         signals, devices = len(controller.signals), len(controller.devices)
         self._y, self._u = state.compensated.signal[c, :signals], state.unlimited[c, :devices]
-        self._age, self._fresh = state.calls.age[c, :signals], state.calls.fresh[c, :signals]
+        self._age, self._fresh = state.calls.sensed.age[c, :signals], state.calls.sensed.fresh[c, :signals]
         self._where = f"controllers.{c}.{kind_of(controller).own}"
         self._file, self._step = _made(case, c, self._where)
         self._function = _C_FUNCTION(self._call)  # kept here, as long as it may be called

@@ -32,6 +32,15 @@ class Modal(NamedTuple):
     modes: list[linearisation.Eigenmode]
     interactions: list[Interaction]
 
+    def __repr__(self) -> str:
+        """In a line: the electromechanical modes."""
+        shown = ", ".join(f"{mode.frequency_hz:.2f} Hz {100 * mode.damping_ratio:.1f} %" for mode in self.swings)
+        return f"<Modal {self.system.name} with {', '.join(self.devices) or 'no device'}: {shown}>"
+
+    def _repr_html_(self) -> str:
+        """All modes, for a notebook."""
+        return "<pre>" + "\n".join(modes_text(self)) + "</pre>"
+
     @property
     def swings(self) -> list[linearisation.Eigenmode]:
         """The electromechanical modes."""

@@ -1,0 +1,28 @@
+"""The public face for scripts and notebooks: `import facts_damping as fd`.
+
+What is exported here stays; all else is private. Errors are those of the commands, one line; nothing is printed.
+"""
+
+from facts_damping.analysis.summary import summarise
+from facts_damping.api.results import Result, load_recording, simulate
+from facts_damping.api.stepping import Simulation
+from facts_damping.api.sweeps import Sweep, sweep
+from facts_damping.api.systems import linear_plant, modes
+from facts_damping.errors import FactsDampingError, InputError, RunError
+from facts_damping.simulation.policies import Spec
+
+__all__ = [
+    "FactsDampingError",
+    "InputError",
+    "Result",
+    "RunError",
+    "Simulation",
+    "Spec",
+    "Sweep",
+    "linear_plant",
+    "load_recording",
+    "modes",
+    "simulate",
+    "summarise",
+    "sweep",
+]

@@ -1,0 +1,47 @@
+"""From keywords to a case: what stands in a script as it would in a run file."""
+
+from __future__ import annotations
+
+import json
+import sys
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.case import loading
+from facts_damping.parameters.files import find, read_table
+
+if TYPE_CHECKING:
+    from facts_damping.case.model import Case
+
+
+def case_of(run: str | PathLike[str] | None, fields: dict[str, Any]) -> Case:
+    """The case of a run (name, or path) with some fields changed. Raises `InputError`."""
+    path = None if run is None else find("runs", str(run))
+    content, values = {} if path is None else read_table(path), {name: plain(one) for name, one in fields.items()}
+    texts = {name: json.dumps(value, default=str) for name, value in values.items()}
+    loading.change(content, values, texts)
+    return loading.make_case(content, str(path or "defaults"), texts)
+
+
+def plain(value: Any) -> Any:
+    """A value as YAML would give it: NumPy's numbers and arrays, paths, and classes, which `policy` may name."""
+    if isinstance(value, dict):
+        return {str(name): plain(one) for name, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(one) for one in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, type):
+        return class_name(value)
+    return str(value) if isinstance(value, PathLike) else value
+
+
+def class_name(given: type[Any]) -> str:
+    """A class as `policy` has it: by its module, where others find it there; else by its file."""
+    main = sys.modules.get("__main__")
+    file = getattr(main, "__file__", None) if given.__module__ == "__main__" else None
+    return f"{file or given.__module__}:{given.__qualname__}"

@@ -1,0 +1,90 @@
+"""Runs and recordings, with what one wants of them at hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.analysis import plots
+from facts_damping.analysis.summary import summarise, table
+from facts_damping.api.cases import case_of
+from facts_damping.api.frames import data_frame
+from facts_damping.case.names import label
+from facts_damping.parameters.run import Run
+from facts_damping.recording import reader
+from facts_damping.signals import Record
+from facts_damping.simulation import loop
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, repr=False)
+class Result(Record):
+    """A run's record: all signals as arrays (`arrays`, with `units`), figures, tables and pictures of them."""
+
+    @property
+    def name(self) -> str:
+        """System, scenario, controllers, links."""
+        return label(Run.model_validate(self.asked).model_dump()) if self.configuration else "recording"
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """The figures of the run, as JSON has them (docs/commands.md)."""
+        return summarise(self)
+
+    @property
+    def indices(self) -> dict[str, float] | None:
+        """ITAE, IAE, ITSE, ISE of the speed differences (4.108); None of a run that has lost synchronism."""
+        found: dict[str, float] | None = self.summary["indices"]
+        return found
+
+    def to_pandas(self) -> Any:
+        """All of `arrays` as a DataFrame over `time_s`; units in `.attrs["units"]`. Needs pandas."""
+        made = data_frame(self.arrays).set_index("time_s")
+        made.attrs["units"] = dict(self.units)
+        return made
+
+    def plot(self, *names: str, beside: dict[str, Record] | None = None) -> Figure:
+        """A picture: names of `arrays`, over time, or one of `PICTURES` (docs/measures.md), `differences` by default.
+
+        `beside`: other records by their names, drawn over it. Raises `InputError` for a name that is none.
+        """
+        shown = [(self.name if beside else "", self), *(beside or {}).items()]
+        return plots.figure(names or ("differences",), shown)
+
+    def __repr__(self) -> str:
+        """In a line."""
+        if not len(self.time_ns):
+            return f"<Result {self.name}: empty>"
+        ended = "" if self.in_synchronism.all() else ", out of synchronism"
+        return f"<Result {self.name}: {len(self.time_ns)} ticks, {self.time_s[-1]:.3f} s{ended}>"
+
+    def _repr_html_(self) -> str:
+        """Its figures, for a notebook."""
+        return f"<pre>{table([(self.name, self.summary)])}</pre>"
+
+
+def of(record: Record) -> Result:
+    """A record as a result."""
+    return Result(**{one.name: getattr(record, one.name) for one in fields(Record)})
+
+
+def simulate(run: str | PathLike[str] | None = None, **fields: Any) -> Result:
+    """The closed loop of a run, in process: the bits of the lockstep graph.
+
+    `run`: name under config/runs, or a path; none: all defaults. `fields`: of the run that differ, as a run file has
+    them (`link="delay_100ms"`, `controllers=[{"name": "LLC", "parameters": {"gain": 12}}]`), or by path
+    (`**{"controllers.0.name": "HBsWC"}`); a `policy` may be a class. Raises `InputError` as the commands do, in one
+    line, and `RunError` where a controller of the user's own fails.
+    """
+    return of(loop.run(case_of(run, fields)))
+
+
+def load_recording(path: str | PathLike[str]) -> Result:
+    """A recording, folder or file. Raises `RecordingError` where it is none."""
+    return of(reader.load(Path(path)))

@@ -1,0 +1,31 @@
+"""Systems linearised at their start."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.case import loading
+from facts_damping.small_signal import linear_plant as linear
+from facts_damping.small_signal import modal_analysis
+
+if TYPE_CHECKING:
+    from facts_damping.small_signal.modal_analysis import Modal
+
+
+def modes(system: str, devices: list[str] | None = None) -> Modal:
+    """Power flow, linear model and modes of a system at its start.
+
+    `system`: name under config/systems, or a path; `devices`: that are installed, none: those of a run that it has.
+    """
+    found = loading.load_system(system)
+    return modal_analysis.analyse(
+        found, loading.installed(found, None if devices is None else ",".join(devices) or "none")
+    )
+
+
+def linear_plant(system: str, devices: list[str] | None = None) -> Any:
+    """The linearised plant as `control.StateSpace`: setpoints to signals, p.u. (docs/own_controller.md).
+
+    Raises `InputError` where python-control is not installed.
+    """
+    return linear.state_space(linear.of(modes(system, devices)))

@@ -1,0 +1,69 @@
+"""What programs are given beside their signals: how old each one is, and whether it is new; compiled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.compiling import compiled, inner
+from facts_damping.control.inputs import UNSET, form, take
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.control.inputs import Held, Inputs
+
+
+class Sensed(NamedTuple):
+    """Beside the signals of several receivers; the first axis is the receiver."""
+
+    taken_ns: NDArray[np.int64]  # (receivers, stations): time of measurement of what was there before
+    age: NDArray[np.float64]  # (receivers, most signals), s, of the newest frame that a signal is made of
+    fresh: NDArray[np.bool_]  # (receivers, most signals): a frame that it is made of is new
+
+
+def sensed(receivers: int, signals: int, stations: int) -> Sensed:
+    """Nothing yet, of so many receivers."""
+    return Sensed(
+        np.full((receivers, stations), UNSET, np.int64),
+        np.zeros((receivers, signals)),
+        np.zeros((receivers, signals), np.bool_),
+    )
+
+
+@inner
+def look(given: Inputs, held: Held, of: Sensed, r: int, now_ns: int) -> None:
+    """How old the signals are of what receiver r holds at a time, and which are new since the look before."""
+    for i in range(given.signals[r]):
+        newest, fresh = UNSET, False
+        for s in range(given.weight.shape[2]):
+            if given.weight[r, i, s] != 0.0:
+                newest = max(newest, held.entry_ns[r, s])
+                fresh = fresh or held.entry_ns[r, s] != of.taken_ns[r, s]
+        of.age[r, i], of.fresh[r, i] = (now_ns - newest) * 1e-9, fresh
+    for s in range(of.taken_ns.shape[1]):
+        of.taken_ns[r, s] = held.entry_ns[r, s]
+
+
+@compiled
+def sense(given: Inputs, held: Held, of: Sensed, r: int, delivered: NDArray[Any], count: int, end_ns: int) -> bool:
+    """Have receiver r take the entries of a tick, as a controller does; whether that would act.
+
+    It looks at the last arrival at which it would; else, where there are signals, at the tick's end: none is new then.
+    """
+    i, acted = 0, False
+    while i < count:
+        arrival = delivered[i].arrival_ns
+        i = take(held, r, delivered, i, count)
+        if form(given, held, r) >= 0:
+            look(given, held, of, r, arrival)
+            acted = True
+    if not acted and held.newest_ns[r] != UNSET:
+        for j in range(given.signals[r]):
+            newest = UNSET
+            for s in range(given.weight.shape[2]):
+                if given.weight[r, j, s] != 0.0:
+                    newest = max(newest, of.taken_ns[r, s])
+            of.age[r, j], of.fresh[r, j] = (end_ns - newest) * 1e-9, False
+    return acted

@@ -1,0 +1,82 @@
+"""A loop that is stepped from outside: between what a tick has delivered, and what is done with it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.compiling import specialised
+from facts_damping.control.inputs import inputs
+from facts_damping.control.sensing import sense, sensed
+from facts_damping.control.table import GIVEN
+from facts_damping.signals import DELIVERY
+from facts_damping.simulation.loop import turn
+from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.simulation.policies import check
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.simulation.loop import Loop
+
+
+class Delivered(NamedTuple):
+    """A signal as the link has delivered it."""
+
+    y: float  # p.u.; NaN: nothing yet
+    age_s: float  # of the newest frame that it is made of
+    fresh: bool  # a frame of it is new in this tick
+
+
+class Stepper:
+    """A loop between two ticks: `tick` is measured and delivered, nothing has been done with it yet."""
+
+    def __init__(self, case: Case, loop: Loop) -> None:
+        """Measure the first tick of a loop at its start."""
+        self.loop, self.tick, self._case = loop, -1, case
+        self._goes_on, self._own = True, loop.bank.code.copy()
+        names = [list(controller.signals) for controller in case.controllers]
+        stations = [station.name for station in case.system.stations]
+        self._names, most = names, max(map(len, names), default=0)
+        self._eyes = (*inputs(names, case.system.signals, stations, case.system.frequency),)
+        self._sensed = sensed(len(names), most, len(stations))
+        self._parts = loop[:-1]
+        self._turn = specialised(turn, *self._parts, 0)
+        self._sense = specialised(sense, *self._eyes, self._sensed, 0, np.zeros(0, DELIVERY), 0, 0)
+        self.step(None)
+
+    def step(self, given: NDArray[np.float64] | None) -> bool:
+        """To the next tick; `given`: the setpoints of all controllers' devices, in the place of theirs, p.u."""
+        if not self._goes_on:
+            return False
+        bank, state = self.loop.bank, self.loop.bank_state
+        if given is not None:
+            bank.code[:] = GIVEN
+            at = 0
+            for c, controller in enumerate(self._case.controllers):
+                state.unlimited[c, : len(controller.devices)] = given[at : at + len(controller.devices)]
+                at += len(controller.devices)
+        self._goes_on = bool(self._turn(*self._parts, self.tick))
+        bank.code[:] = self._own
+        check(self.loop.programs)
+        if self._goes_on:
+            self.tick += 1
+            self._look()
+        return self._goes_on
+
+    def _look(self) -> None:
+        """Take what the links have delivered in this tick."""
+        up, end_ns = self.loop.links.up, tick_ns(self.tick + 1, self._case.run.frame_rate)
+        for c, link in enumerate(self._case.used_links):
+            self._sense(*self._eyes, self._sensed, c, up.out[link], up.ring[link, 2], end_ns)
+
+    def delivered(self) -> dict[str, Delivered]:
+        """The signals of all controllers by name; of those that several have, the first one's."""
+        found: dict[str, Delivered] = {}
+        for c, names in enumerate(self._names):
+            for i, name in enumerate(names):
+                one = Delivered(self._eyes[1].signal[c, i], self._sensed.age[c, i], bool(self._sensed.fresh[c, i]))
+                found.setdefault(name, one)
+        return found
