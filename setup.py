@@ -136,6 +136,8 @@ setup(
         "fmi": ["fmpy==0.3.22"],  # FMUs as controllers; later ones bring CMake and Jupyter along
         "foxglove": ["foxglove-sdk>=0.30,<1"],  # for the node live_view
         "dask": ["distributed>=2024.1"],  # for `facts-damping sweep --scheduler`; versions are dates
+        "gymnasium": ["gymnasium>=1.0,<2"],  # for the environment
+        "pandas": ["pandas<4"],  # for `to_pandas`
         "matpower": ["matpowercaseframes==2.1.1", "pandas<4"],  # for `facts-damping import`
         "test": [
             "colcon-common-extensions>=0.3,<1",  # tests/test_packaging.py
@@ -143,6 +145,7 @@ setup(
             "distributed>=2024.1",
             "fmpy==0.3.22",
             "foxglove-sdk>=0.30,<1",
+            "gymnasium>=1.0,<2",
             "hypothesis>=6.100,<7",
             "import-linter>=2,<3",
             "matpowercaseframes==2.1.1",

@@ -31,6 +31,9 @@ ROOT = Path(__file__).parent
 ROOMS = (
     "compiling",
     "control",
+    "environment.many",
+    "environment.pinning",
+    "environment.watching",
     "link",
     "measurement",
     "matrices",

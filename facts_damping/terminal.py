@@ -164,3 +164,15 @@ def finite(content: Any) -> Any:
     if isinstance(content, float) and content - content != 0.0:
         return None
     return content
+
+
+@contextmanager
+def script_apart() -> Iterator[None]:
+    """The caller's script is not run once more in each process that is started, as `multiprocessing` would."""
+    main = vars(sys.modules["__main__"])
+    kept = {name: value for name, value in main.items() if name in ("__file__", "__spec__")}
+    main.update(dict.fromkeys(kept))
+    try:
+        yield
+    finally:
+        main.update(kept)

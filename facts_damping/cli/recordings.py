@@ -103,7 +103,7 @@ def _by_nodes(
 
     if played.ticks[0] > 0:
         raise InputError(f"--nodes: a recording from tick {played.ticks[0]} on given; allowed: one from tick 0 on")
-    loop.build_loop(case, graph=True)  # bad input is refused before anything starts
+    loop.build_loop(case, outside=True)  # bad input is refused before anything starts
     progress = Progress("replay")
     try:
         outcome = graph.run(

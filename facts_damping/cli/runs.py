@@ -137,7 +137,7 @@ def run(arguments: argparse.Namespace) -> None:
     from facts_damping.recording.reader import load
 
     case = loading.load_case(arguments.run, arguments.set)
-    loop.build_loop(case, graph=True)  # bad input is refused before anything starts
+    loop.build_loop(case, outside=True)  # bad input is refused before anything starts
     name = label(case.summary())
     folder = out_folder(arguments, name)
     progress = Progress(name)

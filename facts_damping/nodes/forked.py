@@ -13,17 +13,16 @@ import multiprocessing
 import os
 import signal
 import sys
-from contextlib import contextmanager
 from multiprocessing import forkserver, resource_tracker, util
 from threading import Thread
 from typing import TYPE_CHECKING
 
 from setproctitle import setproctitle
 
-from facts_damping.terminal import INTERRUPTIONS, interruptions_held
+from facts_damping.terminal import INTERRUPTIONS, interruptions_held, script_apart
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from multiprocessing.process import BaseProcess
 
 LOADED = "facts_damping.nodes.loaded"
@@ -52,21 +51,9 @@ def start(
     load()
     given = (module, list(arguments), dict(environment), output, errors)
     process = multiprocessing.get_context("forkserver").Process(target=_be, args=given, daemon=True)
-    with _main_apart(), interruptions_held():  # half a start would say so at length
+    with script_apart(), interruptions_held():  # half a start would say so at length
         process.start()
     return process
-
-
-@contextmanager
-def _main_apart() -> Iterator[None]:
-    """The caller's script is not run once more in each node, as `multiprocessing` would."""
-    main = vars(sys.modules["__main__"])
-    kept = {name: value for name, value in main.items() if name in ("__file__", "__spec__")}
-    main.update(dict.fromkeys(kept))
-    try:
-        yield
-    finally:
-        main.update(kept)
 
 
 def _end_with(asked: BaseProcess) -> None:

@@ -100,12 +100,12 @@ def setpoint_buffer(commands: int, entries: int) -> NDArray[Any]:
 
 
 def build_loop(
-    case: Case, residues: Residues | None = None, built: Built | None = None, *, graph: bool = False
+    case: Case, residues: Residues | None = None, built: Built | None = None, *, outside: bool = False
 ) -> Loop:
     """All parts of a case, at the start; `residues`: its plant's, as for `build_control`.
 
-    `built`: its plant, where it is at hand; the loop takes its state over. `graph`: to find out whether a graph can be
-    built, in which a controller may be a node of the user's own.
+    `built`: its plant, where it is at hand; the loop takes its state over. `outside`: setpoints may come from there, as
+    those of a node of the user's own in a graph.
     """
     built = build_plant(case) if built is None else built
     links = build_links(case)
@@ -122,7 +122,7 @@ def build_loop(
     up, down = (way.packets.now_ns.shape[1] for way in (links.up, links.down))
     signals = signals_for(case, stamps, up, down)
     pmus, pmu_state = build_pmus(case)
-    programs = connect(case, control[1], graph=graph)
+    programs = connect(case, control[1], outside=outside)
     return Loop(built.plant, built.state, work, pmus, pmu_state, links, *control, issued, applied, signals, programs)
 
 

@@ -136,16 +136,16 @@ class Program:
         return StepTimes(len(took), *map(float, (took.mean(), np.percentile(took, 99), took.max())))
 
 
-def connect(case: Case, state: BankState, only: int | None = None, *, graph: bool = False) -> list[Program]:
+def connect(case: Case, state: BankState, only: int | None = None, *, outside: bool = False) -> list[Program]:
     """Make the programs of a case and connect them to their controllers' state; `only`: of one controller.
 
     They must be kept as long as the state is used. Raises `InputError` where one cannot be made, and where a controller
-    is a node of the user's own, unless it is for a `graph`.
+    is a node of the user's own, unless its setpoints come from `outside`.
     """
     mine = range(len(case.controllers)) if only is None else (only,)
     for c in mine:
         row = kind_of(case.controllers[c])
-        if row.node and not graph:
+        if row.node and not outside:
             raise InputError(
                 f"controllers.{c}.{row.own}: a node of one's own given; allowed: in a graph, as of facts-damping run"
             )

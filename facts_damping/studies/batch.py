@@ -117,6 +117,11 @@ def identity(case: Case) -> dict[str, Any]:
 
 def closed_loop(case: Case) -> Record:
     """`loop.run(case)`, with plant and residues shared between runs."""
+    return loop.finish(case, fresh_loop(case))
+
+
+def fresh_loop(case: Case, *, outside: bool = False) -> loop.Loop:
+    """`loop.build_loop(case)`, with plant and residues shared between runs."""
     # By content, not by name: a worker of a cluster may outlive a file.
     system = f"{case.run.devices} {case.system.model_dump_json()}"
     events = [event.model_dump_json() for event in case.scenario.events]
@@ -129,7 +134,7 @@ def closed_loop(case: Case) -> Record:
             _residues, f"{case.run.frame_rate} {case.measurement.filter} {system}", lambda: plant_residues(case)
         )
     own = built._replace(state=copy(built.state))
-    return loop.finish(case, loop.build_loop(case, plant, own))
+    return loop.build_loop(case, plant, own, outside=outside)
 
 
 def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:

@@ -15,7 +15,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
 from facts_damping.errors import InputError, RunError
-from facts_damping.terminal import clean_up_first
+from facts_damping.terminal import clean_up_first, script_apart
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -70,7 +70,7 @@ def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]
     with parallel_config("loky", inner_max_num_threads=1):
         pool = Parallel(n_jobs=many, return_as="generator_unordered", batch_size=batch, initializer=_worker)
     try:
-        with threadpool_limits(1) if many == 1 else nullcontext():
+        with script_apart(), threadpool_limits(1) if many == 1 else nullcontext():
             yield from pool(delayed(function)(one) for one in todo)
     except TerminatedWorkerError as error:
         raise RunError("a process of the sweep was killed, perhaps for want of memory: try fewer --jobs") from error

@@ -1,0 +1,164 @@
+"""Episodes: runs, drawn from a study by seed, in which an agent has the place of a controller."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.analysis.measures import measure_weights
+from facts_damping.case import loading
+from facts_damping.compiling import specialised
+from facts_damping.control.inputs import inputs
+from facts_damping.control.sensing import sensed
+from facts_damping.environment.watching import watch
+from facts_damping.errors import InputError
+from facts_damping.parameters.files import find, read_table
+from facts_damping.parameters.run import Controller, Run
+from facts_damping.signals import NANOSECONDS
+from facts_damping.simulation import loop
+from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.studies import sweep
+from facts_damping.studies.batch import fresh_loop
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.signals import Record
+
+AGENT = "agent"  # its name as a controller
+KEPT = ("devices", "signals", "link", "namespace")  # what it takes over from the controller in whose place it is
+MOST_SEED = 2**31
+PARTS = len(loop.Loop._fields) - 1 + 3  # of what is stepped: the loop's, but for programs; the agent's receiver
+
+
+class Source:
+    """Where episodes come from: a run, or the points of a study."""
+
+    def __init__(self, run: str | None, study: str | None, controller: int, fields: dict[str, Any]) -> None:
+        """Read it. Raises `InputError`; where a run has no controller with devices, too."""
+        if study is None:
+            path = None if run is None else find("runs", run)
+            self._content, self._where = {} if path is None else read_table(path), str(path or "defaults")
+            self._set: dict[str, Any] = {}
+            self.points: list[dict[str, Any]] = [{}]
+        else:
+            plan = sweep.plan(study, [])
+            self._content, self._where, self._set = plan.base.content, plan.base.source, plan.base.set
+            self.points = [point.changes for point in plan.points]
+        self._fields, self._controller = fields, controller
+        self._cases: dict[int, Case] = {}
+        self.first = self.case(0, 0)
+
+    def draw(self, random: np.random.Generator, options: dict[str, Any] | None = None) -> tuple[int, Case]:
+        """A point, and its run with a seed; `options`: `point` and `seed`, where they are asked for."""
+        asked = options or {}
+        point, seed = int(random.integers(len(self.points))), int(random.integers(MOST_SEED))
+        return (at := int(asked.get("point", point))), self.case(at, int(asked.get("seed", seed)))
+
+    def case(self, point: int, seed: int) -> Case:
+        """The run of a point, with a seed."""
+        if not 0 <= point < len(self.points):
+            raise InputError(f"point: {point} given; allowed: 0 to {len(self.points) - 1}")
+        if point not in self._cases:
+            self._cases[point] = self._made(self.points[point])
+        made = self._cases[point]
+        return replace(made, run=made.run.model_copy(update={"seed": seed}))
+
+    def _made(self, changes: dict[str, Any]) -> Case:
+        content, values = deepcopy(self._content), {**self._set, **self._fields, **changes}
+        loading.change(content, values, {name: str(value) for name, value in values.items()})
+        content.pop("asked", None)
+        rows = content.setdefault("controllers", [Controller().model_dump(include={"devices", "signals"})])
+        c, installed = self._controller, content.get("devices", Run.model_fields["devices"].default)
+        if not 0 <= c < len(rows) or not installed:
+            given = f"controller: {c} given; " + ("no device is installed" if not installed else f"{len(rows)} there")
+            raise InputError(f"{self._where}: {given}; allowed: a run with a controller of a device")
+        content["controllers"] = list(rows)
+        taken = {name: rows[c][name] for name in KEPT if name in rows[c]}
+        content["controllers"][c] = {**taken, "name": AGENT, "external": True}
+        return loading.make_case(content, self._where)
+
+
+class Episode:
+    """A run under way, an agent in the place of its controller `c`: between two ticks, the newest one delivered."""
+
+    def __init__(
+        self, case: Case, c: int, scale: NDArray[np.float64], window: NDArray[Any], deviations: NDArray[Any]
+    ) -> None:
+        """Begin it: with the first tick measured and delivered.
+
+        `window`, (ticks, signals, 3), and `deviations`, (differences,), are what it writes what there is to see into.
+        """
+        self.case, self._window, self._deviations, self._scale = case, window, deviations, scale
+        self.loop = fresh_loop(case, outside=True)
+        self.tick = -1
+        self._agent = case.controllers[c]
+        names, stations = [list(self._agent.signals)], [station.name for station in case.system.stations]
+        eyes = inputs(names, case.system.signals, stations, case.system.frequency)
+        seen = sensed(1, len(names[0]), len(stations))
+        self._up, self._link = self.loop.links.up, case.used_links[c]
+        self._parts, self._eyes = self.loop[:-1], (*eyes, seen)
+        self.parts = (*self._parts, *self._eyes)  # all that is stepped
+        kept = self.loop.signals
+        self._tail = window, scale, weights_of(case)
+        self._turn = specialised(loop.turn, *self._parts, 0)
+        first = self._up.out[self._link], 0, 0, *self._tail, kept.machines[0], deviations
+        self._watch = specialised(watch, *self._eyes, *first)
+        self._u = self.loop.bank_state.unlimited[c, : len(self._agent.devices)]
+        self._limits = limits_of(case, c)
+        window[:] = 0.0
+        window[:, :, 2] = 1.0
+        self._go_on()
+
+    @property
+    def time_s(self) -> float:
+        """Time of the newest tick, s."""
+        return float(self.loop.signals.time_ns[self.tick]) / NANOSECONDS
+
+    def step(self, action: NDArray[Any]) -> None:
+        """Have what was delivered in the newest tick answered by an action, -1 to 1 of the limits; on to the next."""
+        np.multiply(action, self._limits, out=self._u)
+        self._go_on()
+
+    def _go_on(self) -> None:
+        self._turn(*self._parts, self.tick)
+        self.tick += 1
+        kept = self.loop.signals
+        end_ns = tick_ns(self.tick + 1, self.case.run.frame_rate)
+        delivered = self._up.out[self._link], self._up.ring[self._link, 2], end_ns
+        self._watch(*self._eyes, *delivered, *self._tail, kept.machines[self.tick], self._deviations)
+
+    @property
+    def lost(self) -> bool:
+        """Whether the plant has lost synchronism: the episode ends."""
+        return not self.loop.signals.in_synchronism[self.tick]
+
+    @property
+    def over(self) -> bool:
+        """Whether this is the last tick."""
+        return self.tick + 1 >= self.case.ticks
+
+    def record(self) -> Record:
+        """What there is so far."""
+        return loop.record(self.case, self.loop)
+
+
+def limits_of(case: Case, c: int) -> NDArray[np.float64]:
+    """Largest setpoint of each device of controller c, p.u."""
+    return np.array([case.system.device(name).v_max for name in case.controllers[c].devices])
+
+
+def weights_of(case: Case) -> NDArray[np.float64]:
+    """Weights of machines' speeds in the speed differences that are judged, (differences, machines)."""
+    machines = [machine.name for machine in case.system.machines]
+    of = {station.name: station.machine for station in case.system.stations}
+    judged = measure_weights(case.document())
+    found = np.zeros((len(judged), len(machines)))
+    for row, weights in zip(found, judged.values(), strict=True):
+        for station, weight in weights.items():
+            row[machines.index(str(of[station]))] += weight
+    return found

@@ -1,0 +1,48 @@
+"""What an agent is rewarded for: damping, at a price of effort."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from facts_damping.analysis.indices import INDICES
+from facts_damping.errors import check_known
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+UNIT = 0.01  # p.u.: a speed difference that counts as one
+
+
+class Reward(Protocol):
+    """Of a tick: its length dt (s), its end t_s (s), the true speed differences then (p.u.), its action (-1 to 1).
+
+    In the vector environment all have a leading axis, and so has what comes back.
+    """
+
+    def __call__(
+        self, dt: float, t_s: NDArray[np.float64], deviations: NDArray[np.float64], action: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """The reward."""
+
+
+class IndexReward(NamedTuple):
+    """Minus the integrand of a performance index (4.108), minus a price on effort, over the tick.
+
+        -dt (t^r sum_i |dw_i / 0.01|^s + effort sum_d a_d^2)
+
+    With the end of a whole episode it is minus the index, in units of 0.01 p.u., by the rectangle rule.
+    """
+
+    of: str = "ISE"
+    effort: float = 0.01
+
+    def __call__(
+        self, dt: float, t_s: NDArray[np.float64], deviations: NDArray[np.float64], action: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """The reward, (...)."""
+        check_known("reward.of", self.of, INDICES)
+        r, s, _ = INDICES[self.of]
+        deviated = np.sum(np.abs(deviations / UNIT) ** s, axis=-1)
+        return np.asarray(-dt * (np.asarray(t_s) ** r * deviated + self.effort * np.sum(action**2, axis=-1)))

@@ -1,0 +1,124 @@
+"""The environment, one episode at a time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from facts_damping.environment.episodes import Episode, Source, weights_of
+from facts_damping.environment.reward import IndexReward, Reward
+from facts_damping.environment.watching import MOST_AGE, MOST_SIGNAL
+from facts_damping.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.signals import Record
+
+
+class Setting:
+    """What all episodes of an environment have in common: where they come from, spaces, reward."""
+
+    def __init__(
+        self,
+        run: str | None = "two_area_large",
+        study: str | None = None,
+        *,
+        controller: int = 0,
+        window: int = 8,
+        scale: float | list[float] = 0.01,
+        reward: Reward = IndexReward(),  # noqa: B008 (frozen)
+        lost: float = 100.0,
+        **fields: Any,
+    ) -> None:
+        """See `WideAreaDamping`."""
+        if window < 1:
+            raise InputError(f"window: {window} given; allowed: 1 or more ticks")
+        self.source, self.controller, self.reward, self.lost = (
+            Source(run, study, controller, fields),
+            controller,
+            reward,
+            lost,
+        )
+        agent = self.source.first.controllers[controller]
+        self.scale = np.broadcast_to(np.array(scale, np.float64), (len(agent.signals),)).copy()
+        shape = (window, len(agent.signals))
+        low, high = ([-MOST_SIGNAL, 0.0, 0.0], [MOST_SIGNAL, MOST_AGE, 1.0])
+        edges = [np.broadcast_to(np.array(edge, np.float32), (*shape, 3)) for edge in (low, high)]
+        self.observation_space: Any = spaces.Box(edges[0], edges[1], dtype=np.float32)
+        self.action_space: Any = spaces.Box(-1.0, 1.0, (len(agent.devices),), np.float32)
+        self.differences = len(weights_of(self.source.first))
+        self.dt = 1.0 / self.source.first.run.frame_rate
+
+    def begin(
+        self,
+        random: np.random.Generator,
+        options: dict[str, Any] | None,
+        window: NDArray[Any],
+        deviations: NDArray[Any],
+    ) -> tuple[Episode, dict[str, Any]]:
+        """An episode, drawn, and what is told of it; a study whose points have other signals or devices is refused."""
+        point, case = self.source.draw(random, options)
+        agent, first = case.controllers[self.controller], self.source.first
+        like = first.controllers[self.controller]
+        if (agent.signals, agent.devices, case.run.frame_rate) != (like.signals, like.devices, first.run.frame_rate):
+            raise InputError(f"study: point {point} has other signals, devices or frames; allowed: the same in all")
+        told = {"point": point, "seed": case.run.seed, **self.source.points[point]}
+        return Episode(case, self.controller, self.scale, window, deviations), told
+
+
+class WideAreaDamping(gymnasium.Env[Any, Any]):
+    """Damping of a run by an agent, which has the place of one of its controllers.
+
+    A step is a frame. **Observation**, (window, signals, 3): of the last ticks, the newest last, each signal of the
+    controller as its link has delivered it, in units of `scale` (p.u.), its age (s), and 1 where nothing new of it has
+    come in the tick. **Action**, (devices,): setpoints, -1 to 1 of the limits; it is issued at the last arrival of the
+    tick that it answers, and of no effect where nothing has arrived. **Reward**: see `IndexReward`, another is a function
+    like it. `terminated` where synchronism is lost, with `lost` taken off the reward; `truncated` at the end.
+
+    `run`: name under config/runs, or a path; or `study`, name or path, of whose points episodes are drawn;
+    `controller`: whose place the agent has; `fields`: of the run that differ, as of `facts_damping.simulate`. The seed
+    of `reset` draws point and seed of the run; `options` may say `point` and `seed`. Raises `InputError`.
+    """
+
+    metadata = {  # noqa: RUF012 (as its base has it)
+        "render_modes": []
+    }
+
+    def __init__(self, run: str | None = "two_area_large", study: str | None = None, **settings: Any) -> None:
+        """As above."""
+        settings.pop("render_mode", None)
+        self._setting = Setting(run, study, **settings)
+        self.observation_space, self.action_space = self._setting.observation_space, self._setting.action_space
+        self._window = np.zeros(self.observation_space.shape or (), np.float32)
+        self._deviations = np.zeros(self._setting.differences)
+        self.episode: Any = None  # an `Episode`, once one has begun
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Begin an episode; what was drawn is told."""
+        super().reset(seed=seed)
+        self.episode, told = self._setting.begin(self.np_random, options, self._window, self._deviations)
+        return self._window.copy(), told
+
+    def step(self, action: NDArray[Any]) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
+        """Answer the newest tick, and go on to the next one."""
+        episode = self.episode
+        if episode is None or episode.over or episode.lost:
+            raise gymnasium.error.ResetNeeded("no episode is under way: call reset")
+        asked = np.clip(np.asarray(action, np.float64).reshape(-1), -1.0, 1.0)
+        episode.step(asked)
+        setting, lost = self._setting, episode.lost
+        reward = float(setting.reward(setting.dt, np.float64(episode.time_s), self._deviations, asked))
+        return self._window.copy(), reward - setting.lost * lost, lost, episode.over and not lost, {}
+
+    def record(self) -> Record:
+        """The episode so far, as a run's record."""
+        if self.episode is None:
+            raise gymnasium.error.ResetNeeded("no episode is under way: call reset")
+        found: Record = self.episode.record()
+        return found

@@ -1,0 +1,122 @@
+"""The environment, many episodes at once: compiled loops side by side, in threads."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.seeding import np_random
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from facts_damping.compiling import specialised
+from facts_damping.environment.episodes import PARTS, limits_of, weights_of
+from facts_damping.environment.many import step_many
+from facts_damping.environment.pinning import pin
+from facts_damping.environment.single import Setting
+from facts_damping.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.environment.episodes import Episode
+
+
+class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
+    """`WideAreaDamping`, `num_envs` at once, each with the bits of one by itself with the seed `seed + its number`.
+
+    An episode that has ended begins anew in the next step, whose action then does not count and whose reward is 0.
+    `threads`: none: as many as there are processors.
+    """
+
+    metadata = {  # noqa: RUF012 (as its base has it)
+        "render_modes": [],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(self, num_envs: int = 1, *, threads: int | None = None, **settings: Any) -> None:
+        """As above."""
+        settings.pop("render_mode", None)
+        self._setting, self.num_envs = Setting(**settings), num_envs
+        first, controller = self._setting.source.first, self._setting.controller
+        self.single_observation_space = self._setting.observation_space
+        self.single_action_space = self._setting.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._random = [np_random(None)[0] for _ in range(num_envs)]
+        self._episodes: list[Episode] = []
+        self._pinned: list[list[NDArray[np.uint8]]] = [[] for _ in range(num_envs)]
+        self._where: NDArray[np.int64] = np.zeros((num_envs, PARTS), np.int64)
+        self._waits, self._ended = np.zeros((2, num_envs), np.bool_)
+        self._ticks, self._time_ns, self._last = np.zeros((3, num_envs), np.int64)
+        self._lost, self._setpoints = (
+            np.zeros(num_envs, np.bool_),
+            np.zeros((num_envs, len(limits_of(first, controller))), np.float64),
+        )
+        self._limits = np.zeros_like(self._setpoints)
+        self._windows = np.zeros((num_envs, *(self.single_observation_space.shape or ())), np.float32)
+        self._weights = np.zeros((num_envs, *weights_of(first).shape))
+        self._deviations = np.zeros((num_envs, self._setting.differences))
+        self._step: Any = None
+        self._shares = min(threads or os.cpu_count() or 1, num_envs)
+        self._pool = ThreadPoolExecutor(self._shares)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Begin all episodes."""
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or []
+        for i, one in enumerate(seeds):
+            if one is not None:
+                self._random[i] = np_random(one)[0]
+        self._episodes = [self._begun(i, options) for i in range(self.num_envs)]
+        for i in range(self.num_envs):
+            self._begin(i)
+        self._ended[:] = False
+        return self._windows.copy(), {}
+
+    def _begun(self, i: int, options: dict[str, Any] | None = None) -> Episode:
+        return self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])[0]
+
+    def _begin(self, i: int) -> None:
+        """Take over an episode at its beginning."""
+        one, c = self._episodes[i], self._setting.controller
+        self._pinned[i] = [pin(part) for part in one.parts]
+        self._where[i] = [buffer.ctypes.data for buffer in self._pinned[i]]
+        self._ticks[i], self._last[i], self._lost[i] = one.tick, one.case.ticks - 1, one.lost
+        self._limits[i], self._weights[i] = limits_of(one.case, c), weights_of(one.case)
+
+    def step(
+        self, actions: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """A step of each episode; of one that has ended the beginning of the next."""
+        if not self._episodes:
+            raise ResetNeeded("no episode is under way: call reset")
+        asked = np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
+        np.multiply(asked, self._limits, out=self._setpoints)
+        self._waits[:] = self._ended
+        for i in np.flatnonzero(self._waits):
+            self._episodes[i] = self._begun(int(i))
+            self._begin(int(i))
+        self._go_on()
+        setting, goes = self._setting, ~self._waits
+        lost, over = self._lost & goes, (self._ticks >= self._last) & ~self._lost & goes
+        rewards = setting.reward(setting.dt, self._time_ns / NANOSECONDS, self._deviations, asked) - setting.lost * lost
+        self._ended = lost | over
+        return self._windows.copy(), np.where(goes, rewards, 0.0), lost, over, {}
+
+    def _go_on(self) -> None:
+        """All that do not wait, each thread its share, in one compiled call."""
+        made = self._waits, self._ticks, self._time_ns, self._lost, self._setting.controller, self._setpoints
+        seen = self._windows, self._setting.scale, self._weights, self._deviations
+        given = (self._shares, *made, *seen, *self._episodes[0].parts)
+        if self._step is None:
+            self._step = specialised(step_many, self._where, 0, *given)
+        list(self._pool.map(lambda share: self._step(self._where, share, *given), range(self._shares)))
+
+    def close_extras(self, **_: Any) -> None:
+        """End the threads."""
+        self._pool.shutdown()

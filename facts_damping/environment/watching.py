@@ -1,0 +1,62 @@
+"""What an agent sees of a tick, and what it is judged by; compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.compiling import compiled
+from facts_damping.control.sensing import sense
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.control.inputs import Held, Inputs
+    from facts_damping.control.sensing import Sensed
+
+SIGNAL, AGE, MISSING = range(3)  # of a window's last axis
+MOST_SIGNAL, MOST_AGE = 100.0, 10.0  # in scales, and s: values beyond count as these
+
+
+@compiled
+def put(
+    window: NDArray[Any], y: NDArray[Any], age: NDArray[Any], fresh: NDArray[Any], scale: NDArray[Any], again: bool
+) -> None:
+    """Put the signals of a tick, (signals,), last into a window, (ticks, signals, 3); `again`: in place of the last."""
+    if not again:
+        for k in range(window.shape[0] - 1):
+            for i in range(window.shape[1]):
+                for part in range(window.shape[2]):
+                    window[k, i, part] = window[k + 1, i, part]
+    last = window.shape[0] - 1
+    for i in range(window.shape[1]):
+        value = y[i] / scale[i]
+        window[last, i, SIGNAL] = min(max(value, -MOST_SIGNAL), MOST_SIGNAL) if math.isfinite(value) else 0.0
+        window[last, i, AGE] = min(age[i], MOST_AGE)
+        window[last, i, MISSING] = 0.0 if fresh[i] else 1.0
+
+
+@compiled
+def watch(
+    given: Inputs,
+    held: Held,
+    of: Sensed,
+    delivered: NDArray[Any],
+    count: int,
+    end_ns: int,
+    window: NDArray[Any],
+    scale: NDArray[Any],
+    weights: NDArray[Any],
+    machines: NDArray[Any],
+    deviations: NDArray[Any],
+) -> None:
+    """A tick: what was delivered goes into the window, and the true speed differences into `deviations`, p.u.
+
+    `weights`: (differences, machines); `machines`: (machines,) of MACHINE_TRUTH.
+    """
+    sense(given, held, of, 0, delivered, count, end_ns)
+    put(window, held.signal[0], of.age[0], of.fresh[0], scale, False)
+    for d in range(weights.shape[0]):
+        deviations[d] = 0.0
+        for m in range(weights.shape[1]):
+            deviations[d] += weights[d, m] * machines[m].speed_deviation

@@ -1,0 +1,49 @@
+"""What the environment shows, for a class that was trained in it: built from what `step` is given."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from facts_damping.environment.watching import put
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.simulation.policies import Spec
+
+
+class Window:
+    """The observations of `WideAreaDamping`, (window, signals, 3), of a class's arrivals.
+
+    They are those of the environment bit for bit at each tick at whose last arrival the class is called; the ticks
+    between two calls, in which nothing has arrived, are filled in.
+    """
+
+    def __init__(self, spec: Spec, window: int = 8, scale: float | list[float] = 0.01) -> None:
+        """Empty; `window` and `scale`: as of the environment."""
+        n = len(spec.signals)
+        self._rate, self._scale = spec.frame_rate, np.broadcast_to(np.array(scale, np.float64), (n,)).copy()
+        self._seen: NDArray[np.float32] = np.zeros((window, n, 3), np.float32)
+        self._y, self._newest_ns, self._none = np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n, np.bool_)
+        self.reset()
+
+    def reset(self) -> None:
+        """As at the start of a run."""
+        self._seen[:], self._tick, self._y[:] = 0.0, -1, np.nan
+        self._seen[:, :, 2] = 1.0
+
+    def push(
+        self, t_s: float, y: NDArray[np.float64], age_s: NDArray[np.float64], fresh: NDArray[np.bool_]
+    ) -> NDArray[np.float32]:
+        """The observation at an arrival, with what is new in it."""
+        now_ns = round(t_s * 1e9)
+        tick = (now_ns + 1) * self._rate // 1_000_000_000  # times of ticks are rounded down
+        for missed in range(self._tick + 1, tick):
+            age = (((missed + 1) * 1_000_000_000 // self._rate) - self._newest_ns) * 1e-9
+            put(self._seen, self._y, age if self._tick >= 0 else 0.0 * age, self._none, self._scale, False)
+        put(self._seen, y, age_s, fresh, self._scale, tick == self._tick)
+        self._tick, self._y = tick, y
+        self._newest_ns = now_ns - np.round(age_s * 1e9).astype(np.int64)
+        return np.array(self._seen)
