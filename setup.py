@@ -85,6 +85,7 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         "": ["py.typed"],
+        NAME: ["templates/*/*.txt"],
         f"{NAME}.nodes": ["fast*.xml"],
         f"{NAME}.report": ["page.*"],
         f"{NAME}.reproduction": ["*.md", "page.html"],

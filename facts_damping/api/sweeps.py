@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.analysis.indices import INDICES
 from facts_damping.api.cases import plain
 from facts_damping.api.frames import data_frame
 from facts_damping.parameters.study import Study
@@ -15,13 +16,16 @@ from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.studies import sweep as studies
 from facts_damping.studies import sweep_plots
+from facts_damping.studies.pool import refuse_within
 from facts_damping.studies.results import sweep_tables
-from facts_damping.terminal import Progress
+from facts_damping.terminal import Progress, table
 
 if TYPE_CHECKING:
     from os import PathLike
 
     from facts_damping.studies.sweep import Plan
+
+SHOWN = 20  # runs, in a notebook
 
 
 @dataclass(frozen=True, repr=False)
@@ -56,8 +60,15 @@ class Sweep:
         return f"<Sweep {self.name}: {', '.join(parts)}>"
 
     def _repr_html_(self) -> str:
-        """Its tables, for a notebook."""
-        return f"<pre>{chr(10).join(sweep_tables(self.rows, self.margins, [], studies.across(self._plan)))}</pre>"
+        """Its tables, for a notebook: margins, and figures of the first runs."""
+        columns = [*dict.fromkeys((*self._plan.points[0].columns, "controller", "verdict", *INDICES))]
+        cells = [[_cell(row.get(name)) for name in columns] for row in self.rows[:SHOWN]]
+        lines = [*sweep_tables(self.rows, self.margins, [], studies.across(self._plan)), "", *table(columns, cells)]
+        return f"<pre>{chr(10).join(lines)}</pre>"
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else "-" if value is None else str(value)
 
 
 def sweep(
@@ -72,6 +83,7 @@ def sweep(
     `study`: name under config/studies, path, or its content (docs/studies.md); `jobs`: processes, none: all cores;
     `out`: folder in which it goes on where it was interrupted; `progress`: on the terminal. Raises `InputError`.
     """
+    refuse_within()
     if isinstance(study, dict):
         content = plain(study)
         made = studies.planned(check(Study, content, "study"), "study", "study", dump(content))

@@ -228,6 +228,12 @@ def _lists(add: Add) -> None:
     command = add("list", "runs.list_", "What there is: systems, scenarios, controllers, links.")
     command.add_argument("kind", choices=KINDS)
     _common(command, sets=False, out=False)
+    text = "A small folder to start from: a controller's class, run file, study, and test."
+    command = add("new", "new.new", text)
+    command.add_argument("kind", choices=("controller",))
+    command.add_argument("name", metavar="NAME", help="of the controller: small letters, digits and _")
+    command.add_argument("--out", metavar="DIR", help="the folder; default: NAME")
+    _common(command, sets=False, out=False, json=False)
     command = add("keys", "runs.keys", "A key that a graph's messages are signed with, put first in a file.")
     command.add_argument("action", choices=("new",))
     command.add_argument("file", metavar="FILE.yaml", help="made where it is not there; the key before it is kept")

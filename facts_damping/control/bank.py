@@ -267,6 +267,24 @@ def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
     )
 
 
+@inner
+def _issue(made: Bank, state: BankState, c: int, tick: int, arrival: int, out: NDArray[Any], first: int) -> int:
+    """Setpoints of controller c within limits into `out` from index `first` on; the index after the last."""
+    _limit(made, state, c)
+    for d in range(made.device.shape[1]):
+        if made.device[c, d] != UNSET:
+            row = out[first]
+            row.tick = tick
+            row.controller = c
+            row.device = made.device[c, d]
+            row.measured_ns = state.held.newest_ns[c]
+            row.issued_ns = arrival
+            row.effective_ns = arrival
+            row.value = state.outputs[c, d]
+            first += 1
+    return first
+
+
 @compiled
 def set_estimate(
     state: BankState, c: int, jacobian: NDArray[np.float64], change: NDArray[np.float64], measured_ns: int
@@ -293,10 +311,12 @@ def act(
     """One tick of controller c: `count` delivered entries in, setpoints into `out` from index `first` on.
 
     Entries of the same arrival are taken together; it acts if a frame is newer than all before and all signals are
-    there. A called one that fails says nothing more; one whose setpoints are given (`state.unlimited`) issues them
-    once, at the last arrival at which it acts. Returns the index after the last setpoint written.
+    there. Once a tick alone, at the last such arrival, acts one whose setpoints are given (`state.unlimited`), or a
+    called one that wants it so. A called one that fails says nothing more. Returns the index after the last setpoint.
     """
-    i, began = 0, first
+    i, last = 0, UNSET
+    called = made.code[c] == CALLED
+    once = made.code[c] == GIVEN or (called and state.calls.once[c])
     while i < count:
         arrival = delivered[i].arrival_ns
         i = take(state.held, c, delivered, i, count)
@@ -306,6 +326,9 @@ def act(
         newest = state.held.newest_ns[c]
         age, signals = (arrival - newest) * 1e-9, state.held.signal[c]
         compensate(made.compensators, state.compensated, c, made.settings[c, 0], signals, newest, age, since * 1e-9)
+        if once:
+            last = arrival
+            continue
         if made.code[c] == LAW:
             for d in range(made.device.shape[1]):
                 if made.device[c, d] != UNSET:
@@ -318,23 +341,14 @@ def act(
                     )
         elif made.code[c] == STATE_SPACE:
             _optimal(made, state, c, since)
-        elif made.code[c] == CALLED:
+        elif called:
             if not call(made.inputs, state.held, state.calls, c, arrival):
                 return first
-        elif made.code[c] == GIVEN:
-            first = began
         else:
             _neuro_fuzzy(made, state, c, since, arrival - newest)
-        _limit(made, state, c)
-        for d in range(made.device.shape[1]):
-            if made.device[c, d] != UNSET:
-                row = out[first]
-                row.tick = tick
-                row.controller = c
-                row.device = made.device[c, d]
-                row.measured_ns = newest
-                row.issued_ns = arrival
-                row.effective_ns = arrival
-                row.value = state.outputs[c, d]
-                first += 1
+        first = _issue(made, state, c, tick, arrival, out, first)
+    if last != UNSET:
+        if called and not call(made.inputs, state.held, state.calls, c, last):
+            return first
+        first = _issue(made, state, c, tick, last, out, first)
     return first

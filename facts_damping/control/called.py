@@ -29,13 +29,15 @@ class Calls(NamedTuple):
 
     address: NDArray[np.int64]  # (controllers,), of the C function; 0: none
     failed: NDArray[np.bool_]  # (controllers,): it has failed, and is not called again
+    once: NDArray[np.bool_]  # (controllers,): it is called once a tick at most
     sensed: Sensed
 
 
 def calls(controllers: int, signals: int, stations: int) -> Calls:
     """Those of so many controllers, with no functions yet."""
     made = sensed(controllers, signals, stations)
-    return Calls(np.zeros(controllers, np.int64), np.zeros(controllers, np.bool_), made)
+    failed, once = np.zeros((2, controllers), np.bool_)
+    return Calls(np.zeros(controllers, np.int64), failed, once, made)
 
 
 def _at(_typing: Any, _address: Any, _controller: Any, _now_ns: Any) -> Any:

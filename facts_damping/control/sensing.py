@@ -52,18 +52,19 @@ def sense(given: Inputs, held: Held, of: Sensed, r: int, delivered: NDArray[Any]
 
     It looks at the last arrival at which it would; else, where there are signals, at the tick's end: none is new then.
     """
-    i, acted = 0, False
+    i, last = 0, UNSET
     while i < count:
         arrival = delivered[i].arrival_ns
         i = take(held, r, delivered, i, count)
         if form(given, held, r) >= 0:
-            look(given, held, of, r, arrival)
-            acted = True
-    if not acted and held.newest_ns[r] != UNSET:
+            last = arrival
+    if last != UNSET:
+        look(given, held, of, r, last)
+    elif held.newest_ns[r] != UNSET:
         for j in range(given.signals[r]):
             newest = UNSET
             for s in range(given.weight.shape[2]):
                 if given.weight[r, j, s] != 0.0:
                     newest = max(newest, of.taken_ns[r, s])
             of.age[r, j], of.fresh[r, j] = (end_ns - newest) * 1e-9, False
-    return acted
+    return last != UNSET

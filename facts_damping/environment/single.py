@@ -11,6 +11,7 @@ from gymnasium import spaces
 from facts_damping.environment.episodes import Episode, Source, weights_of
 from facts_damping.environment.reward import IndexReward, Reward
 from facts_damping.environment.watching import MOST_AGE, MOST_SIGNAL
+from facts_damping.environment.window import each_scale
 from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class Setting:
             lost,
         )
         agent = self.source.first.controllers[controller]
-        self.scale = np.broadcast_to(np.array(scale, np.float64), (len(agent.signals),)).copy()
+        self.scale = each_scale(scale, len(agent.signals))
         shape = (window, len(agent.signals))
         low, high = ([-MOST_SIGNAL, 0.0, 0.0], [MOST_SIGNAL, MOST_AGE, 1.0])
         edges = [np.broadcast_to(np.array(edge, np.float32), (*shape, 3)) for edge in (low, high)]
@@ -75,9 +76,9 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
 
     A step is a frame. **Observation**, (window, signals, 3): of the last ticks, the newest last, each signal of the
     controller as its link has delivered it, in units of `scale` (p.u.), its age (s), and 1 where nothing new of it has
-    come in the tick. **Action**, (devices,): setpoints, -1 to 1 of the limits; it is issued at the last arrival of the
-    tick that it answers, and of no effect where nothing has arrived. **Reward**: see `IndexReward`, another is a function
-    like it. `terminated` where synchronism is lost, with `lost` taken off the reward; `truncated` at the end.
+    come in the tick. **Action**, (devices,): setpoints, -1 to 1 of the limits; issued at the last arrival of the tick
+    that it answers, and of no effect where nothing has arrived. **Reward**: see `IndexReward`; any function like it may
+    take its place. `terminated` where synchronism is lost, with `lost` taken off the reward; `truncated` at the end.
 
     `run`: name under config/runs, or a path; or `study`, name or path, of whose points episodes are drawn;
     `controller`: whose place the agent has; `fields`: of the run that differ, as of `facts_damping.simulate`. The seed

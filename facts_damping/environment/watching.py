@@ -19,15 +19,12 @@ MOST_SIGNAL, MOST_AGE = 100.0, 10.0  # in scales, and s: values beyond count as 
 
 
 @compiled
-def put(
-    window: NDArray[Any], y: NDArray[Any], age: NDArray[Any], fresh: NDArray[Any], scale: NDArray[Any], again: bool
-) -> None:
-    """Put the signals of a tick, (signals,), last into a window, (ticks, signals, 3); `again`: in place of the last."""
-    if not again:
-        for k in range(window.shape[0] - 1):
-            for i in range(window.shape[1]):
-                for part in range(window.shape[2]):
-                    window[k, i, part] = window[k + 1, i, part]
+def put(window: NDArray[Any], y: NDArray[Any], age: NDArray[Any], fresh: NDArray[Any], scale: NDArray[Any]) -> None:
+    """Put the signals of a tick, (signals,), last into a window, (ticks, signals, 3)."""
+    for k in range(window.shape[0] - 1):
+        for i in range(window.shape[1]):
+            for part in range(window.shape[2]):
+                window[k, i, part] = window[k + 1, i, part]
     last = window.shape[0] - 1
     for i in range(window.shape[1]):
         value = y[i] / scale[i]
@@ -55,7 +52,7 @@ def watch(
     `weights`: (differences, machines); `machines`: (machines,) of MACHINE_TRUTH.
     """
     sense(given, held, of, 0, delivered, count, end_ns)
-    put(window, held.signal[0], of.age[0], of.fresh[0], scale, False)
+    put(window, held.signal[0], of.age[0], of.fresh[0], scale)
     for d in range(weights.shape[0]):
         deviations[d] = 0.0
         for m in range(weights.shape[1]):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.environment.watching import put
+from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -14,17 +15,27 @@ if TYPE_CHECKING:
     from facts_damping.simulation.policies import Spec
 
 
-class Window:
-    """The observations of `WideAreaDamping`, (window, signals, 3), of a class's arrivals.
+def each_scale(scale: float | list[float], signals: int) -> NDArray[np.float64]:
+    """A scale for each signal, (signals,), p.u. Raises `InputError` for another number of them, or one not above 0."""
+    given = np.atleast_1d(np.array(scale, np.float64))
+    if given.shape not in ((1,), (signals,)):
+        raise InputError(f"scale: {given.size} numbers given; allowed: one, or {signals}, one a signal")
+    if not (given > 0.0).all():
+        raise InputError(f"scale: {given.min():g} given; allowed: more than 0")
+    return np.array(np.broadcast_to(given, (signals,)))
 
-    They are those of the environment bit for bit at each tick at whose last arrival the class is called; the ticks
-    between two calls, in which nothing has arrived, are filled in.
+
+class Window:
+    """The observations of `WideAreaDamping`, (window, signals, 3), from the arrivals of a class.
+
+    They are the environment's, bit for bit, in a class that has `once_a_tick = True`: so the environment acts. The
+    ticks between two calls, in which nothing has arrived, are filled in.
     """
 
     def __init__(self, spec: Spec, window: int = 8, scale: float | list[float] = 0.01) -> None:
         """Empty; `window` and `scale`: as of the environment."""
         n = len(spec.signals)
-        self._rate, self._scale = spec.frame_rate, np.broadcast_to(np.array(scale, np.float64), (n,)).copy()
+        self._rate, self._scale = spec.frame_rate, each_scale(scale, n)
         self._seen: NDArray[np.float32] = np.zeros((window, n, 3), np.float32)
         self._y, self._newest_ns, self._none = np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n, np.bool_)
         self.reset()
@@ -42,8 +53,8 @@ class Window:
         tick = (now_ns + 1) * self._rate // 1_000_000_000  # times of ticks are rounded down
         for missed in range(self._tick + 1, tick):
             age = (((missed + 1) * 1_000_000_000 // self._rate) - self._newest_ns) * 1e-9
-            put(self._seen, self._y, age if self._tick >= 0 else 0.0 * age, self._none, self._scale, False)
-        put(self._seen, y, age_s, fresh, self._scale, tick == self._tick)
+            put(self._seen, self._y, age if self._tick >= 0 else 0.0 * age, self._none, self._scale)
+        put(self._seen, y, age_s, fresh, self._scale)
         self._tick, self._y = tick, y
         self._newest_ns = now_ns - np.round(age_s * 1e9).astype(np.int64)
         return np.array(self._seen)

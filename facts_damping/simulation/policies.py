@@ -5,9 +5,10 @@
         def reset(self): ...                       # at the start of a run; may be left out
         def step(self, t_s, y, age_s, fresh): ...  # -> u
 
-`step` is called at every arrival at which a shipped controller would act: t_s, time of arrival, s; y, the signals,
-(signals,), p.u.; age_s, of the newest frame that each is made of, s; fresh, whether a frame of it is new. It gives the
-setpoints u, (devices,), p.u., which limits follow. An exception, or a setpoint that is none, ends the run.
+`step` is called at every arrival at which a shipped controller would act; of a class that has `once_a_tick = True` at
+the last one of each tick. t_s: time of arrival, s; y: the signals, (signals,), p.u.; age_s: of the newest frame that
+each is made of, s; fresh: whether a frame of it is new. It gives the setpoints u, (devices,), p.u., which limits
+follow. An exception, or a setpoint that is none, ends the run.
 """
 
 from __future__ import annotations
@@ -102,6 +103,7 @@ class Program:
         self._age, self._fresh = state.calls.sensed.age[c, :signals], state.calls.sensed.fresh[c, :signals]
         self._where = f"controllers.{c}.{kind_of(controller).own}"
         self._file, self._step = _made(case, c, self._where)
+        state.calls.once[c] = bool(getattr(getattr(self._step, "__self__", None), "once_a_tick", False))
         self._function = _C_FUNCTION(self._call)  # kept here, as long as it may be called
         state.calls.address[c] = ctypes.cast(self._function, ctypes.c_void_p).value or 0
 

@@ -31,11 +31,21 @@ TASKS_AHEAD = 4  # for each thread of a cluster: enough that none waits, few eno
 warnings.filterwarnings("ignore", r"\d+ tasks (have been successfully|which were still being)", UserWarning)
 
 
+_state = {"worker": False}  # whether this process is one
+
+
 def _worker() -> None:
     """An interrupt is the parent's to answer; whatever ends the parent ends its workers."""
+    _state["worker"] = True
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def refuse_within() -> None:
+    """Raise `RunError` in a process of a sweep: there a script is loaded for a class that is in it."""
+    if _state["worker"]:
+        raise RunError('a sweep within a sweep given; allowed: in a script, below if __name__ == "__main__":')
 
 
 @contextmanager

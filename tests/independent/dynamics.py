@@ -270,7 +270,7 @@ class System:
         total = u + (self.lead_lag(x)[0] if self.llc else 0.0)
         return min(max(total, -U_MAX), U_MAX)
 
-    def rhs(self, t: float, x: Array, u: float = 0.0, config: Config = HEALTHY) -> Array:  # noqa: ARG002
+    def rhs(self, t: float, x: Array, u: float = 0.0, config: Config = HEALTHY) -> Array:
         """Time derivative of the state; ``u`` [p.u.] is the ramped setpoint v_q of the SSSC."""
         out = self.solve(x, self.setpoint(x, u), config)
         dx = np.empty_like(x)

@@ -1,4 +1,3 @@
-# ruff: noqa: ARG002  (all exciters are called alike)
 """Controls of machines in the reference model: exciters, stabiliser, turbine with governor; one class a block.
 
 Quantities are in per unit of a machine's rating, time in s.

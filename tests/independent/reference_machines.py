@@ -1,4 +1,3 @@
-# ruff: noqa: ARG002  (all models are called alike)
 """Machines in the reference model: one class a model, its states, its equations; their start.
 
 Quantities are in per unit of a machine's rating, angles in rad, time in s.

@@ -91,6 +91,18 @@ def test_it_is_given_what_is_delivered_when_it_arrives(tmp_path: Path) -> None:
     assert {tuple(fresh) for _, _, _, fresh in steps} > {(True, True)}
 
 
+def test_once_a_tick_it_is_called_at_the_last_arrival_with_all_that_is_new(tmp_path: Path) -> None:
+    always = run(written(tmp_path, NOTES), LOSSY, "seed=4", signals=["speed", "power"])
+    once = written(tmp_path, NOTES.replace("heard = []", "heard, once_a_tick = [], True"), "once.py")
+    seldom = run(once, LOSSY, "seed=4", signals=["speed", "power"])
+    last = {int(row["tick"]): row for row in always.issued}
+    assert len(seldom.issued) == len(last) < len(always.issued)
+    for row, (t_s, _, _, fresh) in zip(seldom.issued, find(once, "policy").heard, strict=True):
+        assert row["issued_ns"] == round(t_s * 1e9) == last[int(row["tick"])]["issued_ns"]
+        assert row["measured_ns"] == last[int(row["tick"])]["measured_ns"]
+        assert fresh.any()
+
+
 def test_it_knows_what_it_is_made_for(tmp_path: Path) -> None:
     policy = written(tmp_path, NOTES)
     run(policy, "seed=4", "devices=[sssc, statcom]", signals=["w13"], parameters={"gain": 3, "taps": [1, 2], "a": "b"})

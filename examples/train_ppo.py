@@ -1,0 +1,58 @@
+"""Train a policy in the Gymnasium environment by Stable-Baselines3's PPO, and run it as a controller.
+
+    pip install stable-baselines3
+    python examples/train_ppo.py ppo_damper.zip
+    facts-damping simulate examples/trained_damper.yaml --set 'controllers.0.policy=examples/train_ppo.py:PpoDamper' \
+        --set controllers.0.parameters.weights=ppo_damper.zip
+
+The same training cases as of train_damper.py; docs/gymnasium.md says what came out.
+"""
+
+import sys
+
+import numpy as np
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
+
+import facts_damping.environment  # noqa: F401 (with it Gymnasium knows the environment)
+from facts_damping.environment.window import Window
+
+NAME = "facts_damping/WideAreaDamping-v0"
+WINDOW = 8  # frames
+SETTING = {"study": "ensemble_two_area_training", "link": "pdci", "window": WINDOW, "duration": 12}
+
+
+class PpoDamper:
+    """The policy of a file, `parameters: {weights: ppo_damper.zip}`."""
+
+    once_a_tick = True  # as the environment
+
+    def __init__(self, spec):
+        self.model = PPO.load(spec.parameters["weights"], device="cpu")
+        self.window, self.limits = Window(spec, WINDOW), spec.limits
+
+    def reset(self):
+        self.window.reset()
+
+    def step(self, t_s, y, age_s, fresh):
+        action, _ = self.model.predict(self.window.push(t_s, y, age_s, fresh), deterministic=True)
+        return np.clip(action.astype(float), -1.0, 1.0) * self.limits
+
+
+def main(target, steps=1_500_000):
+    """Train, and write the policy; say what it reaches before and after."""
+    env = make_vec_env(NAME, n_envs=8, seed=1, env_kwargs=SETTING)
+    quiet = {
+        "log_std_init": -2.0
+    }  # exploration by an eighth of the limits: by all of them it never sees a grid at rest
+    model = PPO("MlpPolicy", env, seed=1, n_steps=720, batch_size=720, gamma=0.995, policy_kwargs=quiet, device="cpu")
+    judged = make_vec_env(NAME, n_envs=4, seed=1_000_000, env_kwargs=SETTING)
+    print(f"before: mean return {evaluate_policy(model, judged, 20)[0]:.2f}")
+    model.learn(int(steps))
+    print(f"after {steps} steps: mean return {evaluate_policy(model, judged, 20)[0]:.2f}")
+    model.save(target)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
