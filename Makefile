@@ -64,6 +64,7 @@ QUOTED := architectures delay_margin preset_margin jitter loss bursts asymmetric
 pages: demo
 	mkdir -p $(PAGES)/demo && cp results/demo/tie_power.png $(PAGES)/demo
 	$(BIN)/facts-damping validate --out docs/validation.md
+	$(BIN)/python docs/reference.py
 	$(BIN)/facts-damping compare --check-step --out $(PAGES)/comparison
 	$(BIN)/facts-damping jacobian --out $(PAGES)/jacobians
 	$(BIN)/facts-damping portray two_area large --out $(PAGES)/controllers

@@ -14,6 +14,7 @@ import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecNormalize
 
 import facts_damping.environment  # noqa: F401 (with it Gymnasium knows the environment)
 from facts_damping.environment.window import Window
@@ -42,11 +43,10 @@ class PpoDamper:
 
 def main(target, steps=1_500_000):
     """Train, and write the policy; say what it reaches before and after."""
-    env = make_vec_env(NAME, n_envs=8, seed=1, env_kwargs=SETTING)
-    quiet = {
-        "log_std_init": -2.0
-    }  # exploration by an eighth of the limits: by all of them it never sees a grid at rest
-    model = PPO("MlpPolicy", env, seed=1, n_steps=720, batch_size=720, gamma=0.995, policy_kwargs=quiet, device="cpu")
+    env = VecNormalize(make_vec_env(NAME, n_envs=8, seed=1, env_kwargs=SETTING), norm_obs=False)
+    # At 60 actions a second white noise explores next to nothing: a swing takes 90 of them. So it is held for 45.
+    smooth = {"use_sde": True, "sde_sample_freq": 45, "policy_kwargs": {"log_std_init": -2.0}}
+    model = PPO("MlpPolicy", env, seed=1, n_steps=720, batch_size=720, gamma=0.995, device="cpu", **smooth)
     judged = make_vec_env(NAME, n_envs=4, seed=1_000_000, env_kwargs=SETTING)
     print(f"before: mean return {evaluate_policy(model, judged, 20)[0]:.2f}")
     model.learn(int(steps))

@@ -17,7 +17,7 @@ def lead_lag(s: complex, gain: float = 10.0) -> complex:
     return gain * 10 * s / (1 + 10 * s) * (1 + 0.0761 * s) / (1 + 0.3 * s) * (1 + 0.4272 * s) / (1 + 0.3 * s)
 
 
-def bilinear() -> dict[str, Any]:
-    """It from frame to frame, 60 a second, by the bilinear transform, as the field `linear` has it."""
-    A, B, C, D, dt = cont2discrete(tf2ss(NUM, DEN), 1.0 / 60.0, method="bilinear")
+def bilinear(frame_rate: int = 60) -> dict[str, Any]:
+    """It from frame to frame by the bilinear transform, as the field `linear` has it."""
+    A, B, C, D, dt = cont2discrete(tf2ss(NUM, DEN), 1.0 / frame_rate, method="bilinear")
     return {**{name: part.tolist() for name, part in zip("ABCD", (A, B, C, D), strict=True)}, "dt": dt}

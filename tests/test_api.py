@@ -194,7 +194,7 @@ class Gain:
     print(found, found.rows[0]["error"])
 """
 GUARD, POLICY = 'if __name__ == "__main__":', '"controllers.0.policy": Gain, '
-WITHIN = "<Sweep study: 3 runs, 3 failed> controllers.0.policy: script.py:11: RunError: a sweep within a sweep given"
+WITHIN = "<Sweep study: 3 runs, 3 failed> controllers.0.policy: script.py:10: RunError: a sweep within a sweep given"
 
 
 @pytest.mark.parametrize(

@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
+import gymnasium
+import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.environment import NAME
+from facts_damping.nodes import graph
+from facts_damping.recording.reader import load
+from facts_damping.simulation import loop
 from facts_damping.studies.linear_margin import margin
 from facts_damping.studies.linear_margin_runs import pulse_margin
+from tests.appendix_b import bilinear
+from tests.lead_lag_fmu import build
+from tests.nodes.graphs import LOADED_S, assert_same, quiet
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    from numpy.typing import NDArray
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "robust_design.md").read_text(encoding="utf-8")
@@ -52,3 +69,110 @@ def test_it_is_damped_behind_delay(damper: Path, tmp_path: Path, link: str, scen
     told = json.loads(target.read_text())
     assert told["verdict"] == "damped"
     assert f"{told['indices']['ITAE']:.3g}" in PAGE
+
+
+# Five ways to bring a controller: the same lead-lag on two_area_large over pdci, beside the shipped one.
+FRAMES_50 = ["link=pdci", "duration=5", "frame_rate=50"]  # whose period is a whole number of ns
+
+
+@pytest.fixture(scope="module")
+def fmu(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(build(tmp_path_factory.mktemp("fmu"), ROOT / "examples", 2))
+
+
+def setpoints(*sets: str, **controller: Any) -> NDArray[Any]:
+    given = [f"controllers.0={json.dumps(controller)}"] if controller else []
+    return loop.run(load_case("two_area_large", [*sets, *given])).issued
+
+
+@pytest.mark.parametrize("sets", [["link=pdci", "duration=20"], FRAMES_50], ids=["60 frames/s", "50 frames/s"])
+def test_class_and_fmu_are_the_shipped_lead_lag_bit_for_bit(fmu: str, sets: list[str]) -> None:
+    shipped = setpoints(*sets)
+    for own in ({"policy": f"{ROOT / 'examples' / 'lead_lag.py'}:LeadLag"}, {"fmu": fmu}):
+        assert setpoints(*sets, name="mine", **own).tobytes() == shipped.tobytes()
+
+
+def test_matrices_are_it_within_rounding_where_all_frames_are_as_long() -> None:
+    """At 60 frames/s they are not: stamps are whole ns, and the lead-lag goes by them."""
+    shipped = setpoints(*FRAMES_50)
+    law = setpoints(*FRAMES_50, name="mine", linear=bilinear(50))
+    assert np.abs(law["value"] - shipped["value"]).max() < 1e-12
+    assert np.abs(setpoints("link=pdci", "duration=5", name="mine", linear=bilinear())["value"]).max() > 0.01
+    differs = setpoints("link=pdci", "duration=5")["value"]
+    assert np.abs(setpoints("link=pdci", "duration=5", name="mine", linear=bilinear())["value"] - differs).max() < 1e-9
+
+
+def test_the_environment_is_it_bit_for_bit() -> None:
+    """Where there is one arrival a tick: an agent answers once."""
+    env: Any = gymnasium.make(NAME, link="delay_100ms", duration=5, scale=1.0).unwrapped
+    law = example("lead_lag").LeadLag(SimpleNamespace(parameters={}))
+    env.reset(seed=0)
+    record, over = None, False
+    limit = load_case("two_area_large", []).system.device("sssc").v_max
+    while not over:
+        y, measured = env.episode.parts[14].signal[0], env.episode.parts[14].newest_ns[0]
+        u = law.step(measured * 1e-9, y, [0.0], [True]) if measured >= 0 else 0.0
+        _, _, _, over, _ = env.step(np.array([u / limit]))
+        record = env.record()
+    shipped = setpoints("link=delay_100ms", "duration=5")
+    assert record is not None
+    assert np.abs(record.issued["value"] - shipped["value"][: len(record.issued)]).max() < 1e-12
+
+
+def example(name: str) -> ModuleType:
+    """An example as a module, which finds those beside it."""
+    sys.path.insert(0, str(ROOT / "examples"))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(ROOT / "examples"))
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What four generations of the training leave: less than the page's forty."""
+    target = tmp_path_factory.mktemp("trained") / "damper.npz"
+    script = [sys.executable, str(ROOT / "examples" / "train_damper.py"), str(target), "4"]
+    done = subprocess.run(script, capture_output=True, text=True, check=True, cwd=target.parent)
+    means = [float(line.rpartition(" ")[2]) for line in done.stdout.splitlines() if line.startswith("generation")]
+    assert len(means) == 4
+    assert means[-1] > 0.2 * means[0]  # rewards are negative: less of it
+    return target
+
+
+def test_what_was_trained_runs_in_process_and_as_a_node_bit_for_bit(
+    trained: Path, domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    sets = ["duration=5", f"controllers.0.parameters.weights={trained}"]
+    case = load_case("examples/trained_damper.yaml", sets)
+    computed = loop.run(case)
+    assert np.abs(computed.issued["value"]).max() > 0.0
+    outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
+    assert_same(load(outcome.recording), computed)
+
+
+def test_what_was_trained_is_in_the_environment_what_it_is_in_a_run(trained: Path) -> None:
+    module = example("trained_damper")
+    with np.load(trained) as file:
+        weights = file["weights"]
+    env: Any = gymnasium.make(NAME, link="pdci", duration=5, window=module.WINDOW).unwrapped
+    seen, told = env.reset(seed=3)
+    over = False
+    while not over:
+        seen, _, _, over, _ = env.step(module.action(weights, seen))
+    policy = f"{ROOT / 'examples' / 'trained_damper.py'}:TrainedDamper"
+    parameters = {"weights": str(trained)}
+    theirs = setpoints(
+        "link=pdci", "duration=5", f"seed={told['seed']}", name="x", policy=policy, parameters=parameters
+    )
+    ours = env.record().issued
+    assert len(ours) > 200
+    assert theirs[: len(ours)].tobytes() == ours.tobytes()
+
+
+def test_run_files_of_examples_are_runs() -> None:
+    names = sorted(path.name for path in (ROOT / "examples").glob("*.yaml"))
+    assert names == ["lead_lag.yaml", "lead_lag_node.yaml", "trained_damper.yaml"]
+    for name in names:
+        assert load_case(str(ROOT / "examples" / name)).run.link == "pdci"

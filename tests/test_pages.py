@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -37,3 +38,17 @@ def test_the_tables_of_runs_have_the_rows_that_are_printed(name: str) -> None:
         shown = {re.split(r"  +", row)[0] for row in rows if not row.startswith("plot:")}
         assert len(shown) > 1
         assert shown <= labels
+
+
+def test_the_reference_page_is_what_docstrings_say() -> None:
+    made = runpy.run_path(str(ROOT / "docs" / "reference.py"))["page"]()
+    assert (ROOT / "docs" / "api.md").read_text(encoding="utf-8") == made, "python docs/reference.py"
+
+
+def test_the_tutorials_class_is_the_templates() -> None:
+    text = (ROOT / "docs" / "tutorial_controller.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    template = (ROOT / "facts_damping" / "templates" / "controller" / "controller.py.txt").read_text(encoding="utf-8")
+    lines = [line for line in block.splitlines()[2:] if line.strip()]
+    assert len(lines) == 6
+    assert all(line in template for line in lines)

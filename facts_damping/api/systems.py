@@ -24,7 +24,7 @@ def modes(system: str, devices: list[str] | None = None) -> Modal:
 
 
 def linear_plant(system: str, devices: list[str] | None = None) -> Any:
-    """The linearised plant as `control.StateSpace`: setpoints to signals, p.u. (docs/own_controller.md).
+    """The linearised plant as `control.StateSpace`: setpoints to signals, p.u. (docs/own_linear.md).
 
     Raises `InputError` where python-control is not installed.
     """

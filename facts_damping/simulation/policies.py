@@ -55,22 +55,26 @@ _loaded: dict[Path, tuple[int, Any]] = {}  # files that were run, and when they 
 
 @dataclass(frozen=True)
 class Spec:
-    """What a controller of the user's own is made for."""
+    """What a controller of the user's own is made for.
+
+    `limits`: (devices,), p.u., of setpoints; `rates`: (devices,), p.u./s, at which the devices follow; `frame_rate`:
+    frames/s; `seed`: of its own randomness, made of the run's and its place; `parameters`: as the run gives them.
+    """
 
     name: str
     signals: list[str]
     devices: list[str]
-    limits: NDArray[np.float64]  # (devices,), p.u., of setpoints
-    rates: NDArray[np.float64]  # (devices,), p.u./s, at which the devices follow
-    frame_rate: int  # frames/s
-    seed: int  # of its own randomness: made of the run's and its place
-    parameters: dict[str, Any]  # as the run gives them
+    limits: NDArray[np.float64]
+    rates: NDArray[np.float64]
+    frame_rate: int
+    seed: int
+    parameters: dict[str, Any]
     system: System = field(repr=False)
     installed: list[str] = field(repr=False)  # devices of the run, those of other controllers too
 
     @cached_property
     def plant(self) -> linear_plant.LinearPlant:
-        """The linearised plant at the start, of all signals and installed devices (docs/own_controller.md)."""
+        """The linearised plant at the start, of all signals and installed devices (docs/own_linear.md)."""
         return linear_plant.of(modal_analysis.analyse(self.system, self.installed))
 
 
@@ -240,8 +244,11 @@ def _importable(folder: Path) -> Iterator[None]:
 
 
 def _run_file(path: Path) -> Any:
-    """A file as a module, run once, and again after it has been written anew."""
+    """A file as a module, run once, and again after it has been written anew; the script that runs is there already."""
     whole = path.resolve()
+    script = sys.modules["__main__"]
+    if getattr(script, "__file__", None) and Path(str(script.__file__)).resolve() == whole:
+        return script
     written = whole.stat().st_mtime_ns
     if _loaded.get(whole, (None,))[0] != written:
         name = f"policy_{whole.stem}_{hashlib.sha256(os.fsencode(whole)).hexdigest()[:8]}"
