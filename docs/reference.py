@@ -30,8 +30,9 @@ def text(thing: Any) -> str:
 
 def signature(name: str, thing: Any) -> str:
     """How it is called."""
-    own = str(inspect.signature(thing)).replace("'", "")
-    return f"```python\n{name}{own}\n```\n"
+    own = inspect.signature(thing)
+    taken = [one.replace(annotation=inspect.Parameter.empty) for one in own.parameters.values() if one.name != "self"]
+    return f"```\n{name}{own.replace(parameters=taken, return_annotation=inspect.Signature.empty)}\n```\n"
 
 
 def members(kind: type[Any]) -> Iterator[str]:
