@@ -41,8 +41,8 @@ ROOMS = (
     "nodes.packing",
     "plant",
     "signals",
-    "simulation.loop",
     "simulation.measured_plant",
+    "simulation.tick",
 )
 KEPT = 4  # folders of one file: those of other versions of it
 _IMPORT = re.compile(rf"^[ ]*from ({PACKAGE}[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)

@@ -63,26 +63,26 @@ def test_all_that_kernels_name_of_other_files_counts(name: str) -> None:
     [
         (
             "link.draws",
-            {"link.chain", "link.transfer", "simulation.loop"},
+            {"link.chain", "link.transfer", "simulation.tick"},
             {"plant.integration", "control.bank", "signals"},
         ),
         (
             "plant.governor",
-            {"plant.dynamics", "plant.measurement", "simulation.loop"},
+            {"plant.dynamics", "plant.measurement", "simulation.tick"},
             {"link.transfer", "control.identifier"},
         ),
         (
             "neurofuzzy.consequent",
-            {"neurofuzzy.network", "control.bank", "simulation.loop"},
+            {"neurofuzzy.network", "control.bank", "simulation.tick"},
             {"plant.ports", "link.transfer"},
         ),
         (
-            "simulation.loop",
-            {"simulation.loop"},
+            "simulation.tick",
+            {"simulation.tick"},
             {"plant.integration", "control.bank", "control.identifier", "link.transfer"},
         ),
-        ("compiling", {"plant.model", "control.bank", "link.chain", "neurofuzzy.network", "simulation.loop"}, set()),
-        ("cli.runs", set(), {"plant.integration", "control.bank", "link.transfer", "simulation.loop"}),
+        ("compiling", {"plant.model", "control.bank", "link.chain", "neurofuzzy.network", "simulation.tick"}, set()),
+        ("cli.runs", set(), {"plant.integration", "control.bank", "link.transfer", "simulation.tick"}),
     ],
 )
 def test_a_change_concerns_what_depends_on_it(changed: str, concerned: set[str], others: set[str]) -> None:
@@ -94,17 +94,17 @@ def test_a_change_concerns_what_depends_on_it(changed: str, concerned: set[str],
 def test_old_folders_of_a_file_go_and_those_of_others_stay(tmp_path: Path, where: str) -> None:
     home = tmp_path if where == "NUMBA_CACHE_DIR" else tmp_path / "facts_damping" / "numba"
     for i in range(6):
-        for name in ("facts_damping.simulation.loop", "facts_damping.link.chain"):
+        for name in ("facts_damping.simulation.tick", "facts_damping.link.chain"):
             (home / f"{name}-{i}").mkdir(parents=True)
             os.utime(home / f"{name}-{i}", (i, i))
     environment = {**os.environ, where: str(tmp_path)}
     if where == "XDG_CACHE_HOME":
         environment.pop("NUMBA_CACHE_DIR", None)
-    code = "from facts_damping import compiling; print(compiling._folder('facts_damping.simulation.loop').name)"
+    code = "from facts_damping import compiling; print(compiling._folder('facts_damping.simulation.tick').name)"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert {p.name for p in home.glob("facts_damping.simulation.loop-*")} == {
+    assert {p.name for p in home.glob("facts_damping.simulation.tick-*")} == {
         done.stdout.strip(),
-        *(f"facts_damping.simulation.loop-{i}" for i in (3, 4, 5)),
+        *(f"facts_damping.simulation.tick-{i}" for i in (3, 4, 5)),
     }
     assert len(list(home.glob("facts_damping.link.chain-*"))) == 6
 

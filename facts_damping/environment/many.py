@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.compiling import released
 from facts_damping.environment.pinning import get_at
 from facts_damping.environment.watching import watch
-from facts_damping.simulation.loop import turn
 from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.simulation.tick import turn
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

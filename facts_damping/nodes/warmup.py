@@ -21,7 +21,7 @@ from facts_damping.control.identifier import identify, store_setpoints, write_es
 from facts_damping.link.transfer import downlink, merge, uplink
 from facts_damping.nodes.packing import mark, pack, take, unpack
 from facts_damping.plant.dynamics import derivatives
-from facts_damping.simulation import loop
+from facts_damping.simulation import loop, tick
 from facts_damping.simulation.measured_plant import go_on, observe
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def compile_part(part: str) -> None:
 
 def _done() -> Path:
     """The file whose presence means that this version's kernels are compiled."""
-    return home() / f"compiled-{fingerprint(loop.__name__)}-{fingerprint(pack.__module__)}"
+    return home() / f"compiled-{fingerprint(tick.__name__)}-{fingerprint(pack.__module__)}"
 
 
 def compile_once() -> None:

@@ -14,19 +14,10 @@ follow. An exception, or a setpoint that is none, ends the run.
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import importlib
 import inspect
-import os
-import sys
 import time
-import traceback
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.metadata import entry_points
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -35,10 +26,11 @@ from facts_damping.case.names import controller_names
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
 from facts_damping.simulation.fmus import FmuController
+from facts_damping.simulation.user_code import find, told
 from facts_damping.small_signal import linear_plant, modal_analysis
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
@@ -46,11 +38,8 @@ if TYPE_CHECKING:
     from facts_damping.control.bank import BankState
     from facts_damping.parameters.system import System
 
-GROUP = "facts_damping.policies"  # of entry points
 STEP = ("t_s", "y", "age_s", "fresh")
 _C_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)  # as `control.called` calls it
-
-_loaded: dict[Path, tuple[int, Any]] = {}  # files that were run, and when they had been written
 
 
 @dataclass(frozen=True)
@@ -131,8 +120,8 @@ class Program:
             return
         if isinstance(self.error, KeyboardInterrupt):
             raise self.error
-        told = _told(self.error, self._file)
-        raise RunError(f"{self._where}: {told}, in step of {self.name} at {self.now_ns / 1e9:.6g} s") from self.error
+        what = told(self.error, self._file)
+        raise RunError(f"{self._where}: {what}, in step of {self.name} at {self.now_ns / 1e9:.6g} s") from self.error
 
     def times(self) -> StepTimes | None:
         """How long its steps took so far; None where there was none."""
@@ -169,12 +158,6 @@ def step_times(programs: list[Program]) -> dict[str, StepTimes]:
     return {one.node: found for one in programs if (found := one.times()) is not None}
 
 
-def source_hash(text: str) -> str:
-    """What tells one state of a program from another: a hash of a class's, or an FMU's, file. Raises `InputError`."""
-    file = text if text.endswith(".fmu") else inspect.getsourcefile(find(text, "policy"))
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
-
-
 def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any]]:
     """The file of a controller's class, and the `step` of an instance; an FMU's. Raises `InputError`."""
     controller = case.controllers[c]
@@ -187,7 +170,7 @@ def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any]]:
         if callable(getattr(made, "reset", None)):
             made.reset()
     except (Exception, SystemExit) as error:
-        raise InputError(f"{where}: {_told(error, file)}, as {found.__name__} was made") from error
+        raise InputError(f"{where}: {told(error, file)}, as {found.__name__} was made") from error
     return file, _step_of(made, found.__name__, where)
 
 
@@ -207,60 +190,6 @@ def spec_of(case: Case, c: int) -> Spec:
         case.system,
         list(case.run.devices),
     )
-
-
-def find(text: str, where: str) -> Any:
-    """The class that a text names. Raises `InputError`."""
-    place, colon, name = text.rpartition(":")
-    if not colon:
-        known = {one.name: one for one in entry_points(group=GROUP)}
-        if text not in known:
-            others = ", ".join(["module:Class", "path/to/file.py:Class", *known])
-            raise InputError(f"{where}: '{text}' given; allowed: {others}")
-        place, _, name = known[text].value.rpartition(":")
-    try:
-        with _importable(Path.cwd()):
-            module = _run_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
-    except FileNotFoundError as error:
-        raise InputError(f"{where}: {place}: no such file; allowed: a file in Python with the class") from error
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{where}: {_told(error, place)}, as {place} was loaded") from error
-    found = getattr(module, name, None)
-    if not isinstance(found, type):
-        classes = [key for key, value in vars(module).items() if isinstance(value, type) and hasattr(value, "step")]
-        raise InputError(f"{where}: no class '{name}' in {place}; allowed: {', '.join(classes) or 'one with a step'}")
-    return found
-
-
-@contextmanager
-def _importable(folder: Path) -> Iterator[None]:
-    """Let modules of a folder be imported, as they are for a script that lies in it."""
-    sys.path.insert(0, str(folder))
-    try:
-        yield
-    finally:
-        with suppress(ValueError):  # the user's code may have changed it, too
-            sys.path.remove(str(folder))
-
-
-def _run_file(path: Path) -> Any:
-    """A file as a module, run once, and again after it has been written anew; the script that runs is there already."""
-    whole = path.resolve()
-    script = sys.modules["__main__"]
-    if getattr(script, "__file__", None) and Path(str(script.__file__)).resolve() == whole:
-        return script
-    written = whole.stat().st_mtime_ns
-    if _loaded.get(whole, (None,))[0] != written:
-        name = f"policy_{whole.stem}_{hashlib.sha256(os.fsencode(whole)).hexdigest()[:8]}"
-        spec = spec_from_file_location(name, whole)
-        if spec is None or spec.loader is None:
-            raise ImportError(f"{path} is no file in Python")
-        module = module_from_spec(spec)
-        sys.modules[name] = module
-        with _importable(whole.parent):
-            spec.loader.exec_module(module)
-        _loaded[whole] = (written, module)
-    return _loaded[whole][1]
 
 
 def _step_of(made: Any, name: str, where: str) -> Callable[..., Any]:
@@ -286,15 +215,3 @@ def _checked(u: Any, devices: list[str]) -> NDArray[np.float64]:
         at = devices[int(np.argmin(np.isfinite(np.atleast_1d(found))))]
         raise ValueError(f"{np.atleast_1d(found).tolist()} p.u. given, no number for {at}; allowed: finite ones")
     return found
-
-
-def _told(error: BaseException, file: str) -> str:
-    """An error of the user's code in one line, with the line of code that it is from."""
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [one for one in frames if file and Path(one.filename).name == Path(file).name]
-    if isinstance(error, SyntaxError) and error.filename:
-        at = f"{Path(error.filename).name}:{error.lineno}: "
-    else:
-        at = f"{Path(own[-1].filename).name}:{own[-1].lineno}: " if own else ""
-    text = " ".join(str(error).split())
-    return f"{at}{type(error).__name__}: {text}" if text else f"{at}{type(error).__name__}"

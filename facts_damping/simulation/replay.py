@@ -23,10 +23,11 @@ from facts_damping.plant.integration import watch
 from facts_damping.signals import DELIVERY, NANOSECONDS, REFUSED, SETPOINT
 from facts_damping.simulation.build import build_control, build_plant, commands
 from facts_damping.simulation.changes import by_tick, change_watch
-from facts_damping.simulation.loop import allocate_signals, control_step, setpoint_buffer
+from facts_damping.simulation.loop import allocate_signals, setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.replayed_changes import ReplayedChanges
+from facts_damping.simulation.tick import control_step
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

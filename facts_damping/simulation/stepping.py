@@ -11,9 +11,9 @@ from facts_damping.control.inputs import inputs
 from facts_damping.control.sensing import sense, sensed
 from facts_damping.control.table import GIVEN
 from facts_damping.signals import DELIVERY
-from facts_damping.simulation.loop import turn
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check
+from facts_damping.simulation.tick import turn
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -15,7 +15,7 @@ from facts_damping.parameters import files
 from facts_damping.parameters.files import find, parse_set, read_table, read_value
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
-from facts_damping.simulation.policies import source_hash
+from facts_damping.simulation.user_code import source_hash
 from facts_damping.studies import axes, margins
 from facts_damping.studies.batch import IDENTITY, Base, RunRequest, figure_names, make, one_run
 from facts_damping.studies.journal import Journal

@@ -28,7 +28,7 @@ def test_its_own_tests_pass_in_process_and_as_a_node(
     assert "2 passed" in done.stdout, done.stdout
     assert done.returncode == 0
     monkeypatch.chdir(tmp_path / "my_damper")
-    assert len(plan("study.yaml", []).points) == 4
+    assert len(plan("study.yaml", []).points) == 13
     assert (
         main(["simulate", "run.yaml", "--set", "duration=1", "--set", "system=smib", "--set", "scenario=nominal"]) == 0
     )

@@ -62,7 +62,7 @@ def test_what_only_reads_a_recording_runs_no_code(
     def refuse(*_: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr("facts_damping.simulation.policies.find", refuse)
+    monkeypatch.setattr("facts_damping.simulation.user_code.find", refuse)
     report = ["--out", str(tmp_path / "analysis"), "--report", str(tmp_path / "report.html")]
     assert main(["analyze", str(recording), *report]) == 0
     assert main(["views", str(recording), "--out", str(tmp_path / "views")]) == 0

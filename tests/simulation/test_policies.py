@@ -14,7 +14,8 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError, RunError
 from facts_damping.simulation import loop
-from facts_damping.simulation.policies import find, step_times
+from facts_damping.simulation.policies import step_times
+from facts_damping.simulation.user_code import find
 
 if TYPE_CHECKING:
     from facts_damping.signals import Record

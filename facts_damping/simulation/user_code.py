@@ -1,0 +1,96 @@
+"""Code of the user's own: found by its name, run, and its errors told in one line."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import inspect
+import os
+import sys
+import traceback
+from contextlib import contextmanager, suppress
+from importlib.metadata import entry_points
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+GROUP = "facts_damping.policies"  # of entry points
+
+_loaded: dict[Path, tuple[int, Any]] = {}  # files that were run, and when they had been written
+
+
+def find(text: str, where: str) -> Any:
+    """The class that a text names. Raises `InputError`."""
+    place, colon, name = text.rpartition(":")
+    if not colon:
+        known = {one.name: one for one in entry_points(group=GROUP)}
+        if text not in known:
+            others = ", ".join(["module:Class", "path/to/file.py:Class", *known])
+            raise InputError(f"{where}: '{text}' given; allowed: {others}")
+        place, _, name = known[text].value.rpartition(":")
+    try:
+        with _importable(Path.cwd()):
+            module = _run_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
+    except FileNotFoundError as error:
+        raise InputError(f"{where}: {place}: no such file; allowed: a file in Python with the class") from error
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{where}: {told(error, place)}, as {place} was loaded") from error
+    found = getattr(module, name, None)
+    if not isinstance(found, type):
+        classes = [key for key, value in vars(module).items() if isinstance(value, type) and hasattr(value, "step")]
+        raise InputError(f"{where}: no class '{name}' in {place}; allowed: {', '.join(classes) or 'one with a step'}")
+    return found
+
+
+@contextmanager
+def _importable(folder: Path) -> Iterator[None]:
+    """Let modules of a folder be imported, as they are for a script that lies in it."""
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        with suppress(ValueError):  # the user's code may have changed it, too
+            sys.path.remove(str(folder))
+
+
+def _run_file(path: Path) -> Any:
+    """A file as a module, run once, and again after it has been written anew; the script that runs is there already."""
+    whole = path.resolve()
+    script = sys.modules["__main__"]
+    if getattr(script, "__file__", None) and Path(str(script.__file__)).resolve() == whole:
+        return script
+    written = whole.stat().st_mtime_ns
+    if _loaded.get(whole, (None,))[0] != written:
+        name = f"policy_{whole.stem}_{hashlib.sha256(os.fsencode(whole)).hexdigest()[:8]}"
+        spec = spec_from_file_location(name, whole)
+        if spec is None or spec.loader is None:
+            raise ImportError(f"{path} is no file in Python")
+        module = module_from_spec(spec)
+        sys.modules[name] = module
+        with _importable(whole.parent):
+            spec.loader.exec_module(module)
+        _loaded[whole] = (written, module)
+    return _loaded[whole][1]
+
+
+def source_hash(text: str) -> str:
+    """What tells one state of a program from another: a hash of a class's, or an FMU's, file. Raises `InputError`."""
+    file = text if text.endswith(".fmu") else inspect.getsourcefile(find(text, "policy"))
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
+
+
+def told(error: BaseException, file: str) -> str:
+    """An error of the user's code in one line, with the line of code that it is from."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [one for one in frames if file and Path(one.filename).name == Path(file).name]
+    if isinstance(error, SyntaxError) and error.filename:
+        at = f"{Path(error.filename).name}:{error.lineno}: "
+    else:
+        at = f"{Path(own[-1].filename).name}:{own[-1].lineno}: " if own else ""
+    text = " ".join(str(error).split())
+    return f"{at}{type(error).__name__}: {text}" if text else f"{at}{type(error).__name__}"
