@@ -7,6 +7,7 @@ from itertools import groupby
 import rclpy
 from facts_damping_msgs.msg import PmuDataFrame, VoltageSetpoint, VoltageSetpoints
 from lead_lag import LeadLag
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 WEIGHTS = {"G1": 2.0, "G2": -1.0, "G4": -1.0}  # of the signal `speed` of two_area, in the order of its stations
@@ -32,8 +33,9 @@ class Controller(Node):
         reply = VoltageSetpoints(header=message.header, tick=message.tick, controller=self.get_name())
         for arrival, frames in groupby(message.frames, key=lambda frame: frame.arrival):
             for frame in (one for one in frames if one.station in WEIGHTS):
-                if frame.station not in self.held or ns(frame.header.stamp) > ns(self.held[frame.station].header.stamp):
-                    self.held[frame.station] = frame
+                self.held[frame.station] = max(
+                    self.held.get(frame.station, frame), frame, key=lambda f: ns(f.header.stamp)
+                )
             newest = max((frame.header.stamp for frame in self.held.values()), key=ns, default=None)
             if len(self.held) == len(WEIGHTS) and ns(newest) > self.newest_ns:
                 self.newest_ns, t_ns = ns(newest), ns(arrival)
@@ -46,5 +48,5 @@ class Controller(Node):
 
 
 if __name__ == "__main__":
-    with rclpy.init(), suppress(KeyboardInterrupt):
+    with rclpy.init(), suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(Controller())

@@ -6,9 +6,12 @@ For scripts and notebooks: `import facts_damping as fd`; what there is, is in `a
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from facts_damping.version import __version__ as __version__
+
+if TYPE_CHECKING:
+    from facts_damping.api import *  # noqa: F403 (types, for those who check them)
 
 PUBLIC = (  # of api
     *("FactsDampingError", "InputError", "Result", "RunError", "Simulation", "Spec", "Sweep"),

@@ -166,7 +166,7 @@ def test_a_sweep_is_a_table(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -
     assert repr(found) == "<Sweep study: 4 runs>"
     assert "ITAE" in found._repr_html_()
     row = table[(table["controller"] == "LLC") & (table["seed"] == 2)].iloc[0]
-    assert row["ITAE"] == fd.simulate("two_area_small", duration=4, link="pdci", seed=2).indices["ITAE"]
+    assert row["ITAE"] == (fd.simulate("two_area_small", duration=4, link="pdci", seed=2).indices or {})["ITAE"]
     assert all(path.stat().st_size > 1000 for path in found.plot(tmp_path / "pictures"))
 
 

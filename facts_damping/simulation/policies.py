@@ -26,7 +26,7 @@ from facts_damping.case.names import controller_names
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
 from facts_damping.simulation.fmus import FmuController
-from facts_damping.simulation.user_code import find, told
+from facts_damping.simulation.user_code import file_of, find, told
 from facts_damping.small_signal import linear_plant, modal_analysis
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any]]:
     if controller.fmu is not None:
         return "", FmuController(spec_of(case, c), controller.fmu, where).step
     found = find(str(controller.policy), where)
-    file = inspect.getsourcefile(found) or ""
+    file = file_of(found)
     try:
         made = found(spec_of(case, c))
         if callable(getattr(made, "reset", None)):

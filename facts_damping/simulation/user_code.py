@@ -10,8 +10,8 @@ import sys
 import traceback
 from contextlib import contextmanager, suppress
 from importlib.metadata import entry_points
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError
@@ -33,11 +33,11 @@ def find(text: str, where: str) -> Any:
             others = ", ".join(["module:Class", "path/to/file.py:Class", *known])
             raise InputError(f"{where}: '{text}' given; allowed: {others}")
         place, _, name = known[text].value.rpartition(":")
+    if place.endswith(".py") and not Path(place).is_file():
+        raise InputError(f"{where}: {place}: no such file; allowed: a file in Python with the class")
     try:
         with _importable(Path.cwd()):
             module = _run_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
-    except FileNotFoundError as error:
-        raise InputError(f"{where}: {place}: no such file; allowed: a file in Python with the class") from error
     except (Exception, SystemExit) as error:
         raise InputError(f"{where}: {told(error, place)}, as {place} was loaded") from error
     found = getattr(module, name, None)
@@ -67,21 +67,27 @@ def _run_file(path: Path) -> Any:
     written = whole.stat().st_mtime_ns
     if _loaded.get(whole, (None,))[0] != written:
         name = f"policy_{whole.stem}_{hashlib.sha256(os.fsencode(whole)).hexdigest()[:8]}"
-        spec = spec_from_file_location(name, whole)
-        if spec is None or spec.loader is None:
-            raise ImportError(f"{path} is no file in Python")
-        module = module_from_spec(spec)
+        module = ModuleType(name)
+        module.__file__ = str(whole)
         sys.modules[name] = module
-        with _importable(whole.parent):
-            spec.loader.exec_module(module)
+        with _importable(whole.parent):  # compiled here: Python's own cache goes by size and whole seconds
+            exec(compile(whole.read_bytes(), str(whole), "exec"), vars(module))  # noqa: S102 (the user's own)
         _loaded[whole] = (written, module)
     return _loaded[whole][1]
 
 
 def source_hash(text: str) -> str:
     """What tells one state of a program from another: a hash of a class's, or an FMU's, file. Raises `InputError`."""
-    file = text if text.endswith(".fmu") else inspect.getsourcefile(find(text, "policy"))
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
+    file = text if text.endswith(".fmu") else file_of(find(text, "policy"))
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if Path(file).is_file() else ""
+
+
+def file_of(found: Any) -> str:
+    """The file of a class; empty where it has none, as one that is compiled."""
+    try:
+        return inspect.getsourcefile(found) or ""
+    except TypeError:
+        return ""
 
 
 def told(error: BaseException, file: str) -> str:

@@ -137,7 +137,7 @@ def test_setpoints_are_limited_like_others(tmp_path: Path) -> None:
 
 def test_a_file_is_read_again_when_it_is_written_anew(tmp_path: Path) -> None:
     text = "class Mine:\n    def __init__(self, spec): pass\n    def step(self, *a): return {}\n"
-    for value in (0.001, 0.0025):
+    for value in (0.001, 0.002, 0.0025):
         assert set(run(written(tmp_path, text.format(value)), "duration=0.2").issued["value"]) == {value}
 
 
@@ -162,6 +162,7 @@ MINE = "class Mine:\n    def __init__(self, spec): {}\n    def step(self, t_s, y
         ("nowhere:Mine", "ModuleNotFoundError: No module named 'nowhere', as nowhere was loaded"),
         ("json:Mine", "controllers.0.policy: no class 'Mine' in json; allowed: one with a step"),
         ("Mine", "'Mine' given; allowed: module:Class, path/to/file.py:Class"),
+        ("builtins:list", "controllers.0.policy: TypeError: 'Spec' object is not iterable, as list was made"),
         (1, "policy"),
     ],
 )
@@ -183,6 +184,7 @@ def test_classes_that_are_not_there_are_one_line(policy: Any, said: str, capsys:
         (MINE.format("spec.parameters['gain']", "pass"), "mine.py:2: KeyError: 'gain', as Mine was made"),
         ("class Other:\n    def step(self): pass\n", "no class 'Mine' in" ),
         ("raise SystemExit(5)\n", "mine.py:1: SystemExit: 5, as"),
+        ("open('nowhere.npz')\n", "mine.py:1: FileNotFoundError: [Errno 2] No such file or directory: 'nowhere"),
     ],
 )  # fmt: skip
 def test_classes_that_do_not_fit_are_one_line(
