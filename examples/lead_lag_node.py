@@ -32,11 +32,9 @@ class Controller(Node):
                 time.sleep(0.01)
         reply = VoltageSetpoints(header=message.header, tick=message.tick, controller=self.get_name())
         for arrival, frames in groupby(message.frames, key=lambda frame: frame.arrival):
-            for frame in (one for one in frames if one.station in WEIGHTS):
-                self.held[frame.station] = max(
-                    self.held.get(frame.station, frame), frame, key=lambda f: ns(f.header.stamp)
-                )
-            newest = max((frame.header.stamp for frame in self.held.values()), key=ns, default=None)
+            for f in (one for one in frames if one.station in WEIGHTS):
+                self.held[f.station] = max(self.held.get(f.station, f), f, key=lambda one: ns(one.header.stamp))
+            newest = max((f.header.stamp for f in self.held.values()), key=ns, default=None)
             if len(self.held) == len(WEIGHTS) and ns(newest) > self.newest_ns:
                 self.newest_ns, t_ns = ns(newest), ns(arrival)
                 y = sum(weight * self.held[station].speed_deviation_pu for station, weight in WEIGHTS.items())

@@ -153,7 +153,7 @@ def _compiled(function: Any, **options: Any) -> Any:
     return made
 
 
-def _inner(function: Any, **options: Any) -> Any:
+def _inner(function: Any) -> Any:
     """The same for compiled callers alone: what would take arguments from Python is most of a small one's compilation.
 
     Numba calls such a function from Python nevertheless, into nowhere; this one raises `TypeError`.
@@ -162,7 +162,7 @@ def _inner(function: Any, **options: Any) -> Any:
     def refuse(*_arguments: Any) -> None:
         raise TypeError(f"{function.__module__}.{function.__name__}: for compiled callers alone")
 
-    made = _compiled(function, no_cpython_wrapper=True, **options)
+    made = _compiled(function, no_cpython_wrapper=True)
     made._insert, made._compile_for_args = (lambda *_, **__: None), refuse  # noqa: SLF001 (Numba has no other place)
     return made
 
@@ -202,11 +202,10 @@ def specialised(kernel: Callable[..., Any], *arguments: Any) -> Callable[..., An
 
 
 if TYPE_CHECKING:  # what the functions take and return
-    compiled = inner = inlined = part = released = numba.njit(cache=True, error_model="numpy")
+    compiled = inner = inlined = released = numba.njit(cache=True, error_model="numpy")
 else:
     compiled = _compiled
     inner = _inner
-    part = partial(_inner, forceinline=True)  # the same of a large one with hundreds of arguments
     released = partial(_compiled, nogil=True)  # others' Python goes on meanwhile
     # For a step's innermost loops: the optimiser writes the function into its callers.
     inlined = partial(_compiled, forceinline=True)

@@ -20,7 +20,7 @@ from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
 from facts_damping.simulation.measured_plant import tick_ns
-from facts_damping.simulation.tick import turn
+from facts_damping.simulation.tick import halves
 from facts_damping.studies import sweep
 from facts_damping.studies.batch import fresh_loop
 
@@ -106,7 +106,7 @@ class Episode:
         self.parts = (*self._parts, *self._eyes)  # all that is stepped
         kept = self.loop.signals
         self._tail = window, scale, weights_of(case)
-        self._turn = specialised(turn, *self._parts, 0)
+        self._halves = specialised(halves, *self._parts, 0, 0)
         first = self._up.out[self._link], 0, 0, *self._tail, kept.machines[0], deviations
         self._watch = specialised(watch, *self._eyes, *first)
         self._u = self.loop.bank_state.unlimited[c, : len(self._agent.devices)]
@@ -126,7 +126,8 @@ class Episode:
         self._go_on()
 
     def _go_on(self) -> None:
-        self._turn(*self._parts, self.tick)
+        here = 2 * self.tick + 1  # half ticks: the second one of this, the first one of the next
+        self._halves(*self._parts, max(0, here), here + 2)
         self.tick += 1
         kept = self.loop.signals
         end_ns = tick_ns(self.tick + 1, self.case.run.frame_rate)

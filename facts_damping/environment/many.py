@@ -8,7 +8,7 @@ from facts_damping.compiling import released
 from facts_damping.environment.pinning import get_at
 from facts_damping.environment.watching import watch
 from facts_damping.simulation.measured_plant import tick_ns
-from facts_damping.simulation.tick import turn
+from facts_damping.simulation.tick import halves
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -60,7 +60,7 @@ def step_many(
         up, measured = get_at(a[5], links), get_at(a[3], pmus)
         for d in range(setpoints.shape[1]):
             own.unlimited[agent, d] = setpoints[e, d]
-        turn(
+        halves(
             get_at(a[0], plant),
             get_at(a[1], plant_state),
             get_at(a[2], work),
@@ -74,7 +74,8 @@ def step_many(
             get_at(a[10], given),
             get_at(a[11], taken),
             signals,
-            tick,
+            2 * tick + 1,
+            2 * tick + 3,
         )
         tick += 1
         ticks[e], time_ns[e], lost[e] = tick, signals.time_ns[tick], not signals.in_synchronism[tick]

@@ -37,7 +37,7 @@ from facts_damping.simulation.build import (
     learning_rates,
 )
 from facts_damping.simulation.policies import check, connect
-from facts_damping.simulation.tick import Signals, all_ticks, one_tick
+from facts_damping.simulation.tick import Signals, halves
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -134,7 +134,7 @@ def step(loop: Loop, tick: int) -> bool:
 
     Raises `RunError` where a program of the user's own has failed.
     """
-    sound = bool(one_tick(*loop[:-1], tick))
+    sound = bool(halves(*loop[:-1], 2 * tick, 2 * tick + 2))
     check(loop.programs)
     return sound
 
@@ -144,7 +144,7 @@ def run_loop(loop: Loop) -> None:
 
     Raises `RunError` where a program of the user's own has failed.
     """
-    all_ticks(*loop[:-1])
+    halves(*loop[:-1], 0, 2 * loop.signals.time_ns.size)
     check(loop.programs)
 
 

@@ -13,7 +13,7 @@ from facts_damping.control.table import GIVEN
 from facts_damping.signals import DELIVERY
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check
-from facts_damping.simulation.tick import turn
+from facts_damping.simulation.tick import halves
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,7 +43,7 @@ class Stepper:
         self._eyes = (*inputs(names, case.system.signals, stations, case.system.frequency),)
         self._sensed = sensed(len(names), most, len(stations))
         self._parts = loop[:-1]
-        self._turn = specialised(turn, *self._parts, 0)
+        self._halves = specialised(halves, *self._parts, 0, 0)
         self._sense = specialised(sense, *self._eyes, self._sensed, 0, np.zeros(0, DELIVERY), 0, 0)
         self.step(None)
 
@@ -58,7 +58,11 @@ class Stepper:
             for c, controller in enumerate(self._case.controllers):
                 state.unlimited[c, : len(controller.devices)] = given[at : at + len(controller.devices)]
                 at += len(controller.devices)
-        self._goes_on = bool(self._turn(*self._parts, self.tick))
+        here = 2 * self.tick + 1  # half ticks: the second one of this, the first one of the next
+        goes_on = self._halves(*self._parts, max(0, here), here + 1)
+        self._goes_on = goes_on and self.tick + 1 < self._case.ticks
+        if self._goes_on:
+            self._halves(*self._parts, here + 1, here + 2)
         bank.code[:] = self._own
         check(self.loop.programs)
         if self._goes_on:

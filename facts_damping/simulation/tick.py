@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.compiling import compiled, inner, part, released
+from facts_damping.compiling import compiled, inner, released
 from facts_damping.control.bank import Bank, BankState, act, set_estimate
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.control.table import DIRECT, INDIRECT
@@ -100,109 +100,8 @@ def control_step(
     return issued
 
 
-@part
-def _begin(
-    plant: Plant,
-    plant_state: PlantState,
-    work: Work,
-    pmus: Pmus,
-    pmu_state: PmuState,
-    links: Links,
-    kept: Signals,
-    tick: int,
-) -> bool:
-    """The first half of a tick: PMUs measure, links deliver upwards; whether the plant is sound."""
-    start, end = tick_ns(tick, pmus.frame_rate), tick_ns(tick + 1, pmus.frame_rate)
-    frame, measured_ns, status = kept.frames[tick], kept.measured_ns[tick], kept.status[tick]
-    truth = kept.machines[tick], kept.devices[tick]
-    sound = observe(plant, plant_state, pmus, pmu_state, tick, frame, measured_ns, status, *truth, work)
-    kept.time_ns[tick] = start
-    kept.in_synchronism[tick] = sound
-    kept.used[0] = tick + 1
-    for link in range(links.up.ring.shape[0]):
-        delivered = uplink(links, link, tick, start, end, frame, measured_ns, status)
-        kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
-    return sound
-
-
-@part
-def _end(
-    plant: Plant,
-    plant_state: PlantState,
-    work: Work,
-    pmus: Pmus,
-    pmu_state: PmuState,
-    links: Links,
-    bank: Bank,
-    bank_state: BankState,
-    ids: Identifiers,
-    id_state: IdentifierState,
-    given: NDArray[Any],
-    taken: NDArray[Any],
-    kept: Signals,
-    tick: int,
-    sound: bool,
-) -> bool:
-    """The second half of a tick: controllers act, identifiers learn, links deliver downwards, the plant goes on."""
-    end = tick_ns(tick + 1, pmus.frame_rate)
-    issued = control_step(
-        bank, bank_state, ids, id_state, links.used, links.up.out, links.up.ring, given, given, -1, tick, kept
-    )
-    applied = 0
-    for link in range(links.up.ring.shape[0]):
-        arrived = downlink(links, link, tick, end, given, issued)
-        applied = merge(taken, applied, links.down.out[link], arrived)
-    kept.used[3] = _append(kept.applied, kept.used[3], taken, applied)
-    sound = sound and not bank_state.calls.failed.any()
-    if sound:
-        go_on(plant, plant_state, pmus, pmu_state, tick, taken, applied, work)
-    return sound
-
-
-@compiled
-def one_tick(
-    plant: Plant,
-    plant_state: PlantState,
-    work: Work,
-    pmus: Pmus,
-    pmu_state: PmuState,
-    links: Links,
-    bank: Bank,
-    bank_state: BankState,
-    ids: Identifiers,
-    id_state: IdentifierState,
-    given: NDArray[Any],
-    taken: NDArray[Any],
-    kept: Signals,
-    tick: int,
-) -> bool:
-    """A whole tick, with the loop's parts one by one; False: the plant, or a controller, does not go on.
-
-    Handed over in one piece, a tuple as large as a whole loop takes the compiler several times as long: each of its
-    hundreds of numbers is put into it by an instruction that spells out the type of all.
-    """
-    sound = _begin(plant, plant_state, work, pmus, pmu_state, links, kept, tick)
-    return _end(
-        plant,
-        plant_state,
-        work,
-        pmus,
-        pmu_state,
-        links,
-        bank,
-        bank_state,
-        ids,
-        id_state,
-        given,
-        taken,
-        kept,
-        tick,
-        sound,
-    )
-
-
 @released
-def turn(
+def halves(
     plant: Plant,
     plant_state: PlantState,
     work: Work,
@@ -216,68 +115,39 @@ def turn(
     given: NDArray[Any],
     taken: NDArray[Any],
     kept: Signals,
-    tick: int,
+    first: int,
+    until: int,
 ) -> bool:
-    """From what was delivered in a tick to what is delivered in the next: its second half, the first one of the next.
+    """Half ticks from `first` on, before `until`; False: the plant, or a controller, does not go on.
 
-    `tick`: -1 at the start. False: there is no next one, as the plant, or a controller, does not go on.
+    Half 2 k is the first of tick k: PMUs measure, links deliver upwards. Half 2 k + 1 is its second: controllers act,
+    identifiers learn, links deliver downwards, the plant goes on. One function for whole runs, ticks, and what lies
+    between the halves: each takes the compiler as long as all else together, for its hundreds of arrays.
     """
-    if tick >= 0 and not _end(
-        plant,
-        plant_state,
-        work,
-        pmus,
-        pmu_state,
-        links,
-        bank,
-        bank_state,
-        ids,
-        id_state,
-        given,
-        taken,
-        kept,
-        tick,
-        kept.in_synchronism[tick],
-    ):
-        return False
-    if tick + 1 == kept.time_ns.size:
-        return False
-    _begin(plant, plant_state, work, pmus, pmu_state, links, kept, tick + 1)
+    several = links.up.ring.shape[0]
+    for half in range(first, until):
+        tick = half // 2
+        start, end = tick_ns(tick, pmus.frame_rate), tick_ns(tick + 1, pmus.frame_rate)
+        if half % 2 == 0:
+            frame, measured_ns, status = kept.frames[tick], kept.measured_ns[tick], kept.status[tick]
+            truth = kept.machines[tick], kept.devices[tick]
+            sound = observe(plant, plant_state, pmus, pmu_state, tick, frame, measured_ns, status, *truth, work)
+            kept.time_ns[tick] = start
+            kept.in_synchronism[tick] = sound
+            kept.used[0] = tick + 1
+            for link in range(several):
+                delivered = uplink(links, link, tick, start, end, frame, measured_ns, status)
+                kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
+            continue
+        issued = control_step(
+            bank, bank_state, ids, id_state, links.used, links.up.out, links.up.ring, given, given, -1, tick, kept
+        )
+        applied = 0
+        for link in range(several):
+            arrived = downlink(links, link, tick, end, given, issued)
+            applied = merge(taken, applied, links.down.out[link], arrived)
+        kept.used[3] = _append(kept.applied, kept.used[3], taken, applied)
+        if not kept.in_synchronism[tick] or bank_state.calls.failed.any():
+            return False
+        go_on(plant, plant_state, pmus, pmu_state, tick, taken, applied, work)
     return True
-
-
-@compiled
-def all_ticks(
-    plant: Plant,
-    plant_state: PlantState,
-    work: Work,
-    pmus: Pmus,
-    pmu_state: PmuState,
-    links: Links,
-    bank: Bank,
-    bank_state: BankState,
-    ids: Identifiers,
-    id_state: IdentifierState,
-    given: NDArray[Any],
-    taken: NDArray[Any],
-    kept: Signals,
-) -> None:
-    """All ticks from the first on, or until the plant, or a controller, does not go on."""
-    for tick in range(kept.time_ns.size):
-        if not one_tick(
-            plant,
-            plant_state,
-            work,
-            pmus,
-            pmu_state,
-            links,
-            bank,
-            bank_state,
-            ids,
-            id_state,
-            given,
-            taken,
-            kept,
-            tick,
-        ):
-            break
