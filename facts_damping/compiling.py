@@ -207,5 +207,6 @@ else:
     compiled = _compiled
     inner = _inner
     released = partial(_compiled, nogil=True)  # others' Python goes on meanwhile
-    # For a step's innermost loops: the optimiser writes the function into its callers.
+    # The optimiser writes the function into its callers: for a step's innermost loops, and for the parts of a tick,
+    # which would be handed hundreds of arrays each time, a third of what a tick takes.
     inlined = partial(_compiled, forceinline=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, inlined
 from facts_damping.measurement.pmu import report, take_sample
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure, sample
@@ -25,7 +25,7 @@ def tick_ns(tick: int, frame_rate: int) -> int:
     return tick * NANOSECONDS // frame_rate
 
 
-@compiled
+@inlined
 def observe(
     plant: Plant,
     plant_state: PlantState,
@@ -57,7 +57,7 @@ def entries(
     return rows
 
 
-@compiled
+@inlined
 def go_on(
     plant: Plant,
     plant_state: PlantState,

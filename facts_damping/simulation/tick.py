@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.compiling import compiled, inner, released
+from facts_damping.compiling import inlined, inner, released
 from facts_damping.control.bank import Bank, BankState, act, set_estimate
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.control.table import DIRECT, INDIRECT
@@ -51,7 +51,7 @@ def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> i
     return at + count
 
 
-@compiled
+@inlined
 def control_step(
     bank: Bank,
     bank_state: BankState,
