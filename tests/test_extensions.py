@@ -142,7 +142,7 @@ def carried(tmp_path_factory: pytest.TempPathFactory, module_domain: int) -> Car
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(root), "ROS_DOMAIN_ID": str(module_domain)},
+        env={**os.environ, "PYTHONPATH": str(root), "ROS_DOMAIN_ID": str(module_domain), "NUMBA_OPT": "1"},
         capture_output=True,
         text=True,
         check=False,

@@ -52,7 +52,7 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     start: Callable[..., Any], client: Any, tmp_path: Path
 ) -> None:
     """All of it is in a recording that began under way, which is replayed to the bit."""
-    common = {**FREE, "duration": WHOLE_S}
+    common = {**FREE, "duration": WHOLE_S, "set": "[watchdog.timeout=1.0]"}  # which a loaded machine keeps
     part = WHOLE_S / 60.0
     plant = start("plant_sim", **common)
     until(plant, 5 * part)

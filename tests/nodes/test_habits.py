@@ -189,10 +189,12 @@ def test_every_node_tells_how_it_is(start: Any, heard: Any) -> None:
     came = heard(DiagnosticArray, "/diagnostics", lambda told: set(newest(told)) >= names)
     assert {newest(came)[name].hardware_id for name in names} == {"two_area", "wan_link", "sssc"}
     nodes["controller"].terminate()
-    warned = lambda told: newest(told)["wan_link"].level != b"\0" and newest(told)["plant_sim"].level != b"\0"  # noqa: E731
-    came = heard(DiagnosticArray, "/diagnostics", warned)
-    assert "no answer from controller_0_HBsWC" in newest(came)["wan_link"].message
-    assert "released: sssc" in newest(came)["plant_sim"].message
+
+    def warned(told: list[Any]) -> bool:
+        silent = "no answer from controller_0_HBsWC" in newest(told)["wan_link"].message
+        return silent and "released: sssc" in newest(told)["plant_sim"].message
+
+    heard(DiagnosticArray, "/diagnostics", warned)
     nodes["plant_sim"].terminate()
     heard(DiagnosticArray, "/diagnostics", lambda told: "nothing has come" in newest(told)["wan_link"].message)
 
