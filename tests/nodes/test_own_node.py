@@ -112,8 +112,8 @@ def test_behind_a_link_of_its_own_in_a_namespace(domain: int, tmp_path: Path) ->
 
 
 def test_in_real_time(domain: int, tmp_path: Path) -> None:
-    outcome = run(tmp_path, by_command("duration=3"), "realtime")
-    recorded, computed = load(outcome.recording), in_process("duration=3")
+    outcome = run(tmp_path, by_command("duration=2"), "realtime")
+    recorded, computed = load(outcome.recording), in_process("duration=2")
     assert outcome.messages_lost == 0
     if outcome.deadline_misses == 0:  # delays are simulated: then the clock changes nothing
         assert_same_law(recorded, computed)
@@ -154,8 +154,8 @@ def test_who_has_left_is_named_in_lockstep(domain: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_a_command_that_dies_is_named_with_what_it_said(domain: int, tmp_path: Path, mode: str) -> None:
-    dying = "import threading, os; threading.Timer(4.0, lambda: (os.write(2, b'out of ideas'), os._exit(7))).start()"
-    sets = by_command("duration=1000" if mode == "lockstep" else "duration=8", more=dying)
+    dying = "import threading, os; threading.Timer(3.0, lambda: (os.write(2, b'out of ideas'), os._exit(7))).start()"
+    sets = by_command("duration=1000" if mode == "lockstep" else "duration=5", more=dying)
     said = f"{NAME} ended with exit status 7: out of ideas"
     if mode == "lockstep":
         with pytest.raises(RunError, match=said):
@@ -165,7 +165,7 @@ def test_a_command_that_dies_is_named_with_what_it_said(domain: int, tmp_path: P
 
 
 def test_late_in_real_time_it_is_named(domain: int, tmp_path: Path) -> None:
-    outcome = run(tmp_path, by_command("duration=3", more=SLOW), "realtime")
+    outcome = run(tmp_path, by_command("duration=2", more=SLOW), "realtime")
     assert outcome.deadline_misses > 0
     told = diagnostics(outcome.recording, "wan_link")
     assert any(f"of {NAME}" in text and "late answers" in text for text in told), told
