@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import weakref
 from functools import cache
+from multiprocessing import util
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -137,6 +138,7 @@ def _unpack(path: Path, _written: int) -> tuple[TemporaryDirectory[str], Any]:
     """An FMU in a folder that goes with this process, once for each state of its file."""
     description = importlib.import_module("fmpy").read_model_description(str(path))
     folder = TemporaryDirectory(prefix="facts_damping_fmu_")
+    util.Finalize(None, folder.cleanup, exitpriority=0)  # also in a forked node, which ends without Python's own end
     with ZipFile(path) as archive:
         archive.extractall(folder.name)
     return folder, description

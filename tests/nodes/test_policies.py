@@ -123,7 +123,12 @@ def diagnostics(recording: Path, of: str) -> list[str]:
     return found
 
 
-def test_an_fmu_in_a_graph_is_the_one_in_process_bit_for_bit(domain: int, tmp_path: Path) -> None:
+def test_an_fmu_in_a_graph_is_the_one_in_process_bit_for_bit(
+    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its node leaves nothing in the temporary folder."""
+    (tmp_path / "passing").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "passing"))
     fmu = build(tmp_path, EXAMPLES, 3)
     sets = [
         "scenario=large",
@@ -132,6 +137,7 @@ def test_an_fmu_in_a_graph_is_the_one_in_process_bit_for_bit(domain: int, tmp_pa
         "controllers=" + json.dumps([{"name": "mine", "fmu": str(fmu)}]),
     ]
     graph.run(load_case(None, sets), "lockstep", tmp_path / "out", quiet, LOADED_S)
+    assert not list((tmp_path / "passing").glob("facts_damping_fmu_*"))
     assert_same(load(tmp_path / "out" / "recording"), loop.run(load_case(None, sets)))
 
 
