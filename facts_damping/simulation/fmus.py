@@ -57,7 +57,8 @@ class FmuController:
             raise InputError(
                 f"{where}: {fmu.file}: cannot be loaded: {reason}; allowed: one for this machine"
             ) from error
-        weakref.finalize(self, self._fmu.freeInstance)
+        # Not at the very end, which ends it anyway: one that is Python itself would find no interpreter any more.
+        weakref.finalize(self, self._fmu.freeInstance).atexit = False
         self._measured_ns = -1
 
     def step(
