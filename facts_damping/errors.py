@@ -28,6 +28,11 @@ class RecordingError(FactsDampingError):
     """A recording that cannot be read or written."""
 
 
+def one_line(error: object) -> str:
+    """What an error says, in one line."""
+    return " ".join(str(error).split())
+
+
 def check_known(where: str, name: str, allowed: Iterable[str]) -> None:
     """Raise `InputError` where a name is not among those that there are."""
     names = list(allowed)

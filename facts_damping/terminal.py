@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import signal
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 
 INTERRUPTED = 130  # exit status
+PR_SET_PDEATHSIG = 1  # of prctl(2)
 INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM)  # a polite kill is one, too
 
 
@@ -164,6 +166,11 @@ def finite(content: Any) -> Any:
     if isinstance(content, float) and content - content != 0.0:
         return None
     return content
+
+
+def tie_to_parent(number: int = signal.SIGTERM) -> None:
+    """Have this process told to end when the one that started it does, however that ends."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number)
 
 
 @contextmanager

@@ -100,10 +100,10 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
     started: list[Node | ExecuteProcess] = [plant]
     started += [node("wan_link", address, index=i) for i, address in enumerate(link_addresses(case))]
     for i, address in enumerate(controller_addresses(case)):
-        own = kind_of(case.controllers[i])
-        if not own.node:
+        controller = case.controllers[i]
+        if not kind_of(controller).node:
             started.append(node("controller", address, index=i))
-        elif own.own == "command":
+        elif controller.command is not None:
             cmd = command(case, i, asked["namespace"].strip("/"))
             watched.append(ExecuteProcess(cmd=cmd, name=address.name, output="screen"))
             started.append(watched[-1])

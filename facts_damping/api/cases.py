@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.case import loading
-from facts_damping.parameters.files import find, read_table
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
@@ -18,11 +16,8 @@ if TYPE_CHECKING:
 
 def case_of(run: str | PathLike[str] | None, fields: dict[str, Any]) -> Case:
     """The case of a run (name, or path) with some fields changed. Raises `InputError`."""
-    path = None if run is None else find("runs", str(run))
-    content, values = {} if path is None else read_table(path), {name: plain(one) for name, one in fields.items()}
-    texts = {name: json.dumps(value, default=str) for name, value in values.items()}
-    loading.change(content, values, texts)
-    return loading.make_case(content, str(path or "defaults"), texts)
+    content, source = loading.read_run(None if run is None else str(run))
+    return loading.changed_case(content, source, plain(fields))
 
 
 def plain(value: Any) -> Any:

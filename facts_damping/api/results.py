@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.analysis import plots
 from facts_damping.analysis.summary import summarise, table
 from facts_damping.api.cases import case_of
-from facts_damping.api.frames import data_frame
-from facts_damping.case.names import label
-from facts_damping.parameters.run import Run
+from facts_damping.case.names import asked_label
+from facts_damping.extras import library
 from facts_damping.recording import reader
 from facts_damping.signals import Record
 from facts_damping.simulation import loop
@@ -30,7 +29,7 @@ class Result(Record):
     @property
     def name(self) -> str:
         """System, scenario, controllers, links."""
-        return label(Run.model_validate(self.asked).model_dump()) if self.configuration else "recording"
+        return asked_label(self.asked) if self.configuration else "recording"
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -45,7 +44,7 @@ class Result(Record):
 
     def to_pandas(self) -> Any:
         """All of `arrays` as a DataFrame over `time_s`; units in `.attrs["units"]`. Needs pandas."""
-        made = data_frame(self.arrays).set_index("time_s")
+        made = library("pandas", "pandas").DataFrame(self.arrays).set_index("time_s")
         made.attrs["units"] = dict(self.units)
         return made
 

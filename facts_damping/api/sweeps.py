@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.analysis.indices import INDICES
 from facts_damping.api.cases import plain
-from facts_damping.api.frames import data_frame
+from facts_damping.extras import library
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.studies import sweep as studies
 from facts_damping.studies import sweep_plots
 from facts_damping.studies.pool import refuse_within
-from facts_damping.studies.results import sweep_tables
+from facts_damping.studies.results import cell, sweep_tables
 from facts_damping.terminal import Progress, table
 
 if TYPE_CHECKING:
@@ -39,11 +39,11 @@ class Sweep:
 
     def to_pandas(self) -> Any:
         """The rows as a DataFrame. Needs pandas."""
-        return data_frame(self.rows)
+        return library("pandas", "pandas").DataFrame(self.rows)
 
     def margins_to_pandas(self) -> Any:
         """The margins as a DataFrame. Needs pandas."""
-        return data_frame(self.margins)
+        return library("pandas", "pandas").DataFrame(self.margins)
 
     def plot(self, folder: str | PathLike[str]) -> list[Path]:
         """Pictures of margins, figures and latencies as PNG files in a folder: their paths."""
@@ -62,13 +62,9 @@ class Sweep:
     def _repr_html_(self) -> str:
         """Its tables, for a notebook: margins, and figures of the first runs."""
         columns = [*dict.fromkeys((*self._plan.points[0].columns, "controller", "verdict", *INDICES))]
-        cells = [[_cell(row.get(name)) for name in columns] for row in self.rows[:SHOWN]]
+        cells = [[cell(row.get(name)) for name in columns] for row in self.rows[:SHOWN]]
         lines = [*sweep_tables(self.rows, self.margins, [], studies.across(self._plan)), "", *table(columns, cells)]
         return f"<pre>{chr(10).join(lines)}</pre>"
-
-
-def _cell(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else "-" if value is None else str(value)
 
 
 def sweep(

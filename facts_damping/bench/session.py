@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import signal
@@ -14,19 +13,19 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import RunError
+from facts_damping.terminal import tie_to_parent
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 # One thread for each program: what is compared is the work, and a machine may have few cores.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-PR_SET_PDEATHSIG = 1
 WORKER = "facts_damping.bench.worker"
 
 
 def end_with_parent(parent: int) -> None:
     """Make this process end when the one that started it does, and leave an interrupt to that one."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    tie_to_parent(signal.SIGKILL)
     if os.getppid() != parent:
         sys.exit()  # it had ended before
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.bench.programs import HELICS, missing
 from facts_damping.case.loading import load_case
-from facts_damping.errors import FactsDampingError, RunError
+from facts_damping.errors import FactsDampingError, RunError, one_line
 from facts_damping.recording.scan import scan
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def measure(progress: Callable[[int, int], None]) -> list[Rate]:
                 try:
                     found.append(one())
                 except FactsDampingError as error:
-                    failed[title] = " ".join(str(error).split())
+                    failed[title] = one_line(error)
     progress(2 * TURNS, 2 * TURNS)
     return [
         Rate(title, float("nan") if title in failed else median(found), NOTES[title], failed.get(title, ""))

@@ -17,6 +17,7 @@ from typing import Any
 
 from facts_damping.bench import grid as grids
 from facts_damping.bench.session import end_with_parent
+from facts_damping.errors import one_line
 
 
 def answer(program: Any, made: Any, request: dict[str, Any]) -> dict[str, Any]:
@@ -43,7 +44,7 @@ def main() -> None:
             out.write(json.dumps(answer(program, made, json.loads(line))) + "\n")
     except Exception as error:  # noqa: BLE001 (whatever a program dies of is said in its row)
         traceback.print_exc()
-        out.write(json.dumps({"error": f"{type(error).__name__}: {' '.join(str(error).split())}"}) + "\n")
+        out.write(json.dumps({"error": f"{type(error).__name__}: {one_line(error)}"}) + "\n")
 
 
 if __name__ == "__main__":

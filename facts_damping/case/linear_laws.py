@@ -9,7 +9,7 @@ import numpy as np
 from scipy.io import loadmat
 
 from facts_damping.control.linear_law import matrices
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, one_line
 from facts_damping.parameters.files import MAX_FILE_BYTES, read_table
 from facts_damping.parameters.linear_law import FORMS, LinearLaw
 from facts_damping.parameters.validation import check, origin
@@ -56,7 +56,7 @@ def _read(path: Path, where: str) -> dict[str, Any]:
     try:
         found = _arrays(path)
     except Exception as error:  # whatever their readers die of
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = one_line(error) or type(error).__name__
         raise InputError(f"{path}: cannot be read: {reason}; allowed: arrays {', '.join(NAMES)}") from error
     unknown = [name for name in found if name not in NAMES]
     if unknown:

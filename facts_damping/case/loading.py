@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from functools import partial
+from json import dumps
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.checks import check_case, check_events
@@ -55,11 +56,30 @@ def installed(system: System, names: str | None) -> list[str]:
 
 def load_case(name: str | None, sets: list[str] | None = None) -> Case:
     """A run by name or path (none: all defaults), with `--set` applied, and all that it names."""
-    path = None if name is None else find("runs", name)
-    content = {} if path is None else read_table(path)
+    content, source = read_run(name)
     pairs = dict(parse_set(text) for text in sets or [])
     change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
-    return make_case(content, str(path or "defaults"), pairs)
+    return make_case(content, source, pairs)
+
+
+def read_run(name: str | None) -> tuple[dict[str, Any], str]:
+    """The content of a run by name or path (none: all defaults), and what it is from."""
+    if name is None:
+        return {}, "defaults"
+    path = find("runs", name)
+    return read_table(path), str(path)
+
+
+def changed_case(content: dict[str, Any], source: str, values: Mapping[str, Any]) -> Case:
+    """A case from the content of a run file, which is changed, with fields set to values that no command line gave."""
+    sets = as_sets(values)
+    change(content, values, sets)
+    return make_case(content, source, sets)
+
+
+def as_sets(values: Mapping[str, Any]) -> dict[str, str]:
+    """Each value as the text that `--set` would take."""
+    return {path: dumps(value, default=str) for path, value in values.items()}
 
 
 def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str, str]) -> None:

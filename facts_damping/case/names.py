@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from facts_damping.parameters.run import Run
+
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
@@ -78,6 +80,11 @@ def re_name(kind: str) -> str:
 def served(case: Case, link: int) -> list[int]:
     """The controllers that use a link."""
     return [c for c, used in enumerate(case.used_links) if used == link]
+
+
+def asked_label(asked: dict[str, Any]) -> str:
+    """The same of a run as it was asked for, perhaps in part."""
+    return label(Run.model_validate(asked).model_dump())
 
 
 def label(run: dict[str, Any]) -> str:

@@ -11,7 +11,7 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING, NoReturn
 
-from facts_damping.errors import DegradedError, FactsDampingError, InputError, RecordingError
+from facts_damping.errors import DegradedError, FactsDampingError, InputError, RecordingError, one_line
 from facts_damping.terminal import INTERRUPTED, INTERRUPTIONS, end_at_once
 from facts_damping.version import __version__
 
@@ -359,7 +359,7 @@ def _do(arguments: argparse.Namespace) -> None:
 
 
 def _fail(reason: object, status: int) -> int:
-    sys.stderr.write(f"facts-damping: {' '.join(str(reason).split())}\n")
+    sys.stderr.write(f"facts-damping: {one_line(reason)}\n")
     return status
 
 

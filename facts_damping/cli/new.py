@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from facts_damping.cli.runs import say
-from facts_damping.control.table import CONTROLLERS
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import new_folder
 from facts_damping.terminal import write_whole
@@ -28,7 +27,7 @@ FILES = {
 def new(arguments: argparse.Namespace) -> None:
     """A folder with a class, a run, a study, and a test that runs it in process and as a node."""
     name = arguments.name
-    if not re.fullmatch(r"[a-z][a-z0-9_]{0,40}", name) or name in CONTROLLERS:
+    if not re.fullmatch(r"[a-z][a-z0-9_]{0,40}", name):
         raise InputError(f"NAME: '{name}' given; allowed: small letters, digits and _, such as my_damper")
     folder = Path(arguments.out or name)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

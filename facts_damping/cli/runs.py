@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
-from facts_damping.case.names import label
+from facts_damping.case.names import asked_label, label
 from facts_damping.errors import DegradedError, InputError, RunError, check_known
 from facts_damping.parameters import files
-from facts_damping.parameters.run import Run
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import learnt_weights, loop
 from facts_damping.simulation.policies import step_times
@@ -173,7 +172,7 @@ def analyze(arguments: argparse.Namespace) -> None:
     for i, path in enumerate(given):
         progress(i, len(given))
         record = _explained(load(path), path, arguments.run)
-        named.append((label(Run.model_validate(record.asked).model_dump()), record))
+        named.append((asked_label(record.asked), record))
     progress.close()
     if len({name for name, _ in named}) < len(named):
         named = [(f"{i + 1} {name}", record) for i, (name, record) in enumerate(named)]

@@ -33,15 +33,23 @@ def sensed(receivers: int, signals: int, stations: int) -> Sensed:
 
 
 @inner
+def _newest(given: Inputs, stamps: NDArray[np.int64], r: int, i: int) -> int:
+    """The newest of the stations' times of measurement, (receivers, stations), that signal i is made of."""
+    newest = UNSET
+    for s in range(given.weight.shape[2]):
+        if given.weight[r, i, s] != 0.0:
+            newest = max(newest, stamps[r, s])
+    return newest
+
+
+@inner
 def look(given: Inputs, held: Held, of: Sensed, r: int, now_ns: int) -> None:
     """How old the signals are of what receiver r holds at a time, and which are new since the look before."""
     for i in range(given.signals[r]):
-        newest, fresh = UNSET, False
+        of.age[r, i], of.fresh[r, i] = (now_ns - _newest(given, held.entry_ns, r, i)) * 1e-9, False
         for s in range(given.weight.shape[2]):
-            if given.weight[r, i, s] != 0.0:
-                newest = max(newest, held.entry_ns[r, s])
-                fresh = fresh or held.entry_ns[r, s] != of.taken_ns[r, s]
-        of.age[r, i], of.fresh[r, i] = (now_ns - newest) * 1e-9, fresh
+            if given.weight[r, i, s] != 0.0 and held.entry_ns[r, s] != of.taken_ns[r, s]:
+                of.fresh[r, i] = True
     for s in range(of.taken_ns.shape[1]):
         of.taken_ns[r, s] = held.entry_ns[r, s]
 
@@ -62,9 +70,5 @@ def sense(given: Inputs, held: Held, of: Sensed, r: int, delivered: NDArray[Any]
         look(given, held, of, r, last)
     elif held.newest_ns[r] != UNSET:
         for j in range(given.signals[r]):
-            newest = UNSET
-            for s in range(given.weight.shape[2]):
-                if given.weight[r, j, s] != 0.0:
-                    newest = max(newest, of.taken_ns[r, s])
-            of.age[r, j], of.fresh[r, j] = (end_ns - newest) * 1e-9, False
+            of.age[r, j], of.fresh[r, j] = (end_ns - _newest(given, of.taken_ns, r, j)) * 1e-9, False
     return last != UNSET

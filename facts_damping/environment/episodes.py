@@ -15,7 +15,6 @@ from facts_damping.control.inputs import inputs
 from facts_damping.control.sensing import sensed
 from facts_damping.environment.watching import watch
 from facts_damping.errors import InputError
-from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
@@ -42,8 +41,7 @@ class Source:
     def __init__(self, run: str | None, study: str | None, controller: int, fields: dict[str, Any]) -> None:
         """Read it. Raises `InputError`; where a run has no controller with devices, too."""
         if study is None:
-            path = None if run is None else find("runs", run)
-            self._content, self._where = {} if path is None else read_table(path), str(path or "defaults")
+            self._content, self._where = loading.read_run(run)
             self._set: dict[str, Any] = {}
             self.points: list[dict[str, Any]] = [{}]
         else:
@@ -71,7 +69,7 @@ class Source:
 
     def _made(self, changes: dict[str, Any]) -> Case:
         content, values = deepcopy(self._content), {**self._set, **self._fields, **changes}
-        loading.change(content, values, {name: str(value) for name, value in values.items()})
+        loading.change(content, values, loading.as_sets(values))
         content.pop("asked", None)
         rows = content.setdefault("controllers", [Controller().model_dump(include={"devices", "signals"})])
         c, installed = self._controller, content.get("devices", Run.model_fields["devices"].default)
@@ -94,23 +92,22 @@ class Episode:
 
         `window`, (ticks, signals, 3), and `deviations`, (differences,), are what it writes what there is to see into.
         """
-        self.case, self._window, self._deviations, self._scale = case, window, deviations, scale
-        self.loop = fresh_loop(case, outside=True)
-        self.tick = -1
-        self._agent = case.controllers[c]
-        names, stations = [list(self._agent.signals)], [station.name for station in case.system.stations]
+        self.case, self.loop, self.tick, self._deviations = case, fresh_loop(case, outside=True), -1, deviations
+        agent = case.controllers[c]
+        names, stations = [list(agent.signals)], [station.name for station in case.system.stations]
         eyes = inputs(names, case.system.signals, stations, case.system.frequency)
         seen = sensed(1, len(names[0]), len(stations))
         self._up, self._link = self.loop.links.up, case.used_links[c]
         self._parts, self._eyes = self.loop[:-1], (*eyes, seen)
         self.parts = (*self._parts, *self._eyes)  # all that is stepped
         kept = self.loop.signals
-        self._tail = window, scale, weights_of(case)
+        self.limits = np.array([case.system.device(name).v_max for name in agent.devices])
+        self.weights = weights_of(case)
+        self._tail = window, scale, self.weights
         self._halves = specialised(halves, *self._parts, 0, 0)
         first = self._up.out[self._link], 0, 0, *self._tail, kept.machines[0], deviations
         self._watch = specialised(watch, *self._eyes, *first)
-        self._u = self.loop.bank_state.unlimited[c, : len(self._agent.devices)]
-        self._limits = limits_of(case, c)
+        self._u = self.loop.bank_state.unlimited[c, : len(agent.devices)]
         window[:] = 0.0
         window[:, :, 2] = 1.0
         self._go_on()
@@ -122,7 +119,7 @@ class Episode:
 
     def step(self, action: NDArray[Any]) -> None:
         """Have what was delivered in the newest tick answered by an action, -1 to 1 of the limits; on to the next."""
-        np.multiply(action, self._limits, out=self._u)
+        np.multiply(action, self.limits, out=self._u)
         self._go_on()
 
     def _go_on(self) -> None:
@@ -149,16 +146,11 @@ class Episode:
         return loop.record(self.case, self.loop)
 
 
-def limits_of(case: Case, c: int) -> NDArray[np.float64]:
-    """Largest setpoint of each device of controller c, p.u."""
-    return np.array([case.system.device(name).v_max for name in case.controllers[c].devices])
-
-
 def weights_of(case: Case) -> NDArray[np.float64]:
     """Weights of machines' speeds in the speed differences that are judged, (differences, machines)."""
     machines = [machine.name for machine in case.system.machines]
     of = {station.name: station.machine for station in case.system.stations}
-    judged = measure_weights(case.document())
+    judged = measure_weights(case.system.model_dump(by_alias=True))
     found = np.zeros((len(judged), len(machines)))
     for row, weights in zip(found, judged.values(), strict=True):
         for station, weight in weights.items():

@@ -51,7 +51,7 @@ class Setting:
         edges = [np.broadcast_to(np.array(edge, np.float32), (*shape, 3)) for edge in (low, high)]
         self.observation_space: Any = spaces.Box(edges[0], edges[1], dtype=np.float32)
         self.action_space: Any = spaces.Box(-1.0, 1.0, (len(agent.devices),), np.float32)
-        self.differences = len(weights_of(self.source.first))
+        self.weights = weights_of(self.source.first)
         self.dt = 1.0 / self.source.first.run.frame_rate
 
     def begin(
@@ -95,7 +95,7 @@ class WideAreaDamping(gymnasium.Env[Any, Any]):
         self._setting = Setting(run, study, **settings)
         self.observation_space, self.action_space = self._setting.observation_space, self._setting.action_space
         self._window = np.zeros(self.observation_space.shape or (), np.float32)
-        self._deviations = np.zeros(self._setting.differences)
+        self._deviations = np.zeros(len(self._setting.weights))
         self.episode: Any = None  # an `Episode`, once one has begun
 
     def reset(

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from facts_damping.compiling import specialised
-from facts_damping.environment.episodes import PARTS, limits_of, weights_of
+from facts_damping.environment.episodes import PARTS
 from facts_damping.environment.many import step_many
 from facts_damping.environment.pinning import pin
 from facts_damping.environment.single import Setting
@@ -41,7 +41,6 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         """As above."""
         settings.pop("render_mode", None)
         self._setting, self.num_envs = Setting(**settings), num_envs
-        first, controller = self._setting.source.first, self._setting.controller
         self.single_observation_space = self._setting.observation_space
         self.single_action_space = self._setting.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -50,16 +49,12 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         self._episodes: list[Episode] = []
         self._pinned: list[list[NDArray[np.uint8]]] = [[] for _ in range(num_envs)]
         self._where: NDArray[np.int64] = np.zeros((num_envs, PARTS), np.int64)
-        self._waits, self._ended = np.zeros((2, num_envs), np.bool_)
+        self._waits, self._ended, self._lost = np.zeros((3, num_envs), np.bool_)
         self._ticks, self._time_ns, self._last = np.zeros((3, num_envs), np.int64)
-        self._lost, self._setpoints = (
-            np.zeros(num_envs, np.bool_),
-            np.zeros((num_envs, len(limits_of(first, controller))), np.float64),
-        )
-        self._limits = np.zeros_like(self._setpoints)
-        self._windows = np.zeros((num_envs, *(self.single_observation_space.shape or ())), np.float32)
-        self._weights = np.zeros((num_envs, *weights_of(first).shape))
-        self._deviations = np.zeros((num_envs, self._setting.differences))
+        self._setpoints, self._limits = np.zeros((2, num_envs, *self._setting.action_space.shape))
+        self._windows = np.zeros((num_envs, *self._setting.observation_space.shape), np.float32)
+        self._weights = np.zeros((num_envs, *self._setting.weights.shape))
+        self._deviations = np.zeros((num_envs, len(self._setting.weights)))
         self._step: Any = None
         self._shares = min(threads or os.cpu_count() or 1, num_envs)
         self._pool = ThreadPoolExecutor(self._shares)
@@ -72,22 +67,18 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         for i, one in enumerate(seeds):
             if one is not None:
                 self._random[i] = np_random(one)[0]
-        self._episodes = [self._begun(i, options) for i in range(self.num_envs)]
-        for i in range(self.num_envs):
-            self._begin(i)
+        self._episodes = [self._begin(i, options) for i in range(self.num_envs)]
         self._ended[:] = False
         return self._windows.copy(), {}
 
-    def _begun(self, i: int, options: dict[str, Any] | None = None) -> Episode:
-        return self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])[0]
-
-    def _begin(self, i: int) -> None:
-        """Take over an episode at its beginning."""
-        one, c = self._episodes[i], self._setting.controller
+    def _begin(self, i: int, options: dict[str, Any] | None = None) -> Episode:
+        """An episode at its beginning, taken over."""
+        one, _ = self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])
         self._pinned[i] = [pin(part) for part in one.parts]
         self._where[i] = [buffer.ctypes.data for buffer in self._pinned[i]]
         self._ticks[i], self._last[i], self._lost[i] = one.tick, one.case.ticks - 1, one.lost
-        self._limits[i], self._weights[i] = limits_of(one.case, c), weights_of(one.case)
+        self._limits[i], self._weights[i] = one.limits, one.weights
+        return one
 
     def step(
         self, actions: NDArray[Any]
@@ -99,8 +90,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         np.multiply(asked, self._limits, out=self._setpoints)
         self._waits[:] = self._ended
         for i in np.flatnonzero(self._waits):
-            self._episodes[i] = self._begun(int(i))
-            self._begin(int(i))
+            self._episodes[i] = self._begin(int(i))
         self._go_on()
         setting, goes = self._setting, ~self._waits
         lost, over = self._lost & goes, (self._ticks >= self._last) & ~self._lost & goes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
@@ -10,13 +9,12 @@ from contextlib import suppress
 from typing import IO, TYPE_CHECKING
 
 from facts_damping.case.names import controller_addresses, link_addresses
+from facts_damping.terminal import tie_to_parent
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from facts_damping.case.model import Case
-
-PARENT_ENDS = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 def command(case: Case, c: int, graph: str = "") -> list[str]:
@@ -46,7 +44,7 @@ class Command:
             stderr=output,
             env=environment,
             start_new_session=True,
-            preexec_fn=_end_with_parent,  # noqa: PLW1509 (it calls the kernel alone)
+            preexec_fn=tie_to_parent,  # noqa: PLW1509 (it calls the kernel alone)
         )
         self.pid = self._process.pid
 
@@ -66,8 +64,3 @@ class Command:
         """Kill it, and all of its session."""
         with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
-
-
-def _end_with_parent() -> None:
-    """Be told to end when the process that started this one is killed."""
-    ctypes.CDLL(None).prctl(PARENT_ENDS, signal.SIGTERM)

@@ -21,7 +21,7 @@ from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.nodes.weights_file import WeightsFile
-from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
+from facts_damping.signals import DELIVERY, SETPOINT
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.learnt_weights import adapted
 from facts_damping.simulation.loop import setpoint_buffer
@@ -99,8 +99,7 @@ class ControllerNode:
             for name, value in times._asdict().items()
         }
         own = self.ticks.health("controls", controller=self.controller.name, **took)
-        late, period_ns = self.late, NANOSECONDS // self.case.run.frame_rate
-        self.late = sum(ns > period_ns for one in self.programs for ns in one.elapsed_ns)
+        late, self.late = self.late, sum(program.late for program in self.programs)
         if not (self.options.paced and self.late > late):
             return own
         text = f"{self.late - late} steps of {self.controller.name} took longer than a frame"

@@ -94,18 +94,19 @@ class Process:
         lines = re.findall(r"^tick (\d+) (\d+) (\d+)$", self.read(), re.MULTILINE)
         return [(int(k), int(n), int(misses)) for k, n, misses in lines]
 
+    def said(self) -> str:
+        """All of its output."""
+        self.output.seek(0)
+        return self.output.read().decode(errors="replace")
+
     def refused(self) -> Refusals:
         """What its guard has refused so far."""
-        self.output.seek(0)
-        said = self.output.read().decode(errors="replace")
-        lines = re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", said, re.MULTILINE)
+        lines = re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", self.said(), re.MULTILINE)
         return {(self.name, *how): int(count) for count, *how in lines}
 
     def step_times(self) -> StepTimes | None:
         """How long the steps of its program took; None: it runs none, or has not told."""
-        self.output.seek(0)
-        said = self.output.read().decode(errors="replace")
-        line = re.search(r"^steps (\d+) (\S+) (\S+) (\S+)$", said, re.MULTILINE)
+        line = re.search(r"^steps (\d+) (\S+) (\S+) (\S+)$", self.said(), re.MULTILINE)
         return StepTimes(int(line[1]), *map(float, line.groups()[1:])) if line else None
 
     def reason(self) -> str:
@@ -139,7 +140,9 @@ def start(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[st
 def start_command(case: Case, c: int, out: Path) -> Process:
     """Start a node of the user's own by its command; what it says goes into a file beside the recording."""
     name = str(controller_addresses(case)[c])
-    log = (out / f"{controller_names(case)[c]}.log").open("w+b")
+    path = out / f"{controller_names(case)[c]}.log"
+    path.write_bytes(b"")
+    log = path.open("a+b")  # it writes at the end, wherever this process reads
     asked = command(case, c)
     try:
         process = Command(asked, {**ENVIRONMENT, **os.environ}, log)
@@ -228,17 +231,17 @@ def graph(
             running[VIEW] = start(VIEW, VIEW, {"run": run_file, "port": view_port})
             _wait_for_view(running[VIEW])
         running[RECORDER] = start(RECORDER, RECORDER, {**common, "output": out / "recording"})
+        controllers = dict(enumerate(controller_addresses(case)))
+        for c in [c for c in controllers if kind_of(case.controllers[c]).node]:
+            address = controllers.pop(c)
+            if case.controllers[c].command is not None:
+                running[str(address)] = start_command(case, c, out)
         for module, nodes in (
             ("wan_link", dict(enumerate(link_addresses(case))) if replayed is None else {}),
-            ("controller", dict(enumerate(controller_addresses(case)))),
+            ("controller", controllers),
             ("identifier", identifier_addresses(case)),
         ):
             for i, node in nodes.items():
-                kind = kind_of(case.controllers[i]) if module == "controller" else None
-                if kind is not None and kind.node:
-                    if kind.own == "command":
-                        running[str(node)] = start_command(case, i, out)
-                    continue
                 own = {"index": i} | ({} if module == "wan_link" else {"save": _part(out, node.name)})
                 hears = () if replayed is None or module != "identifier" else (recorded_topic(senders[i]),)
                 remaps = ({f"/{senders[i]}/setpoints": f"/{topic}" for topic in hears},) if hears else ()

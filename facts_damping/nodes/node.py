@@ -16,7 +16,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from facts_damping.errors import FactsDampingError, InputError, RunError
+from facts_damping.errors import FactsDampingError, InputError, RunError, one_line
 from facts_damping.nodes.parameters import accept_whole_numbers, check_declared, declare, descriptor, usage
 from facts_damping.nodes.spinning import HEARD_S, BeginAgain, Stopped, check_wanted, stop_by_signals
 
@@ -240,7 +240,7 @@ def run_node(name: str, make: Callable[[Node], Part], does: str) -> None:
                 rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
             node = rclpy.create_node(name, start_parameter_services=True)
         except Exception as error:  # noqa: BLE001 (arguments of ROS 2 that rclpy cannot use, each kind in its own way)
-            sys.stderr.write(f"{name}: {' '.join(str(error).split())}\n")
+            sys.stderr.write(f"{name}: {one_line(error)}\n")
             sys.exit(2)
         status = _run(node, make, does)
         if status is not None:
@@ -279,7 +279,7 @@ def _run(node: Node, make: Callable[[Node], Part], does: str) -> int | None:
         voice.info("another plant has begun: this node begins again, too")
         return None
     except (FactsDampingError, ParameterException) as error:
-        voice.end(" ".join(str(error).split()))
+        voice.end(one_line(error))
         return 1 if isinstance(error, RunError) else 2
     return 0
 

@@ -9,7 +9,7 @@ from facts_damping_msgs.msg import RunState
 from facts_damping_msgs.srv import Apply, Step
 from std_srvs.srv import Trigger
 
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, one_line
 from facts_damping.nodes.messages import state_message
 from facts_damping.nodes.node import LATCHED, STATE
 from facts_damping.signals import NANOSECONDS
@@ -103,7 +103,7 @@ class RunControl:
         try:
             self._member.change("event", "", request.change, self._plant.ask_event(request.change))
         except InputError as error:
-            response.message = " ".join(str(error).split())
+            response.message = one_line(error)
         else:
             response.success, response.message = True, self._next()
         return response

@@ -244,11 +244,11 @@ class SetpointsMessage(TableMessage):
         message = self.content(data, VoltageSetpoints)
         controllers = places(self._controllers, [entry.controller for entry in message.setpoints])
         devices = places(self._devices, [entry.device for entry in message.setpoints])
-        pairs = zip(controllers, devices, strict=True)
-        if message.controller != self._sender or any(d not in self._of.get(c, ()) for c, d in pairs):
-            raise Refused("names")
         frames = [str(entry.header.frame_id) for entry in message.setpoints]
-        return message.controller, tuple(zip(controllers, devices, frames, strict=True))
+        entries = tuple(zip(controllers, devices, frames, strict=True))
+        if message.controller != self._sender or any(d not in self._of.get(c, ()) for c, d, _ in entries):
+            raise Refused("names")
+        return message.controller, entries
 
     def fill(self, tick: int, start_ns: int, rows: NDArray[Any], controller: str) -> bytes:
         """Message of setpoints; `controller` is empty as delivered by a link."""

@@ -14,7 +14,7 @@ from facts_damping_msgs.srv import Apply
 
 from facts_damping.case.names import controller_addresses, controller_names, identifier_names, link_addresses, served
 from facts_damping.compiling import specialised
-from facts_damping.errors import InputError, RunError
+from facts_damping.errors import InputError, RunError, one_line
 from facts_damping.link.transfer import downlink, uplink
 from facts_damping.nodes.live_parameters import StageParameters
 from facts_damping.nodes.member import LINK, Member
@@ -103,7 +103,7 @@ class WanLink:
         try:
             asked = with_link(self.now, self.index, request.change)
         except InputError as error:
-            response.message = " ".join(str(error).split())
+            response.message = one_line(error)
             return response
 
         def act(_tick: int) -> None:
@@ -158,7 +158,8 @@ class WanLink:
         """A controller's setpoints; the last one's bring the answer to the plant."""
         self.given[controller].append(rows)
         self.answered[controller] = tick
-        self.behind += Counter({controller: int(tick < self.tick)})
+        if tick < self.tick:
+            self.behind[controller] += 1
         if tick == self.tick and self.missing:
             self.missing.discard(controller)
             if not self.missing:

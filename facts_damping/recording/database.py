@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
-from facts_damping.errors import RecordingError
+from facts_damping.errors import RecordingError, one_line
 from facts_damping.recording.bagfile import TopicInfo
 from facts_damping.recording.content import RawMessage
 from facts_damping.recording.schemas import schema_text
@@ -40,7 +40,7 @@ def read_database(file: Path, content: Content) -> None:
         raise
     except Exception as error:  # noqa: BLE001 (SQLite and rosbags raise many kinds on damaged files)
         content.complete = False
-        content.notes.append(f"{file.name}: cut or damaged ({' '.join(str(error).split()) or type(error).__name__})")
+        content.notes.append(f"{file.name}: cut or damaged ({one_line(error) or type(error).__name__})")
 
 
 def _add_topic(connection: Any, content: Content) -> bool:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.errors import InputError, RecordingError
+from facts_damping.errors import InputError, RecordingError, one_line
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check
@@ -71,7 +71,7 @@ def load(path: Path | str) -> Record:
     try:
         record = _assemble(content, configuration, notes)
     except (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError) as error:
-        reason = " ".join(str(error).split())
+        reason = one_line(error)
         said = f"{path}: a message has not the fields of this package's messages ({reason})"
         raise RecordingError(content.refusal(said)) from error
     except RecordingError as error:

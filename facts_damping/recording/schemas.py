@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from facts_damping.errors import RecordingError
+from facts_damping.errors import RecordingError, one_line
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
@@ -66,7 +66,7 @@ def parse_schema(message_type: str, text: str) -> Typesdict:
     try:
         return get_types_from_msg(text, message_type)
     except TypesysError as error:
-        raise RecordingError(f"schema of {message_type}: {_one_line(error)}") from error
+        raise RecordingError(f"schema of {message_type}: {one_line(error)}") from error
 
 
 @lru_cache(maxsize=64)
@@ -77,7 +77,7 @@ def type_hash(message_type: str, text: str) -> str:
         store.register(parse_schema(message_type, text))
         return store.hash_rihs01(message_type)
     except (TypesysError, KeyError) as error:
-        raise RecordingError(f"schema of {message_type}: {_one_line(error)}") from error
+        raise RecordingError(f"schema of {message_type}: {one_line(error)}") from error
 
 
 def _collect(message_type: str, texts: dict[str, str]) -> None:
@@ -114,7 +114,3 @@ def _prefixes(package: str) -> list[Path]:
         spec = None
     places = list(spec.submodule_search_locations or []) if spec else []
     return [*ament, *(parent for place in places for parent in Path(place).parents), Path(sys.prefix)]
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -18,7 +18,8 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, one_line
+from facts_damping.extras import library
 from facts_damping.parameters.run import Fmu
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class FmuController:
             self._fmu = make(folder.name, description, "CoSimulation", logger=self._log)
             self._set(parameters, [float(value) for value in spec.parameters.values()])
         except Exception as error:  # a library for another machine, say
-            reason = " ".join("; ".join([str(error), *self._said]).split())
+            reason = one_line("; ".join([str(error), *self._said]))
             raise InputError(
                 f"{where}: {fmu.file}: cannot be loaded: {reason}; allowed: one for this machine"
             ) from error
@@ -72,19 +73,22 @@ class FmuController:
 
     def _step(self, measured_ns: int, y: list[float]) -> list[float]:
         before, self._measured_ns = self._measured_ns, measured_ns
-        if before >= 0:
+        if before < 0:
+            self._initialise(measured_ns * 1e-9, y)
+        else:
             self._set(self._inputs, y)
             self._fmu.doStep(before * 1e-9, (measured_ns - before) * 1e-9)
-        elif self._real == "Real":
-            self._fmu.setupExperiment(startTime=measured_ns * 1e-9)
-            self._fmu.enterInitializationMode()
-        else:
-            self._fmu.enterInitializationMode(startTime=measured_ns * 1e-9)
-        if before < 0:
-            self._set(self._inputs, y)
-            self._fmu.exitInitializationMode()
         found: list[float] = getattr(self._fmu, f"get{self._real}")(self._outputs)
         return found
+
+    def _initialise(self, start_s: float, y: list[float]) -> None:
+        if self._real == "Real":
+            self._fmu.setupExperiment(startTime=start_s)
+            self._fmu.enterInitializationMode()
+        else:
+            self._fmu.enterInitializationMode(startTime=start_s)
+        self._set(self._inputs, y)
+        self._fmu.exitInitializationMode()
 
     def _set(self, references: list[int], values: list[float]) -> None:
         if references:
@@ -94,7 +98,7 @@ class FmuController:
         """What the FMU says: errors go with the exception of its call. The last ones: status, category, text."""
         status, _, text = message[-3:]
         if status >= ERROR:
-            self._said.append(" ".join((text or b"").decode(errors="replace").split()))
+            self._said.append(one_line((text or b"").decode(errors="replace")))
 
     def _references(
         self, names: dict[str, Any], causality: str, wanted: dict[str, str], file: str, where: str
@@ -117,16 +121,13 @@ class FmuController:
 
 def _unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
     """The folder of an FMU, and its description. Raises `InputError` where it is none."""
-    try:
-        importlib.import_module("fmpy")
-    except ImportError as error:
-        raise InputError(f"{where}: FMPy is not installed; allowed: pip install 'facts_damping[fmi]'") from error
+    library("fmpy", "fmi", "FMPy", where)
     if not path.is_file():
         raise InputError(f"{where}: {path}: no such file; allowed: an FMU")
     try:
         folder, description = _unpack(path.resolve(), path.stat().st_mtime_ns)
     except Exception as error:  # whatever archives, XML and FMPy die of
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = one_line(error) or type(error).__name__
         raise InputError(f"{where}: {path}: cannot be read: {reason}; allowed: an FMU of FMI 2 or 3") from error
     if description.fmiVersion not in REAL or description.coSimulation is None:
         given = f"FMI {description.fmiVersion}" + ("" if description.coSimulation else " without co-simulation")

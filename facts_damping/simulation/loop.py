@@ -1,8 +1,4 @@
-"""The closed loop without ROS: `step`, one compiled tick of everything, and whole runs of it.
-
-The order of a tick (docs/architecture.md): measure, uplink, act, learn, downlink, advance. The nodes call
-the same functions, each its own; here they are called in one compiled loop.
-"""
+"""The closed loop without ROS: its parts, built, and runs of it by the compiled ticks of `tick`."""
 
 from __future__ import annotations
 
@@ -68,7 +64,7 @@ class Loop(NamedTuple):
     issued: NDArray[Any]  # SETPOINT, what the controllers issue in a tick
     applied: NDArray[Any]  # SETPOINT, what all links deliver to the devices in a tick
     signals: Signals
-    programs: list[Program]  # of controllers of the user's own, which the compiled step calls
+    programs: list[Program]  # of controllers of the user's own; of all this alone is not given to compiled functions
 
 
 def setpoint_buffer(commands: int, entries: int) -> NDArray[Any]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import ctypes
 import inspect
 import time
+from array import array
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,6 +26,7 @@ import numpy as np
 from facts_damping.case.names import controller_names
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
+from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.fmus import FmuController
 from facts_damping.simulation.user_code import file_of, find, told
 from facts_damping.small_signal import linear_plant, modal_analysis
@@ -90,7 +92,8 @@ class Program:
         self.name, self.node, self.devices = controller.name, controller_names(case)[c], controller.devices
         self.error: BaseException | None = None
         self.now_ns = 0
-        self.elapsed_ns: list[int] = []
+        self.elapsed_ns, self.late = array("q"), 0  # of each step; how many took longer than a frame
+        self._period_ns = NANOSECONDS // case.run.frame_rate
         signals, devices = len(controller.signals), len(controller.devices)
         self._y, self._u = state.compensated.signal[c, :signals], state.unlimited[c, :devices]
         self._age, self._fresh = state.calls.sensed.age[c, :signals], state.calls.sensed.fresh[c, :signals]
@@ -108,6 +111,7 @@ class Program:
             began = time.perf_counter_ns()
             u = self._step(*given)
             self.elapsed_ns.append(time.perf_counter_ns() - began)
+            self.late += self.elapsed_ns[-1] > self._period_ns
             self._u[:] = _checked(u, self.devices)
         except BaseException as error:  # noqa: BLE001 (between compiled functions none can pass; `check` raises it)
             self.error = error
@@ -127,7 +131,7 @@ class Program:
         """How long its steps took so far; None where there was none."""
         if not self.elapsed_ns:
             return None
-        took = np.array(self.elapsed_ns) * 1e-9
+        took = np.array(self.elapsed_ns) * 1e-9  # a copy: the array grows
         return StepTimes(len(took), *map(float, (took.mean(), np.percentile(took, 99), took.max())))
 
 

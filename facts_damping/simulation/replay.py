@@ -69,12 +69,8 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str], *, po
     content, pairs = deepcopy(record.configuration), dict(parse_set(text) for text in sets)
     changed = {path for key in pairs for path in each_path(content, key)}
     _forget(content, changed)
-    for i, row in enumerate(() if policy else content.get("controllers") or ()):
-        for field in RUN:
-            if row.get(field) is not None and f"controllers.{i}.{field}" not in changed:
-                code = " ".join(row[field]) if isinstance(row[field], list) else row[field]
-                given = f"{source}: controllers.{i}.{field}: '{code}' given by the recording"
-                raise InputError(f"{given}; allowed: --policy, to run this code, or another controller by --set")
+    if not policy:
+        _refuse_code(content, changed, source)
     change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
     return make_case(content, source, pairs)
 
@@ -88,6 +84,17 @@ def check_has_run(record: Record, source: str) -> None:
 def _noted(record: Record) -> str:
     """What a record lacks, to be said with what cannot be done for it."""
     return "".join(f"; {note}" for note in record.notes)
+
+
+def _refuse_code(content: dict[str, Any], changes: set[str], source: str) -> None:
+    """Raise `InputError` where the content, and no change of its fields, names code that would be run."""
+    rows = enumerate(content.get("controllers") or [])
+    named = ((f"controllers.{i}.{field}", row.get(field)) for i, row in rows for field in RUN)
+    for path, value in named:
+        if value is not None and path not in changes:
+            code = " ".join(value) if isinstance(value, list) else value
+            given = f"{source}: {path}: '{code}' given by the recording"
+            raise InputError(f"{given}; allowed: --policy, to run this code, or another controller by --set")
 
 
 def _forget(content: dict[str, Any], changes: set[str]) -> None:

@@ -27,7 +27,6 @@ class Delivered(NamedTuple):
 
     y: float  # p.u.; NaN: nothing yet
     age_s: float  # of the newest frame that it is made of
-    fresh: bool  # a frame of it is new in this tick
 
 
 class Stepper:
@@ -59,10 +58,8 @@ class Stepper:
                 state.unlimited[c, : len(controller.devices)] = given[at : at + len(controller.devices)]
                 at += len(controller.devices)
         here = 2 * self.tick + 1  # half ticks: the second one of this, the first one of the next
-        goes_on = self._halves(*self._parts, max(0, here), here + 1)
-        self._goes_on = goes_on and self.tick + 1 < self._case.ticks
-        if self._goes_on:
-            self._halves(*self._parts, here + 1, here + 2)
+        last = 2 * self._case.ticks
+        self._goes_on = bool(self._halves(*self._parts, max(0, here), min(here + 2, last))) and here + 2 <= last
         bank.code[:] = self._own
         check(self.loop.programs)
         if self._goes_on:
@@ -81,6 +78,5 @@ class Stepper:
         found: dict[str, Delivered] = {}
         for c, names in enumerate(self._names):
             for i, name in enumerate(names):
-                one = Delivered(self._eyes[1].signal[c, i], self._sensed.age[c, i], bool(self._sensed.fresh[c, i]))
-                found.setdefault(name, one)
+                found.setdefault(name, Delivered(self._eyes[1].signal[c, i], self._sensed.age[c, i]))
         return found

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, one_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -98,5 +98,5 @@ def told(error: BaseException, file: str) -> str:
         at = f"{Path(error.filename).name}:{error.lineno}: "
     else:
         at = f"{Path(own[-1].filename).name}:{own[-1].lineno}: " if own else ""
-    text = " ".join(str(error).split())
+    text = one_line(error)
     return f"{at}{type(error).__name__}: {text}" if text else f"{at}{type(error).__name__}"

@@ -7,12 +7,11 @@ device's dead time (`dead_time_s`), filters of PMUs, and limits.
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.errors import InputError
+from facts_damping.extras import library
 from facts_damping.terminal import replacing
 
 if TYPE_CHECKING:
@@ -69,9 +68,5 @@ def save(plant: LinearPlant, path: Path) -> None:
 
 def state_space(plant: LinearPlant) -> Any:
     """A plant as `control.StateSpace` of python-control. Raises `InputError` where that is not installed."""
-    try:
-        control = importlib.import_module("control")
-    except ImportError as error:
-        raise InputError("python-control is not installed; allowed: pip install 'facts_damping[control]'") from error
     labels = {"states": plant.states, "inputs": plant.devices, "outputs": plant.signals}
-    return control.StateSpace(plant.A, plant.B, plant.C, plant.D, **labels)
+    return library("control", "control", "python-control").StateSpace(plant.A, plant.B, plant.C, plant.D, **labels)

@@ -7,7 +7,6 @@ Runs that share system, scenario and devices share the built plant and its resid
 from __future__ import annotations
 
 from copy import deepcopy
-from json import dumps
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -17,7 +16,7 @@ from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import ages_ms
 from facts_damping.analysis.summary import AUTO, summarise
 from facts_damping.case import loading
-from facts_damping.errors import FactsDampingError
+from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.parameters.run import Run
 from facts_damping.plant.model import copy
 from facts_damping.simulation import loop
@@ -73,10 +72,7 @@ class RunRequest(NamedTuple):
 
 def make(base: Base, changes: Mapping[str, Any]) -> Case:
     """The case of a run. Raises `InputError` that begins with the `--set` that is at fault."""
-    content, values = deepcopy(base.content), {**base.set, **changes}
-    sets = {path: dumps(value, default=str) for path, value in values.items()}
-    loading.change(content, values, sets)
-    return loading.make_case(content, base.source, sets)
+    return loading.changed_case(deepcopy(base.content), base.source, {**base.set, **changes})
 
 
 def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
@@ -88,14 +84,10 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
         finer = closed_loop(loop.with_half_step(case)) if task.check_step else None
         row |= {**figures(closed_loop(case), finer, modes=base.modes), "error": None}
     except FactsDampingError as error:
-        row["error"] = _one_line(error)
+        row["error"] = one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a run dies of, the others go on)
-        row["error"] = f"{type(error).__name__}: {_one_line(error)}"
+        row["error"] = f"{type(error).__name__}: {one_line(error)}"
     return task.key, row
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
 
 
 def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import signal
 import warnings
 from contextlib import contextmanager, nullcontext
@@ -15,14 +14,13 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
 from facts_damping.errors import InputError, RunError
-from facts_damping.terminal import clean_up_first, script_apart
+from facts_damping.terminal import clean_up_first, script_apart, tie_to_parent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     Each = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
 
-PR_SET_PDEATHSIG = 1
 CONNECT_S = 10  # longest wait for a scheduler
 MOST_AT_ONCE = 16  # handed to a process: the more, the less it waits; a kill costs what was under way
 TASKS_AHEAD = 4  # for each thread of a cluster: enough that none waits, few enough that a scheduler stays small
@@ -39,7 +37,7 @@ def _worker() -> None:
     _state["worker"] = True
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    tie_to_parent()
 
 
 def refuse_within() -> None:
