@@ -19,6 +19,7 @@ from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
 from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.simulation.policies import check
 from facts_damping.simulation.tick import halves
 from facts_damping.studies import sweep
 from facts_damping.studies.batch import fresh_loop
@@ -125,6 +126,7 @@ class Episode:
     def _go_on(self) -> None:
         here = 2 * self.tick + 1  # half ticks: the second one of this, the first one of the next
         self._halves(*self._parts, max(0, here), here + 2)
+        check(self.loop.programs)
         self.tick += 1
         kept = self.loop.signals
         end_ns = tick_ns(self.tick + 1, self.case.run.frame_rate)

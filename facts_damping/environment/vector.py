@@ -18,6 +18,7 @@ from facts_damping.environment.many import step_many
 from facts_damping.environment.pinning import pin
 from facts_damping.environment.single import Setting
 from facts_damping.signals import NANOSECONDS
+from facts_damping.simulation.policies import check
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -106,6 +107,8 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         if self._step is None:
             self._step = specialised(step_many, self._where, 0, *given)
         list(self._pool.map(lambda share: self._step(self._where, share, *given), range(self._shares)))
+        for i in np.flatnonzero(self._lost & ~self._waits):  # a class beside the agent stops its loop, too
+            check(self._episodes[i].loop.programs)
 
     def close_extras(self, **_: Any) -> None:
         """End the threads."""

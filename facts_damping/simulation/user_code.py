@@ -76,9 +76,9 @@ def _run_file(path: Path) -> Any:
     return _loaded[whole][1]
 
 
-def source_hash(text: str) -> str:
-    """What tells one state of a program from another: a hash of a class's, or an FMU's, file. Raises `InputError`."""
-    file = text if text.endswith(".fmu") else file_of(find(text, "policy"))
+def source_hash(field: str, text: str) -> str:
+    """What tells one state of a program from another: a hash of the file of a `policy` or `fmu`. Raises `InputError`."""
+    file = text if field == "fmu" else file_of(find(text, field))
     return hashlib.sha256(Path(file).read_bytes()).hexdigest() if Path(file).is_file() else ""
 
 

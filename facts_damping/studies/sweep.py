@@ -75,7 +75,7 @@ def planned(study: Study, name: str, source: str, text: str, sets: Sequence[str]
         _check_tables(study, points[0])
         first = make(base, points[0].changes | _margin_changes(study, study.margin.low if study.margin else None))
         changes = [point.changes for point in points]
-        code = [source_hash(name) for name in dict.fromkeys(_programs([base.content, base.set, *changes]))]
+        code = [source_hash(*one) for one in dict.fromkeys(_programs([base.content, base.set, *changes]))]
     except InputError as error:
         raise InputError(str(error) if source in str(error) else f"{source}: {error}") from error
     told = [study.model_dump(), base.content, base.set, first.document(), __version__, *code]
@@ -83,15 +83,16 @@ def planned(study: Study, name: str, source: str, text: str, sets: Sequence[str]
     return Plan(name, text, study, base, points, digest)
 
 
-def _programs(content: Any) -> Iterator[str]:
-    """All programs of the user's own that a content of runs names."""
+def _programs(content: Any) -> Iterator[tuple[str, str]]:
+    """All programs of the user's own that a content of runs names: field, and its text or file."""
     if isinstance(content, list):
         for one in content:
             yield from _programs(one)
     elif isinstance(content, dict):
         for name, value in content.items():
-            if isinstance(value, str) and name.rpartition(".")[2] in PROGRAMS:
-                yield value
+            field, text = name.rpartition(".")[2], value.get("file") if isinstance(value, dict) else value
+            if field in PROGRAMS and isinstance(text, str):
+                yield field, text
             else:
                 yield from _programs(value)
 

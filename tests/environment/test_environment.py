@@ -16,7 +16,7 @@ from facts_damping.environment.reward import IndexReward
 from facts_damping.environment.single import WideAreaDamping
 from facts_damping.environment.vector import WideAreaDampingVector
 from facts_damping.environment.window import Window
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, RunError
 from facts_damping.simulation import loop
 from facts_damping.simulation.policies import Spec, spec_of
 
@@ -257,6 +257,22 @@ def test_agents_among_other_controllers_have_the_place_of_theirs() -> None:
     assert set(record.issued["controller"]) == {0, 1}
     rest = loop.run(load_case("two_area_large", ["duration=0.5"]))
     assert len(rest.issued) == 30
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_a_class_beside_the_agent_that_fails_is_named(tmp_path: Path, many: bool) -> None:
+    step = "def step(self, t_s, y, age_s, fresh): return 1 / (t_s < 0.5)"
+    (tmp_path / "bad.py").write_text(f"class Bad:\n    def __init__(self, spec): pass\n    {step}\n")
+    rows = [{"devices": ["sssc"]}, {"name": "bad", "policy": f"{tmp_path / 'bad.py'}:Bad", "devices": ["statcom"]}]
+    settings: Any = {"devices": ["sssc", "statcom"], "controllers": rows, **SHORT}
+    env: Any = WideAreaDampingVector(2, **settings) if many else WideAreaDamping(**settings)
+    env.reset(seed=1)
+    action = np.zeros((2, 1) if many else 1)
+    for _ in range(30):  # to 0.5 s
+        env.step(action)
+    with pytest.raises(RunError, match=r"controllers\.1\.policy: bad\.py:3: ZeroDivisionError.* at 0\.5 s"):
+        env.step(action)
+    env.close()
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,10 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError
+from facts_damping.parameters.study import Study
 from facts_damping.simulation import loop
 from facts_damping.simulation.replay import case_of
+from facts_damping.studies.sweep import planned
 from tests.lead_lag_fmu import build
 
 COSIMULATION = r"<CoSimulation.*?(/>|</CoSimulation>)"
@@ -135,6 +137,19 @@ def test_an_fmu_that_cannot_run_here_is_one_line(
 def test_a_step_that_fails_ends_the_run_by_name(fmus: dict[int, Path], capsys: pytest.CaptureFixture[str]) -> None:
     sets = ["system.signals.speed.weights={G1: 1.0e9}", own(str(fmus[2]))]
     refused(sets, "controllers.0.fmu: RuntimeError: fmi2DoStep failed with status", capsys, status=1)
+
+
+@pytest.mark.parametrize("mapped", [False, True])
+def test_a_study_is_another_one_when_its_fmu_is(fmus: dict[int, Path], tmp_path: Path, mapped: bool) -> None:
+    fmu = tmp_path / "damper.fmu"
+    controller = {"name": "mine", "fmu": {"file": str(fmu)} if mapped else str(fmu)}
+    content = {"run": {"controllers": [controller], "duration": 1.0}, "sweep": [{"field": "seed", "values": [1]}]}
+    study = Study.model_validate(content)
+    fingerprints = []
+    for version in (2, 2, 3):
+        fmu.write_bytes(fmus[version].read_bytes())
+        fingerprints.append(planned(study, "study", "study", "").fingerprint)
+    assert fingerprints[0] == fingerprints[1] != fingerprints[2]
 
 
 def test_without_fmpy_it_is_said_how_it_is_installed(
