@@ -77,7 +77,7 @@ def _run_file(path: Path) -> Any:
 
 
 def source_hash(field: str, text: str) -> str:
-    """What tells one state of a program from another: a hash of the file of a `policy` or `fmu`. Raises `InputError`."""
+    """What tells states of a program apart: a hash of the file of a `policy` or `fmu`. Raises `InputError`."""
     file = text if field == "fmu" else file_of(find(text, field))
     return hashlib.sha256(Path(file).read_bytes()).hexdigest() if Path(file).is_file() else ""
 

@@ -10,6 +10,7 @@ import pytest
 
 from facts_damping.cli.main import main
 from facts_damping.studies.sweep import plan
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,8 +50,5 @@ def test_bad_names_are_one_line_and_write_nothing(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "mine.py").touch()
-    assert main(["new", *arguments]) == 2
-    told = capsys.readouterr().err
-    assert said in told
-    assert told.count("\n") == 1
+    assert_one_line(2, ["new", *arguments], said, capsys)
     assert [path.name for path in tmp_path.rglob("*")] == ["there", "mine.py"]

@@ -11,13 +11,13 @@ from scipy.io import savemat
 from scipy.signal import cont2discrete, dlsim, tf2ss, tf2zpk
 
 from facts_damping.case.loading import load_case, make_case
-from facts_damping.cli.main import main
 from facts_damping.control.linear_law import matrices
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.signals import CHANNELS, Record
 from facts_damping.simulation import loop
 from tests.appendix_b import DEN, NUM, bilinear
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -147,10 +147,7 @@ def test_what_a_recording_says_of_a_run_has_the_law_without_its_file(tmp_path: P
 )
 def test_bad_laws_are_one_line(law: Any, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     controller = json.dumps({"name": "my_damper", "linear": law})
-    assert main(["simulate", "--set", f"controllers.0={controller}"]) == 2
-    told = capsys.readouterr().err
-    assert said in told
-    assert told.count("\n") == 1
+    assert_one_line(2, ["simulate", "--set", f"controllers.0={controller}"], said, capsys)
 
 
 @pytest.mark.parametrize(
@@ -167,10 +164,7 @@ def test_what_does_not_fit_a_law_is_one_line(
     fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     controller = json.dumps({"name": "my_damper", "linear": {"num": [1], "den": [1, 1]}, **fields})
-    assert main(["simulate", "--set", f"controllers.0={controller}"]) == 2
-    told = capsys.readouterr().err
-    assert said in told
-    assert told.count("\n") == 1
+    assert_one_line(2, ["simulate", "--set", f"controllers.0={controller}"], said, capsys)
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"MATLAB 5.0 MAT-file, cut"])
@@ -181,7 +175,4 @@ def test_files_that_are_none_are_one_line(
     path = tmp_path / f"law{suffix}"
     path.write_bytes(content)
     controller = json.dumps({"name": "my_damper", "linear": str(path)})
-    assert main(["simulate", "--set", f"controllers.0={controller}"]) == 2
-    told = capsys.readouterr().err
-    assert f"{path}: cannot be read: " in told
-    assert told.count("\n") == 1
+    assert_one_line(2, ["simulate", "--set", f"controllers.0={controller}"], f"{path}: cannot be read: ", capsys)

@@ -22,6 +22,7 @@ from facts_damping.nodes import graph
 from facts_damping.parameters.files import read_table
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from tests.commands import assert_one_line, changes
 from tests.nodes.graphs import ARRAYS, LOADED_S, PATIENCE_S, SILENCE_S, assert_same, quiet
 from tests.nodes.test_graph import EXAMPLES
 from tests.nodes.test_policies import diagnostics
@@ -127,29 +128,18 @@ def test_missing_it_is_named(domain: int, tmp_path: Path, monkeypatch: pytest.Mo
         run(tmp_path, own("duration=1", external=True))
 
 
-def test_silent_it_is_named_in_lockstep(domain: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("number", "what"), [(signal.SIGSTOP, "is silent"), (signal.SIGINT, "has left")])
+def test_silent_or_gone_it_is_named_in_lockstep(domain: int, tmp_path: Path, number: int, what: str) -> None:
     with started_by_hand() as popen:
 
         def strike(done: int, _of: int) -> None:
             if done > 1:
-                popen.send_signal(signal.SIGSTOP)
+                popen.send_signal(number)
 
         case = load_case(None, own("duration=100", external=True))
-        with pytest.raises(RunError, match=f"{NAME} is silent: nothing after tick"):
+        with pytest.raises(RunError, match=f"{NAME} {what}: nothing after tick"):
             graph.run(case, "lockstep", tmp_path, strike, SILENCE_S)
     assert len(load(tmp_path / "recording").time_ns) > 1
-
-
-def test_who_has_left_is_named_in_lockstep(domain: int, tmp_path: Path) -> None:
-    with started_by_hand() as popen:
-
-        def strike(done: int, _of: int) -> None:
-            if done > 1:
-                popen.send_signal(signal.SIGINT)
-
-        case = load_case(None, own("duration=100", external=True))
-        with pytest.raises(RunError, match=f"{NAME} has left: nothing after tick"):
-            graph.run(case, "lockstep", tmp_path, strike, SILENCE_S)
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
@@ -172,8 +162,8 @@ def test_late_in_real_time_it_is_named(domain: int, tmp_path: Path) -> None:
 
 
 def test_it_ends_with_a_command_that_is_killed(domain: int, tmp_path: Path) -> None:
-    asked = [part for one in by_command("duration=1000") for part in ("--set", one)]
-    command = [sys.executable, "-m", "facts_damping.cli.main", "run", *asked, "--out", str(tmp_path / "out")]
+    asked = [*changes(by_command("duration=1000")), "--out", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "facts_damping.cli.main", "run", *asked]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as popen:
         deadline = time.monotonic() + PATIENCE_S
         while not (mine := left()) and time.monotonic() < deadline:
@@ -212,21 +202,15 @@ def left() -> list[str]:
     ],
 )
 def test_in_process_it_is_refused(fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = [part for one in own(**fields) for part in ("--set", one)]
-    assert main(["simulate", *asked]) == 2
-    told = capsys.readouterr().err
-    assert said in told
-    assert told.count("\n") == 1
+    assert_one_line(2, ["simulate", *changes(own(**fields))], said, capsys)
 
 
 def test_a_command_that_is_not_there_starts_nothing(
     domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked = [part for one in own(command=["no_such_program"]) for part in ("--set", one)]
-    assert main(["run", *asked, "--out", str(tmp_path / "out")]) == 2
-    told = capsys.readouterr().err
-    assert "controllers.0.command: 'no_such_program' given; allowed: a program that is there" in told
-    assert told.count("\n") == 1
+    command = ["run", *changes(own(command=["no_such_program"])), "--out", str(tmp_path / "out")]
+    said = "controllers.0.command: 'no_such_program' given; allowed: a program that is there"
+    assert_one_line(2, command, said, capsys)
     assert not (tmp_path / "out").exists()
 
 

@@ -16,6 +16,7 @@ from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
+from tests.commands import assert_one_line, changes
 from tests.lead_lag_fmu import build
 from tests.nodes.graphs import ARRAYS, LOADED_S, assert_same, quiet
 from tests.nodes.test_graph import EXAMPLES, LEAD_LAG
@@ -47,10 +48,8 @@ def recording(module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> P
 
 
 def test_a_recording_runs_its_code_when_asked_to_alone(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["replay", str(recording)]) == 2
-    told = capsys.readouterr().err
-    assert f"controllers.0.policy: '{LEAD_LAG}' given by the recording; allowed: --policy" in told
-    assert told.count("\n") == 1
+    said = f"controllers.0.policy: '{LEAD_LAG}' given by the recording; allowed: --policy"
+    assert_one_line(2, ["replay", str(recording)], said, capsys)
     for more in (["--policy"], ["--set", "controllers.0.name=LLC"], ["--set", f"controllers.0.policy={LEAD_LAG}"]):
         assert main(["replay", str(recording), *more]) == 0
         assert "identical, bit for bit" in capsys.readouterr().out
@@ -88,11 +87,8 @@ def _same_up_to(recorded: Record, computed: Record, ticks: int) -> None:
 
 
 def test_nothing_is_started_for_a_class_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = [part for text in own("nowhere.py:Mine") for part in ("--set", text)]
-    assert main(["run", *asked, "--out", str(tmp_path / "out")]) == 2
-    told = capsys.readouterr().err
-    assert "controllers.0.policy: nowhere.py: no such file" in told
-    assert told.count("\n") == 1
+    command = ["run", *changes(own("nowhere.py:Mine")), "--out", str(tmp_path / "out")]
+    assert_one_line(2, command, "controllers.0.policy: nowhere.py: no such file", capsys)
     assert not (tmp_path / "out").exists()
 
 

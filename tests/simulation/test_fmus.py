@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.cli.main import main
 from facts_damping.errors import InputError
 from facts_damping.parameters.study import Study
 from facts_damping.simulation import loop
 from facts_damping.simulation.replay import case_of
 from facts_damping.studies.sweep import planned
+from tests.commands import assert_one_line, changes
 from tests.lead_lag_fmu import build
 
 COSIMULATION = r"<CoSimulation.*?(/>|</CoSimulation>)"
@@ -85,12 +85,7 @@ def test_what_it_lacks_is_one_line(
 
 
 def refused(sets: list[str], said: str, capsys: pytest.CaptureFixture[str], status: int = 2) -> None:
-    asked = [part for text in ["duration=1", *sets] for part in ("--set", text)]
-    assert main(["simulate", "two_area_large", *asked]) == status
-    out, told = capsys.readouterr()
-    assert out == ""
-    assert said in told
-    assert told.count("\n") == 1
+    assert_one_line(status, ["simulate", "two_area_large", *changes(["duration=1", *sets])], said, capsys)
 
 
 def test_files_that_are_no_fmus_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

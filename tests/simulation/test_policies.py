@@ -16,6 +16,7 @@ from facts_damping.errors import InputError, RunError
 from facts_damping.simulation import loop
 from facts_damping.simulation.policies import step_times
 from facts_damping.simulation.user_code import find
+from tests.commands import assert_one_line, changes
 
 if TYPE_CHECKING:
     from facts_damping.signals import Record
@@ -167,7 +168,7 @@ MINE = "class Mine:\n    def __init__(self, spec): {}\n    def step(self, t_s, y
     ],
 )
 def test_classes_that_are_not_there_are_one_line(policy: Any, said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert_one_line(2, own(policy), said, capsys)
+    refused(2, own(policy), said, capsys)
 
 
 @pytest.mark.parametrize(
@@ -190,7 +191,7 @@ def test_classes_that_are_not_there_are_one_line(policy: Any, said: str, capsys:
 def test_classes_that_do_not_fit_are_one_line(
     tmp_path: Path, text: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert_one_line(2, own(written(tmp_path, text)), said, capsys)
+    refused(2, own(written(tmp_path, text)), said, capsys)
 
 
 @pytest.mark.parametrize(
@@ -207,16 +208,11 @@ def test_classes_that_do_not_fit_are_one_line(
 def test_steps_that_fail_end_the_run_by_name(
     tmp_path: Path, step: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert_one_line(1, own(written(tmp_path, MINE.format("pass", step))), said, capsys)
+    refused(1, own(written(tmp_path, MINE.format("pass", step))), said, capsys)
 
 
-def assert_one_line(status: int, sets: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = [part for text in ["duration=3", *sets] for part in ("--set", text)]
-    assert main(["simulate", "two_area_large", *asked]) == status
-    out, told = capsys.readouterr()
-    assert out == ""
-    assert said in told
-    assert told.count("\n") == 1
+def refused(status: int, sets: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert_one_line(status, ["simulate", "two_area_large", *changes(["duration=3", *sets])], said, capsys)
 
 
 @pytest.mark.parametrize(
@@ -234,7 +230,7 @@ def test_what_does_not_fit_a_class_is_one_line(
     fields: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sets = ["controllers=" + json.dumps([{"name": "mine", "policy": LEAD_LAG, **fields}])]
-    assert_one_line(2, sets, said, capsys)
+    refused(2, sets, said, capsys)
 
 
 def test_an_interruption_in_a_step_interrupts_the_run(tmp_path: Path) -> None:
@@ -256,7 +252,7 @@ def test_who_steps_by_hand_is_told_of_the_failure_at_once(tmp_path: Path) -> Non
 def test_it_is_said_how_long_steps_take(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = "import time\n" + MINE.format("pass", "time.sleep(0.002 if t_s < 1.5 else 0.0); return 0")
     policy, target = written(tmp_path, text), tmp_path / "told.json"
-    asked = [part for one in own(policy, "duration=2") for part in ("--set", one)]
+    asked = changes(own(policy, "duration=2"))
     assert main(["simulate", *asked, "--json", str(target)]) == 0
     told = json.loads(target.read_text())["step_times"]["controller_0_mine"]
     assert told["steps"] == 120
@@ -312,7 +308,7 @@ def test_a_study_of_a_class_that_is_not_there_is_one_line(tmp_path: Path, capsys
 
 
 def test_linear_margins_refuse_it(capsys: pytest.CaptureFixture[str]) -> None:
-    asked = [part for one in own(LEAD_LAG) for part in ("--set", one)]
+    asked = changes(own(LEAD_LAG))
     assert main(["margin", "two_area_small", *asked]) == 2
     assert "'mine' given, which is not linear and has no linear margin" in capsys.readouterr().err
 
