@@ -15,9 +15,8 @@ import numpy as np
 from cmaes import CMA
 from trained_damper import WINDOW, action
 
-import facts_damping.environment  # noqa: F401 (with it Gymnasium knows the environment)
+from facts_damping.environment import NAME  # with it Gymnasium knows the environment
 
-NAME = "facts_damping/WideAreaDamping-v0"
 SETTING = {"study": "ensemble_two_area_training", "link": "pdci", "window": WINDOW, "duration": 12}
 GENERATIONS, SEED = 40, 1
 

@@ -15,13 +15,11 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
+from train_damper import SETTING
+from trained_damper import WINDOW
 
-import facts_damping.environment  # noqa: F401 (with it Gymnasium knows the environment)
+from facts_damping.environment import NAME  # with it Gymnasium knows the environment
 from facts_damping.environment.window import Window
-
-NAME = "facts_damping/WideAreaDamping-v0"
-WINDOW = 8  # frames
-SETTING = {"study": "ensemble_two_area_training", "link": "pdci", "window": WINDOW, "duration": 12}
 
 
 class PpoDamper:
