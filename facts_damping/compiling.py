@@ -36,6 +36,7 @@ ROOMS = (
     "environment.watching",
     "link",
     "measurement",
+    "monitors",
     "matrices",
     "neurofuzzy",
     "nodes.packing",
@@ -43,6 +44,7 @@ ROOMS = (
     "signals",
     "simulation.measured_plant",
     "simulation.tick",
+    "supervision",
 )
 KEPT = 4  # folders of one file: those of other versions of it
 _IMPORT = re.compile(rf"^[ ]*from ({PACKAGE}[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)

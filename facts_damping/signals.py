@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.monitors import MONITORS
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -95,6 +97,24 @@ LEARNING = np.dtype(
     ]
 )
 
+# What a supervisor tells of itself after a tick: codes are those of `facts_damping.monitors`.
+SUPERVISION = np.dtype(
+    [
+        ("tick", "i8"),
+        ("controller", "i8"),  # index of the controller in the run
+        ("state", "i8"),
+        ("cause", "i8"),
+        ("refused", "i8"),
+        ("share", "f8"),  # how far the newest change of whose setpoints act has come, 0 to 1
+        ("values", "f8", (len(MONITORS),)),  # of the monitors; NaN: not known
+        ("probe_gain", "f8"),  # of the device whose answer is least as known; NaN: not probed
+        ("probe_phase", "f8"),  # rad
+        ("probe_coherence", "f8"),
+        ("added_damping", "f8"),  # 1/s, what the probe says that the controller takes from the mode's growth rate
+        ("phase_margin", "f8"),  # rad, by which it may be late or early until it adds none
+    ]
+)
+
 # The truth about a machine, which no PMU sees as a whole.
 MACHINE_TRUTH = np.dtype(
     [
@@ -137,7 +157,10 @@ class Record:
     stations; LOST: nothing yet) with the bits `status`; `machines` (ticks, machines) of MACHINE_TRUTH,
     `devices` (ticks, devices) of DEVICE_TRUTH; `delivered` has a row an entry (DELIVERY), `issued`
     and `applied` a row a setpoint (SETPOINT), `estimates` a row an identified derivative (ESTIMATE), `learning` a row a
-    learning rate (LEARNING). `links` is the number of links that deliver, also of those that have not delivered yet.
+    learning rate (LEARNING). `supervised` has a row a setpoint of a supervisor (SETPOINT), `supervision` a row a tick
+    and supervisor (SUPERVISION).
+
+    `links` is the number of links that deliver, also of those that have not delivered yet.
     `refused` is how many messages each node refused: `node`, `topic`, `cause`, `source`, `count`. `joined` are nodes
     that joined the run under way: `node`, `time_s`, `armed_s` (None: disarmed to the end). `changes` are what was
     changed under way: `tick` from which it acts, `node`, `role`, `index`, `kind`, `name`, `value` (run_control.md).
@@ -164,6 +187,8 @@ class Record:
     devices: NDArray[Any]
     in_synchronism: NDArray[np.bool_]
     estimates: NDArray[Any] = field(default_factory=lambda: np.zeros(0, ESTIMATE))
+    supervised: NDArray[Any] = field(default_factory=lambda: np.zeros(0, SETPOINT))
+    supervision: NDArray[Any] = field(default_factory=lambda: np.zeros(0, SUPERVISION))
     learning: NDArray[Any] = field(default_factory=lambda: np.zeros(0, LEARNING))
     events: list[dict[str, Any]] = field(default_factory=list)
     refused: list[dict[str, Any]] = field(default_factory=list)

@@ -16,7 +16,13 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from facts_damping.case.loading import load_case
-from facts_damping.case.names import Address, controller_addresses, identifier_addresses, link_addresses
+from facts_damping.case.names import (
+    Address,
+    controller_addresses,
+    identifier_addresses,
+    link_addresses,
+    supervisor_addresses,
+)
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.nodes.commands import command
@@ -108,6 +114,7 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
             watched.append(ExecuteProcess(cmd=cmd, name=address.name, output="screen"))
             started.append(watched[-1])
     started += [node("identifier", address, index=i) for i, address in identifier_addresses(case).items()]
+    started += [node("supervisor", address, index=i) for i, address in supervisor_addresses(case).items()]
     if asked["output"]:
         started.append(node("recorder", Address("", "recorder"), output=asked["output"]))
     if asked["foxglove"]:

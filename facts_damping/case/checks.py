@@ -58,11 +58,11 @@ def check_case(case: Case, source: str, sets: dict[str, str] | None) -> None:
 
         for device in controller.devices:
             check_known(where("devices"), device, run.devices)
-            if device in commanded:
+            if controller.fallback_of is None and device in commanded:
                 raise InputError(
                     f"{where('devices')}: '{device}' given, which is commanded already; allowed: each device once"
                 )
-            commanded.add(device)
+            commanded |= {device} if controller.fallback_of is None else set()
         for signal in controller.signals:
             check_known(where("signals"), signal, list(system.signals))
             if controller.signals.count(signal) > 1:

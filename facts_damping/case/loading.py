@@ -12,6 +12,8 @@ from facts_damping.case.controllers import filled
 from facts_damping.case.links import beside, open_own, read_links, with_own
 from facts_damping.case.measurement import FOLDER, read_measurement
 from facts_damping.case.model import Case
+from facts_damping.case.supervision import FOLDER as SUPERVISION
+from facts_damping.case.supervision import check_fallbacks, read_supervision
 from facts_damping.errors import check_known
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.parameters.files import each_path, find, parse_set, read_table, read_value, set_field
@@ -24,7 +26,14 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 # Fields of a run that may name a file, and where those that are shipped lie.
-FOLDERS = {"system": "systems", "scenario": "scenarios", "measurement": FOLDER, "link": "links"}
+FOLDERS = {
+    "system": "systems",
+    "scenario": "scenarios",
+    "measurement": FOLDER,
+    "link": "links",
+    "supervision": SUPERVISION,
+}
+STANDARD = "standard"  # the supervision that `--set` goes below where there is none
 
 
 def load_system(name: str, sets: list[str] | None = None, scenario: str | None = None) -> System:
@@ -102,6 +111,8 @@ def _open_name(content: dict[str, Any], key: str) -> None:
     if top == "controllers":
         content.setdefault(top, [{}])
         open_own(content, below)
+    if top == "supervision" and content.get(top) in ("off", False, None):
+        content[top] = STANDARD
     if top in ("watchdog", "load_noise") and content.get(top) in ("off", False, None):
         content[top] = {}
     if top not in FOLDERS:
@@ -157,8 +168,10 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
         )
         for i, c in enumerate(run.controllers)
     ]
-    case = Case(run, rows, placed, scenario, measurement, link, links, used)
+    supervision = read_supervision(run, source, sets)
+    case = Case(run, rows, placed, scenario, measurement, link, links, used, supervision)
     check_case(case, source, sets)
+    check_fallbacks(case, source, sets)
     check_events(case, scenario_file, source, sets)
     return case
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.link import Link
     from facts_damping.parameters.measurement import Measurement
     from facts_damping.parameters.run import Controller, Run, Scenario
+    from facts_damping.parameters.supervision import Supervision
     from facts_damping.parameters.system import System
 
 
@@ -31,6 +32,7 @@ class Case:
     link: Link
     links: list[Link]
     used_links: list[int]
+    supervision: Supervision | None = None
 
     @property
     def duration(self) -> float:
@@ -62,4 +64,5 @@ class Case:
             "scenario": [event.model_dump() for event in self.scenario.events],
             "measurement": self.measurement.model_dump(),
             "link": self.link.model_dump(),
+            "supervision": None if self.supervision is None else self.supervision.model_dump(),
         }

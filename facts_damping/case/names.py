@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.parameters.run import Run
 
+SUPERVISED = "supervised"  # topic of what a supervisor passes on or says
+
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
@@ -23,6 +25,14 @@ def identifier_names(case: Case) -> dict[int, str]:
         for c, controller in enumerate(case.controllers)
         if controller.scheme == "indirect"
     }
+
+
+def supervisor_names(case: Case) -> dict[int, str]:
+    """Names of the supervisors as nodes, by the index of the controller of each: `supervisor_0_LLC`."""
+    if case.supervision is None:
+        return {}
+    rows = enumerate(case.run.controllers)
+    return {c: f"supervisor_{c}_{re_name(one.name)}" for c, one in rows if one.fallback_of is None}
 
 
 class Address(NamedTuple):
@@ -52,6 +62,32 @@ def identifier_addresses(case: Case) -> dict[int, Address]:
     return {c: Address(controllers[c].namespace, name) for c, name in identifier_names(case).items()}
 
 
+def supervisor_addresses(case: Case) -> dict[int, Address]:
+    """Places of the supervisors, beside the controllers that they supervise."""
+    controllers = controller_addresses(case)
+    return {c: Address(controllers[c].namespace, name) for c, name in supervisor_names(case).items()}
+
+
+class Speaker(NamedTuple):
+    """Whose setpoints act for a controller: its own, or those of its supervisor."""
+
+    name: str  # as messages have it
+    place: str  # of its node, as seen from the graph's namespace
+    topic: str
+
+
+def speakers(case: Case) -> dict[int, Speaker]:
+    """By the index of the controller; a fallback speaks to a supervisor alone."""
+    names, places, guards = controller_names(case), controller_addresses(case), supervisor_addresses(case)
+    return {
+        c: Speaker(guards[c].name, str(guards[c]), f"{guards[c]}/{SUPERVISED}")
+        if c in guards
+        else Speaker(names[c], str(places[c]), f"{places[c]}/setpoints")
+        for c, controller in enumerate(case.run.controllers)
+        if controller.fallback_of is None
+    }
+
+
 def link_addresses(case: Case) -> list[Address]:
     """Places of the links: the run's in the graph's namespace, a controller's own in one that no other node shares.
 
@@ -67,9 +103,9 @@ def link_addresses(case: Case) -> list[Address]:
     return [Address(place, "wan_link") for place in places]
 
 
-def recorded_topic(controller: str) -> str:
-    """The topic, in a replay, of what was recorded as the setpoints of a controller (its place in the graph)."""
-    return f"recorded/{controller}/setpoints"
+def recorded_topic(topic: str) -> str:
+    """The topic, in a replay, of what was recorded of one with setpoints."""
+    return f"recorded/{topic}"
 
 
 def re_name(kind: str) -> str:
@@ -78,8 +114,14 @@ def re_name(kind: str) -> str:
 
 
 def served(case: Case, link: int) -> list[int]:
-    """The controllers that use a link."""
+    """The controllers that use a link, on the way up: those of them that are a fallback say nothing on the way down."""
     return [c for c, used in enumerate(case.used_links) if used == link]
+
+
+def listeners(case: Case, link: int) -> int:
+    """How many nodes hear what a link delivers: controllers, their identifiers and supervisors."""
+    own = served(case, link)
+    return len(own) + sum(c in own for c in [*identifier_names(case), *supervisor_names(case)])
 
 
 def asked_label(asked: dict[str, Any]) -> str:

@@ -17,6 +17,7 @@ from facts_damping.compiling import branching, compiled, inner
 from facts_damping.control import neuro_fuzzy, state_space, table
 from facts_damping.control.called import Calls, call, calls
 from facts_damping.control.compensation import Compensated, Compensators, compensate, compensators
+from facts_damping.control.faults import Faults, corrupt, faults, misbehave, silent
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
 from facts_damping.control.neuro_fuzzy import Actuators, Memory, memories
 from facts_damping.control.state_space import StateSpace, state_spaces
@@ -68,6 +69,7 @@ class Bank(NamedTuple):
     actuators: Actuators  # (controllers, most devices)
     period_ns: NDArray[np.int64]  # (controllers,), of the frames
     optimal: StateSpace  # matrices of observers with state feedback
+    faults: Faults
 
 
 class BankState(NamedTuple):
@@ -95,12 +97,13 @@ def bank(
     omega: Sequence[float] | None = None,
     designs: Sequence[StateSpace | None] = (),
     nominal: float = 60.0,
+    seed: int = 0,
 ) -> tuple[Bank, BankState]:
     """The controllers of a run as tables.
 
     `limits`: magnitude (p.u.) and rate (p.u./s) of the installed devices in their order; `known` for each controller,
     none without a network; `omega`: rad/s, of each one's compensation, where one has any; `designs`: of each one, none
-    without an observer; `nominal`: frequency, Hz.
+    without an observer; `nominal`: frequency, Hz; `seed`: the run's.
     """
     n = len(controllers)
     kinds = [kind_of(c) for c in controllers]
@@ -124,6 +127,7 @@ def bank(
         actuators=Actuators(*np.ones((2, n, most_devices))),
         period_ns=np.full(n, NANOSECONDS // frame_rate, np.int64),
         optimal=optimal,
+        faults=faults([c.faults for c in controllers], frame_rate, seed),
     )
     order = list(limits)
     for c, controller in enumerate(controllers):
@@ -210,11 +214,12 @@ def pull(known: PlantPrior, s: NDArray[Any]) -> NDArray[np.float64]:
 
 
 @inner
-def _limit(made: Bank, state: BankState, c: int) -> None:
-    """Setpoints within the devices' limits; one that is not finite counts as zero."""
+def _limit(made: Bank, state: BankState, c: int, tick: int) -> None:
+    """Setpoints within the devices' limits; one that is not finite counts as zero. A faulty controller's may be any."""
     for d in range(made.device.shape[1]):
         limit, value = made.actuators.limit[c, d], state.unlimited[c, d]
-        state.outputs[c, d] = min(max(value, -limit), limit) if math.isfinite(value) else 0.0
+        value = min(max(value, -limit), limit) if math.isfinite(value) else 0.0
+        state.outputs[c, d] = misbehave(made.faults, c, tick, d, value, state.outputs[c, d], limit)
 
 
 @inner
@@ -270,7 +275,7 @@ def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
 @inner
 def _issue(made: Bank, state: BankState, c: int, tick: int, arrival: int, out: NDArray[Any], first: int) -> int:
     """Setpoints of controller c within limits into `out` from index `first` on; the index after the last."""
-    _limit(made, state, c)
+    _limit(made, state, c, tick)
     for d in range(made.device.shape[1]):
         if made.device[c, d] != UNSET:
             row = out[first]
@@ -314,6 +319,9 @@ def act(
     there. Once a tick alone, at the last such arrival, acts one whose setpoints are given (`state.unlimited`), or a
     called one that wants it so. A called one that fails says nothing more. Returns the index after the last setpoint.
     """
+    if silent(made.faults, c, tick):
+        return first
+    corrupt(made.faults, c, tick, state.learner.theta[c])
     i, last = 0, UNSET
     called = made.code[c] == CALLED
     once = made.code[c] == GIVEN or (called and state.calls.once[c])

@@ -39,7 +39,10 @@ def step_many(
     bank_state: Any,
     ids: Any,
     id_state: Any,
+    guards: Any,
+    guard_state: Any,
     given: Any,
+    passed: Any,
     taken: Any,
     kept: Any,
     eyes: Any,
@@ -56,7 +59,7 @@ def step_many(
         if waits[e]:
             continue
         a, tick = addresses[e], ticks[e]
-        own, signals = get_at(a[7], bank_state), get_at(a[12], kept)
+        own, signals = get_at(a[7], bank_state), get_at(a[15], kept)
         up, measured = get_at(a[5], links), get_at(a[3], pmus)
         for d in range(setpoints.shape[1]):
             own.unlimited[agent, d] = setpoints[e, d]
@@ -71,8 +74,11 @@ def step_many(
             own,
             get_at(a[8], ids),
             get_at(a[9], id_state),
-            get_at(a[10], given),
-            get_at(a[11], taken),
+            get_at(a[10], guards),
+            get_at(a[11], guard_state),
+            get_at(a[12], given),
+            get_at(a[13], passed),
+            get_at(a[14], taken),
             signals,
             2 * tick + 1,
             2 * tick + 3,
@@ -81,9 +87,9 @@ def step_many(
         ticks[e], time_ns[e], lost[e] = tick, signals.time_ns[tick], not signals.in_synchronism[tick]
         link = up.used[agent]
         watch(
-            get_at(a[13], eyes),
-            get_at(a[14], held),
-            get_at(a[15], seen),
+            get_at(a[16], eyes),
+            get_at(a[17], held),
+            get_at(a[18], seen),
             up.up.out[link],
             up.up.ring[link, 2],
             tick_ns(tick + 1, measured.frame_rate),

@@ -8,7 +8,12 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
-from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
+from facts_damping.case.names import (
+    controller_addresses,
+    identifier_addresses,
+    link_addresses,
+    supervisor_addresses,
+)
 from facts_damping.compiling import specialised
 from facts_damping.control.bank import act, set_estimate
 from facts_damping.control.table import kind_of
@@ -27,6 +32,7 @@ from facts_damping.simulation.learnt_weights import adapted
 from facts_damping.simulation.loop import setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check, connect, step_times
+from facts_damping.simulation.restarts import Restarts
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -45,6 +51,7 @@ class ControllerNode:
         self.case = self.weights.start(self.case, self.index)
         self.controller = self.case.controllers[self.index]
         self.bank, self.state, _, _ = build_control(self.case)
+        self.restarts = Restarts(self.bank, self.state)
         self.programs, self.late = connect(self.case, self.state, only=self.index), 0
         address, hardware = controller_addresses(self.case)[self.index], ", ".join(self.controller.devices)
         self.name, graph = address.name, graph_prefix(node, address)
@@ -72,10 +79,11 @@ class ControllerNode:
         guard.hear_run()
         self.spinner = self.member.spin()
         extra = int(self.options.recorder)
-        self.listeners = {self.to_link: 1 + bool(identifier) + extra, self.to_recorder: extra}
+        guarded = len(supervisor_addresses(self.case)) > 0  # then the supervisor hears it, and nobody else
+        self.listeners = {self.to_link: 1 + bool(identifier and not guarded) + extra, self.to_recorder: guarded + extra}
 
     def ready(self) -> None:
-        """Wait for its link, its identifier, and the recorder."""
+        """Wait for its link, its supervisor or identifier, and the recorder."""
         self.member.wait(self.listeners, self.spinner)
 
     def run(self) -> None:
@@ -109,6 +117,7 @@ class ControllerNode:
         """One tick: act on what was delivered, answer also when nothing was; disarmed, say nothing that acts."""
         c = self.index
         self.member.begin(tick)
+        self.restarts.begin(tick)
         for estimate in estimates:
             self.set_estimate(self.state, c, *estimate)
         start = tick_ns(tick, self.case.run.frame_rate)

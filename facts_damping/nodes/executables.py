@@ -37,6 +37,11 @@ def identifier() -> None:
     _start("identifier")
 
 
+def supervisor() -> None:
+    """Entry point of `ros2 run facts_damping supervisor`."""
+    _start("supervisor")
+
+
 def recorder() -> None:
     """Entry point of `ros2 run facts_damping recorder`."""
     _start("recorder", computes=False)

@@ -20,6 +20,8 @@ from facts_damping.case.names import (
     identifier_names,
     link_addresses,
     recorded_topic,
+    speakers,
+    supervisor_addresses,
 )
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
@@ -224,7 +226,7 @@ def graph(
     unsigned = {} if replayed is None else {"security": None}  # a recording has no keys
     run_file.write_text(dump(case.document() | unsigned), encoding="utf-8")
     common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "view": view_port is not None}
-    senders = [str(address) for address in controller_addresses(case)]
+    heard = speakers(case)
     running: dict[str, Process] = {}
     try:
         if view_port is not None:
@@ -240,11 +242,15 @@ def graph(
             ("wan_link", dict(enumerate(link_addresses(case))) if replayed is None else {}),
             ("controller", controllers),
             ("identifier", identifier_addresses(case)),
+            ("supervisor", supervisor_addresses(case)),
         ):
             for i, node in nodes.items():
-                own = {"index": i} | ({} if module == "wan_link" else {"save": _part(out, node.name)})
-                hears = () if replayed is None or module != "identifier" else (recorded_topic(senders[i]),)
-                remaps = ({f"/{senders[i]}/setpoints": f"/{topic}" for topic in hears},) if hears else ()
+                own = {"index": i} | ({"save": _part(out, node.name)} if module in ("controller", "identifier") else {})
+                remaps = ()
+                if replayed is not None and module == "identifier":
+                    c = case.controllers[i].fallback_of
+                    topic = heard[i if c is None else c].topic
+                    remaps = ({f"/{topic}": f"/{recorded_topic(topic)}"},)
                 running[str(node)] = start(str(node), module, {**common, **own}, *remaps)
         if replayed is None:
             running["plant_sim"] = start("plant_sim", "plant_sim", common)

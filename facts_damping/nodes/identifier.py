@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
-from facts_damping.case.names import controller_addresses, controller_names, identifier_addresses, link_addresses
+from facts_damping.case.names import identifier_addresses, link_addresses, speakers
 from facts_damping.compiling import specialised
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.nodes.live_parameters import declare_settings
@@ -52,24 +52,28 @@ class IdentifierNode:
         own = [n for n in self.controller.parameters if n.startswith("identifier_")]
         rows, swing = self.identifiers.settings[self.own], bank.mode_shape[self.index]
         declare_settings(node, self.controller, own + SHARED, rows, swing, self.member.change)
-        sender = str(controller_addresses(self.case)[self.index])
+        speaker = speakers(self.case)[self.acting()]
         self.estimates = Estimates(self.case, self.index)
         self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
-        self.ticks = UnitDelay(self.options, self.case.run.frame_rate, sender, self.learn)
+        self.ticks = UnitDelay(self.options, self.case.run.frame_rate, speaker.place, self.learn)
         self.to_controller = node.create_publisher(JacobianEstimate, f"{address.name}/estimate", SAYING)
         guard, by = self.member.guard, signing(self.case, self.options.start_timeout)
-        delivered, commands = link.topic("pmu/delivered"), f"{sender}/setpoints"
+        delivered = link.topic("pmu/delivered")
         frames = FramesMessage(self.case, seal(by, delivered))
         guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
-        name = controller_names(self.case)[self.index]
-        setpoints = SetpointsMessage(self.case, name, [self.index], seal(by, commands))
-        guard.subscribe(VoltageSetpoints, f"{graph}{commands}", self.ticks.receive, setpoints.read)
+        setpoints = SetpointsMessage(self.case, speaker.name, [self.acting()], seal(by, speaker.topic))
+        guard.subscribe(VoltageSetpoints, f"{graph}{speaker.topic}", self.ticks.receive, setpoints.read)
         learner = self.identifiers, self.state, self.own
         self.store = specialised(store_setpoints, *learner, np.zeros(0, SETPOINT), 0)
         self.identify = specialised(identify, *learner, np.zeros(0, DELIVERY), 0)
         self.estimate = specialised(write_estimates, *learner, 0, self.rows, 0)
         guard.hear_run()
         self.spinner = self.member.spin()
+
+    def acting(self) -> int:
+        """The controller whose setpoints act on its devices: of a fallback's identifier another one's."""
+        given = self.controller.fallback_of
+        return self.index if given is None else given
 
     def ready(self) -> None:
         """Wait for its link, its controller, and the recorder."""

@@ -21,11 +21,11 @@ NEVER = -1  # ns, of what has not happened yet
 class Joining:
     """Whether a node has joined, and whether what it does may act."""
 
-    def __init__(self, node: Node, options: Options) -> None:
-        """Offer the service that arms, where the node may join."""
-        self._joins, self._began, self._asked = options.join, False, False
+    def __init__(self, node: Node, options: Options, *, disarmed: bool = True) -> None:
+        """Offer the service that arms, where the node may join; `disarmed`: it is, until then."""
+        self._joins, self._began, self._asked = options.join and disarmed, False, False
         self._joined_ns = self._armed_ns = NEVER
-        if options.join:
+        if self._joins:
             node.create_service(Trigger, "~/arm", self.on_arm)
 
     def on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

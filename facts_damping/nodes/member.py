@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.nodes.parameters import Options
 
-(PLANT, LINK, CONTROLLER, IDENTIFIER), RECORDER = ROLES, "recorder"  # a recorder changes nothing
+(PLANT, LINK, CONTROLLER, IDENTIFIER, SUPERVISOR), RECORDER = ROLES, "recorder"  # a recorder changes nothing
 IDLE_S = 1.0  # wall time without a message after which a node says so, and from then on between two such reports
 
 
@@ -54,7 +54,7 @@ class Member:
         self._rate, self._name = case.run.frame_rate, node.get_fully_qualified_name()
         stamps.begin(learns=options.paced and role not in (PLANT, RECORDER))
         self.guard = Guard(node, case, options, graph, say)
-        self.joining = Joining(node, options)
+        self.joining = Joining(node, options, disarmed=role != SUPERVISOR)  # which begins in shadow by itself
         self._changes: Publisher[Any] = node.create_publisher(RunChange, f"{graph}{CHANGES}", LOGGED)
         self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, SAYING)
         self._pending: list[tuple[str, str, Any, Callable[[int], None] | None]] = []
@@ -78,7 +78,7 @@ class Member:
         """Begin a tick: what was asked for since the last one acts from here on, and is told."""
         start = tick_ns(tick, self._rate)
         if self._tick < 0 < tick:
-            self._pending.insert(0, ("start", "", "disarmed" if self._options.join else None, None))
+            self._pending.insert(0, ("start", "", "disarmed" if self._options.join and self._role != SUPERVISOR else None, None))
         self._tick, self.at_ns = tick, start
         while self._pending:
             kind, name, value, act = self._pending.pop(0)

@@ -18,16 +18,18 @@ from facts_damping_msgs.msg import (
     PlantState,
     RunChange,
     RunState,
+    SupervisorState,
 )
 
-from facts_damping.case.names import controller_names, identifier_names
+from facts_damping.case.names import controller_names, identifier_names, supervisor_names
 from facts_damping.control.bank import controller_network
+from facts_damping.monitors import MONITORS, OFF, STATES, cause_name
 from facts_damping.neurofuzzy.start import groups
-from facts_damping.nodes.cdr import Refused, Template, content
+from facts_damping.nodes.cdr import Field, Refused, Template, content
 from facts_damping.nodes.stamps import epoch_ns
 from facts_damping.nodes.tables import start_of
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, truth_field
-from facts_damping.simulation.build import identifier_network
+from facts_damping.simulation.build import build_supervisors, identifier_network
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
@@ -36,6 +38,17 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.control.bank import BankState
     from facts_damping.control.identifier_model import IdentifierState
+
+
+# Numbers of a SupervisorState, and the field of SUPERVISION that each has.
+TOLD = {
+    "share": "share",
+    "probe_gain": "probe_gain",
+    "probe_phase_rad": "probe_phase",
+    "probe_coherence": "probe_coherence",
+    "added_damping_per_s": "added_damping",
+    "phase_margin_rad": "phase_margin",
+}
 
 
 class PlantStateMessage:
@@ -52,7 +65,7 @@ class PlantStateMessage:
             name: t.index(f"devices.{i}.{truth_field(name)}" for i in range(len(devices)))
             for name in (DEVICE_TRUTH.names or () if devices else ())
         }
-        self._sound = t.index(["in_synchronism"])
+        self._sound, self._count = t.index(["in_synchronism"]), len(devices)
 
     def fill(self, tick: int, start_ns: int, sound: bool, machines: NDArray[Any], devices: NDArray[Any]) -> bytes:
         """Message of a tick."""
@@ -63,6 +76,18 @@ class PlantStateMessage:
         for name, field in self._devices.items():
             t.write(field, devices[name])
         return t.data()
+
+
+    def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
+        """Tick, and the devices (DEVICE_TRUTH), of a message. Raises `Refused` where it is not what it should be."""
+        t = self._template
+        if not t.take(data):
+            content(data, PlantState)
+            raise Refused("names")
+        found = np.zeros(self._count, DEVICE_TRUTH)
+        for name, field in self._devices.items():
+            found[name] = t.read(field)
+        return t.tick(), found
 
 
 class ControllerStateMessage:
@@ -122,6 +147,48 @@ class ControllerStateMessage:
             t.write(fields["learning_rates"], learner.rate[c, : net.outputs, : self._groups].ravel())
             t.write(self._lyapunov, state.memory.lyapunov[c])
         return t.data()
+
+    def read(self, data: bytes) -> tuple[int, tuple[bool, float, float, float]]:
+        """Tick, and what a supervisor is to know (`supervision.inner_life`). Raises `Refused` as others do."""
+        t = self._template
+        if not t.take(data):
+            content(data, ControllerState)
+            raise Refused("names")
+        finite, square = bool(np.isfinite(t.read(self._fields["unlimited_outputs"])).all()), 0.0
+        for norm in t.read(self._fields["parameter_norms"]).tolist():
+            square += norm * norm
+        lyapunov, fall = t.read(self._lyapunov).tolist()
+        return t.tick(), (finite, math.sqrt(square), lyapunov, fall)
+
+
+class SupervisorStateMessage:
+    """What a supervisor of a case tells of itself."""
+
+    def __init__(self, case: Case, s: int) -> None:
+        """`s`: which of the supervisors."""
+        self._controller = controller_names(case)[list(supervisor_names(case))[s]]
+        rows = build_supervisors(case)[0].thresholds[s]
+        self._limits = np.where(rows["follows"] == OFF, np.nan, rows["limit"])
+        self._templates: dict[tuple[int, int, int], tuple[Template, Field, Field]] = {}
+
+    def fill(self, tick: int, start_ns: int, told: Any) -> bytes:
+        """Message of a tick, of a record of SUPERVISION."""
+        key = int(told["state"]), int(told["cause"]), int(told["refused"])
+        if key not in self._templates:
+            self._templates[key] = self._laid_out(*key)
+        t, values, others = self._templates[key]
+        t.write_head(start_ns, tick)
+        t.write(values, told["values"])
+        t.write(others, [told[name] for name in TOLD.values()])
+        return t.data()
+
+    def _laid_out(self, state: int, cause: int, refused: int) -> tuple[Template, Field, Field]:
+        message = SupervisorState(controller=self._controller, state=STATES[state])
+        message.cause, message.refused = cause_name(cause), cause_name(refused)
+        message.monitors, message.limits = list(MONITORS), self._limits.tolist()
+        message.values = [0.0] * len(MONITORS)
+        t = Template(message)
+        return t, t.index(f"values.{i}" for i in range(len(MONITORS))), t.index(TOLD)
 
 
 class Estimate(NamedTuple):

@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Any
 import facts_damping_msgs.msg as messages
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
+from facts_damping.case.names import (
+    SUPERVISED,
+    controller_addresses,
+    identifier_addresses,
+    link_addresses,
+    supervisor_addresses,
+)
 from facts_damping.control.table import kind_of
 from facts_damping.nodes.cdr import Refused
 from facts_damping.nodes.guard import PLANT
@@ -53,6 +59,7 @@ OF_A_LINK = {
 }
 SETPOINTS = "setpoints"
 OF_A_CONTROLLER = {SETPOINTS: messages.VoltageSetpoints, "state": messages.ControllerState}
+OF_A_SUPERVISOR = {SUPERVISED: messages.VoltageSetpoints, "state": messages.SupervisorState}
 
 
 STAMP_END, TICK_END = 12, 20  # where in a message that of the header ends, and its frame_id, which is empty
@@ -76,6 +83,8 @@ def topics(case: Case) -> dict[str, Any]:
             if name == SETPOINTS or not kind_of(controller).node  # one of the user's own need not tell its state
         }
     own |= {f"{one}/estimate": messages.JacobianEstimate for one in identifier_addresses(case).values()}
+    guards = supervisor_addresses(case).values()
+    own |= {f"{one}/{name}": kind for one in guards for name, kind in OF_A_SUPERVISOR.items()}
     return {**TOPICS, **own}
 
 

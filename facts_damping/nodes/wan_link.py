@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, VoltageSetpoints
 from facts_damping_msgs.srv import Apply
 
-from facts_damping.case.names import controller_addresses, controller_names, identifier_names, link_addresses, served
+from facts_damping.case.names import link_addresses, listeners, served, speakers
 from facts_damping.compiling import specialised
 from facts_damping.errors import InputError, RunError, one_line
 from facts_damping.link.transfer import downlink, uplink
@@ -51,8 +51,8 @@ class WanLink:
         node.create_service(Apply, "~/apply", self.on_apply)
         self.frames = FramesMessage(self.case, seal(by, address.topic("pmu/delivered")))
         self.setpoints = SetpointsMessage(self.case, seal=seal(by, address.topic("setpoints/delivered")))
-        own, addresses = served(self.case, self.index), controller_addresses(self.case)
-        self.places = {controller_names(self.case)[c]: str(addresses[c]) for c in own}
+        heard = {c: one for c, one in speakers(self.case).items() if c in served(self.case, self.index)}
+        self.places = {one.name: one.place for one in heard.values()}
         self.frame = np.full((len(self.case.system.stations), len(CHANNELS)), np.nan)
         self.measured_ns = np.full(len(self.frame), LOST)  # where a station is absent from a frame
         self.status = np.zeros(len(self.frame), np.int64)
@@ -61,16 +61,15 @@ class WanLink:
         self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", SAYING)
         guard, frames = self.member.guard, FramesMessage(self.case, seal(by, "pmu/frames"))
         guard.subscribe(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, frames.read, leads=True)
-        for c, (name, place) in zip(own, self.places.items(), strict=True):
-            topic, use = f"{place}/setpoints", partial(self.on_setpoints, name)
-            setpoints = SetpointsMessage(self.case, name, [c], seal(by, topic))
+        for c, (name, _, topic) in heard.items():
+            setpoints, use = SetpointsMessage(self.case, name, [c], seal(by, topic)), partial(self.on_setpoints, name)
             guard.subscribe(VoltageSetpoints, f"{graph}{topic}", use, setpoints.read, lambda: self.tick)
         self.tick = -1
         self.missing: set[str] = set()
         self.answered = dict.fromkeys(self.places, 0)  # the newest tick that a controller has answered
         self.behind: Counter[str] = Counter()  # answers of each that came after their tick, since it was told
         self.publishers = {
-            name: partial(node.count_publishers, f"{graph}{x}/setpoints") for name, x in self.places.items()
+            one.name: partial(node.count_publishers, f"{graph}{one.topic}") for one in heard.values()
         }
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
         self.uplink = specialised(uplink, self.links, self.index, 0, 0, 0, *self.measured)
@@ -84,10 +83,9 @@ class WanLink:
         return self.frame, self.measured_ns, self.status
 
     def ready(self) -> None:
-        """Wait for the plant, the controllers and identifiers that it serves, and the recorder."""
-        extra, own = int(self.options.recorder), served(self.case, self.index)
-        listeners = len(own) + sum(c in own for c in identifier_names(self.case)) + extra
-        expected = {self.to_controllers: listeners, self.to_plant: 1 + extra, self.to_recorder: extra}
+        """Wait for the plant, whoever hears what it delivers, and the recorder."""
+        extra = int(self.options.recorder)
+        expected = {self.to_controllers: listeners(self.case, self.index) + extra, self.to_plant: 1 + extra, self.to_recorder: extra}
         self.member.wait(expected, self.spinner)
 
     def change_number(self, name: str, value: float) -> None:

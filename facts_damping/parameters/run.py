@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.parameters.faults import ControllerFault
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.load_noise import LoadNoise
 from facts_damping.parameters.security import Security
@@ -157,6 +158,10 @@ class Controller(ParameterModel):
     link: str | dict[str, Any] | None = Field(
         None, description="a link of its own: name under config/links, path, or a link inline; none: the run's"
     )
+    fallback_of: int | None = quantity(
+        None, "-", "place in the run of the controller that it stands in for; none: it is nobody's", ge=0, le=15
+    )
+    faults: list[ControllerFault] = Field([], description="what goes wrong with it: for campaigns")
     namespace: Namespace | None = Field(
         None, description="ROS namespace, below that of the graph, of its nodes and its own link; none: the graph's"
     )
@@ -212,6 +217,12 @@ class Run(ParameterModel):
         "ideal", description="how its PMUs measure: name under config/measurement, path, or inline"
     )
     watchdog: Watchdog | None = Field(Watchdog(), description="of every device; `off`: none")
+    supervision: str | dict[str, Any] | None = Field(
+        None, description="of every controller: name under config/supervision, path, or inline; `off`: none"
+    )
+    arm_at: float | None = quantity(
+        None, "s", "when supervised controllers are armed; none: when an operator says so", ge=0, le=1e5
+    )
     security: Security | None = Field(None, description="of the messages of its graph; none: not signed")
     load_noise: LoadNoise | None = Field(None, description="random noise of all loads; `off`: none")
     frame_rate: int = quantity(60, "frames/s", "PMU frames per second", ge=1, le=1000)
@@ -219,7 +230,7 @@ class Run(ParameterModel):
     seed: int = quantity(0, "-", "seed of all randomness", ge=0, le=2**31 - 1)
     asked: dict[str, Any] | None = Field(None, description="in stored runs: the run as the user wrote it, by names")
 
-    @field_validator("watchdog", "load_noise", mode="before")
+    @field_validator("watchdog", "load_noise", "supervision", mode="before")
     @classmethod
     def _off(cls, value: Any) -> Any:
         return None if value == "off" or value is False else value

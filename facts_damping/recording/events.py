@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.monitors import COMMANDS
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.decode import time_ns
 from facts_damping.signals import NANOSECONDS
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 
     from facts_damping.recording.columns import Block
 
-ROLES = ("plant", "link", "controller", "identifier")
-KINDS = ("start", "arm", "parameter", "link", "event", "rearm", "release", "reset", "pause", "resume", "step")
+ROLES = ("plant", "link", "controller", "identifier", "supervisor")
+KINDS = ("start", *COMMANDS, "parameter", "link", "event", "rearm", "release", "pause", "resume", "step")
 MOST_TICKS = 10**9  # of any run
 TIME = r"[0-9]{1,18}"  # ns
 

@@ -8,20 +8,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.case.supervision import ends, reserves
 from facts_damping.control import identifier_model
 from facts_damping.control.bank import Bank, BankState, bank, controller_network
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.identifier import identifiers
 from facts_damping.control.identifier_model import Identified, Identifiers, IdentifierState
-from facts_damping.control.inputs import TURN
+from facts_damping.control.inputs import TURN, UNSET
 from facts_damping.control.plant_prior import PlantPrior
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.link.chain import DirectionSpec
+from facts_damping.link.stages import mean_delay
 from facts_damping.link.transfer import Links, links
 from facts_damping.measurement.build import pmus
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
+from facts_damping.parameters.supervision import Supervision
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
 from facts_damping.plant.load_noise import draw as draw_noise
@@ -29,6 +32,7 @@ from facts_damping.plant.watchdog import settings as watchdog_settings
 from facts_damping.signals import CHANNELS
 from facts_damping.small_signal import own_linear
 from facts_damping.small_signal.residues import Residues, residues
+from facts_damping.supervision.model import Supervisors, SupervisorState, Watched, supervisors
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,6 +50,11 @@ STILL = 1e-6  # p.u. or rad per p.u.: a signal that moves less beside the first 
 def commands(case: Case) -> int:
     """Number of setpoints that all controllers of a case give at one arrival."""
     return sum(len(controller.devices) for controller in case.controllers)
+
+
+def supervised(case: Case) -> int:
+    """Number of supervisors of a case."""
+    return 0 if case.supervision is None else sum(c.fallback_of is None for c in case.controllers)
 
 
 def derivatives(case: Case) -> int:
@@ -105,8 +114,9 @@ def ways(case: Case) -> dict[str, DirectionSpec]:
 
 
 def needs_residues(case: Case) -> bool:
-    """Whether a controller of a case starts from the linearised plant."""
-    return any(c.scheme or c.compensation != "none" or _optimal(c) for c in case.controllers)
+    """Whether a controller of a case, or a supervisor, starts from the linearised plant."""
+    linear = (c.scheme or c.compensation != "none" or _optimal(c) for c in case.controllers)
+    return case.supervision is not None or any(linear)
 
 
 def _design(controller: Controller) -> Callable[..., StateSpace]:
@@ -150,13 +160,44 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
     omega = [_compensated(case, i, plant) for i in range(len(case.controllers))]
     designs = [_designed(case, i, plant) for i in range(len(case.controllers))]
     rate, nominal = case.run.frame_rate, case.system.frequency
-    made, state = bank(case.controllers, case.system.signals, stations, limits, rate, known, omega, designs, nominal)
+    plan = stations, limits, rate, known, omega, designs, nominal, case.run.seed
+    made, state = bank(case.controllers, case.system.signals, *plan)
     rows = [
         _identified(case, i, made, own)
         for i, own in enumerate(known)
         if own is not None and case.controllers[i].scheme == "indirect"
     ]
     return made, state, *identifiers(rows, case.system.signals, stations, rate, nominal)
+
+
+def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Supervisors, SupervisorState]:
+    """The supervisors of a case; `plant`: its residues, where they are at hand."""
+    if plant is None and case.supervision is not None:
+        plant = plant_residues(case)
+    reserve = reserves(case.run)
+    watched = [
+        _watched(case, c, reserve.get(c, UNSET), plant)
+        for c, controller in enumerate(case.controllers)
+        if controller.fallback_of is None and case.supervision is not None
+    ]
+    limits = {name: case.system.device(name).v_max for name in case.run.devices}
+    stations, rate = [station.name for station in case.system.stations], case.run.frame_rate
+    given = case.supervision or Supervision()
+    known = given, case.system.signals, stations, limits, rate, case.system.frequency, ends(case.system)
+    return supervisors(watched, case.controllers, *known)
+
+
+def _watched(case: Case, c: int, reserve: int, plant: Residues | None) -> Watched:
+    """What the supervisor of controller c is made for: residues count from where a setpoint is issued."""
+    controller, used = case.controllers[c], case.used_links[c]
+    mode = 0j if plant is None else plant.eigenvalue
+    residue = [0j for _ in controller.devices]
+    if plant is not None:
+        row = plant.signals.index(controller.signals[0])
+        for d, device in enumerate(controller.devices):
+            down = mean_delay(case.links[used].down, [device])
+            residue[d] = complex(plant.residue[row, plant.devices.index(device)] * cmath.exp(-mode * down))
+    return Watched(c, reserve, used, case.run.arm_at, mode, residue)
 
 
 def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:

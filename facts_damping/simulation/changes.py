@@ -18,12 +18,14 @@ from facts_damping.control.bank import put
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.link.transfer import Links, changed, replaced
+from facts_damping.monitors import COMMANDS
 from facts_damping.parameters.files import read_value
 from facts_damping.plant.watchdog import let_go, rearm, watching
 from facts_damping.signals import NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_plant, build_pmus, commands, grid_events, ways
 from facts_damping.simulation.loop import Loop, build_loop, record, setpoint_buffer, signals_for, step
 from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.simulation.restarts import Restarts
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.link import Link
     from facts_damping.plant.build import Built
     from facts_damping.signals import Record
+    from facts_damping.supervision.model import Supervisors, SupervisorState
 
 SOURCE = "change"  # what an error names
 
@@ -137,6 +140,8 @@ def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[L
     elif what == "parameter" and change["role"] == "link":
         links, now = renumbered(loop.links, now, index, change["name"], float(value))
         loop = loop._replace(links=links)
+    elif change["role"] == "supervisor":
+        ask(loop.supervisors, loop.supervisor_state, change)
     elif what == "parameter":
         set_parameter(now, loop.bank, loop.identifiers, change)
     return loop, now
@@ -171,15 +176,23 @@ def set_parameter(case: Case, bank: Any, identifiers: Any, change: dict[str, Any
     put(rows, name, kind_of(case.controllers[c]).parameters[name], change["value"], bank.mode_shape[c])
 
 
+def ask(guards: Supervisors, state: SupervisorState, change: dict[str, Any]) -> None:
+    """What an operator asks of a supervisor, which obeys at the start of its next tick."""
+    own = list(guards.settings["controller"])
+    if change["kind"] in COMMANDS and change["index"] in own:
+        state.rows["asked"][own.index(change["index"])] = COMMANDS[change["kind"]]
+
+
 def rerun(case: Case, changes: Sequence[dict[str, Any]]) -> Record:
     """A closed loop in process with changes under way, as a recording has them: what a lockstep graph recorded."""
     loop, now, events = build_loop(case), case, grid_events(case)
     if any(change["kind"] in ("link", "parameter") for change in changes):  # copies of entries, stamps of their own
         loop = loop._replace(signals=signals_for(case, stamps=len(case.system.stations), up=2, down=2))
     told: list[dict[str, Any]] = []
-    acting = by_tick(changes)
+    acting, restarts = by_tick(changes), Restarts(loop.bank, loop.bank_state)
     for tick in range(case.ticks):
         at = tick_ns(tick, loop.pmus.frame_rate)
+        restarts.begin(tick)
         for change in acting.get(tick, ()):
             loop, now = apply(loop, now, case, change)
             events = pending(now, events, at)

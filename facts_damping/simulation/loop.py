@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from facts_damping.signals import (
     LEARNING,
     MACHINE_TRUTH,
     SETPOINT,
+    SUPERVISION,
     Record,
 )
 from facts_damping.simulation.build import (
@@ -27,12 +29,16 @@ from facts_damping.simulation.build import (
     build_links,
     build_plant,
     build_pmus,
+    build_supervisors,
     commands,
     derivatives,
     grid_events,
     learning_rates,
+    plant_residues,
+    supervised,
 )
 from facts_damping.simulation.policies import check, connect
+from facts_damping.simulation.restarts import Restarts
 from facts_damping.simulation.tick import Signals, halves
 
 if TYPE_CHECKING:
@@ -46,6 +52,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from facts_damping.simulation.policies import Program
     from facts_damping.small_signal.residues import Residues
+    from facts_damping.supervision.model import Supervisors, SupervisorState
 
 
 class Loop(NamedTuple):
@@ -61,15 +68,18 @@ class Loop(NamedTuple):
     bank_state: BankState
     identifiers: Identifiers
     identifier_state: IdentifierState
+    supervisors: Supervisors
+    supervisor_state: SupervisorState
     issued: NDArray[Any]  # SETPOINT, what the controllers issue in a tick
+    passed: NDArray[Any]  # SETPOINT, what of it acts, as supervisors have it
     applied: NDArray[Any]  # SETPOINT, what all links deliver to the devices in a tick
     signals: Signals
     programs: list[Program]  # of controllers of the user's own; of all this alone is not given to compiled functions
 
 
 def setpoint_buffer(commands: int, entries: int) -> NDArray[Any]:
-    """Room for the setpoints of a tick: `commands` at each arrival, and each delivered entry may be one."""
-    return np.zeros(commands * entries, SETPOINT)
+    """Room for the setpoints of a tick: `commands` at each arrival, each entry may be one, and a supervisor's."""
+    return np.zeros(commands * (entries + 1), SETPOINT)
 
 
 def build_loop(
@@ -82,7 +92,9 @@ def build_loop(
     """
     built = build_plant(case) if built is None else built
     links = build_links(case)
-    control = build_control(case, residues)
+    if residues is None and case.supervision is not None:
+        residues = plant_residues(case)
+    control, guards = build_control(case, residues), build_supervisors(case, residues)
     work = workspace(built.plant, built.state)
     issued = setpoint_buffer(commands(case), links.up.out.shape[1])
     applied = np.zeros(links.down.out.size, SETPOINT)
@@ -96,7 +108,8 @@ def build_loop(
     signals = signals_for(case, stamps, up, down)
     pmus, pmu_state = build_pmus(case)
     programs = connect(case, control[1], outside=outside)
-    return Loop(built.plant, built.state, work, pmus, pmu_state, links, *control, issued, applied, signals, programs)
+    parts = built.plant, built.state, work, pmus, pmu_state, links, *control, *guards
+    return Loop(*parts, issued, issued.copy(), applied, signals, programs)
 
 
 def signals_for(case: Case, stamps: int, up: int, down: int) -> Signals:
@@ -108,6 +121,7 @@ def signals_for(case: Case, stamps: int, up: int, down: int) -> Signals:
 
 def allocate_signals(case: Case, ticks: int, *, delivered: int, issued: int, applied: int) -> Signals:
     """Arrays for the signals of so many ticks, with room for so many entries and setpoints."""
+    watched = supervised(case)
     return Signals(
         np.zeros(ticks, np.int64),
         np.zeros((ticks, len(case.system.stations), len(CHANNELS))),
@@ -121,7 +135,9 @@ def allocate_signals(case: Case, ticks: int, *, delivered: int, issued: int, app
         np.zeros(applied, SETPOINT),
         np.zeros(ticks * derivatives(case), ESTIMATE),
         np.zeros(ticks * learning_rates(case), LEARNING),
-        np.zeros(6, np.int64),
+        np.zeros(issued + ticks * commands(case) if watched else 0, SETPOINT),
+        np.zeros(ticks * watched + 1, SUPERVISION),
+        np.zeros(8, np.int64),
     )
 
 
@@ -140,7 +156,11 @@ def run_loop(loop: Loop) -> None:
 
     Raises `RunError` where a program of the user's own has failed.
     """
-    halves(*loop[:-1], 0, 2 * loop.signals.time_ns.size)
+    restarts, last = Restarts(loop.bank, loop.bank_state), loop.signals.time_ns.size
+    begins, goes_on = [0, *restarts.ticks(last), last], True
+    for first, until in pairwise(begins):
+        restarts.begin(first)
+        goes_on = goes_on and halves(*loop[:-1], 2 * first, 2 * until)
     check(loop.programs)
 
 
@@ -166,7 +186,7 @@ def record(case: Case, loop: Loop) -> Record:
     refused = int(loop.links.up.ring[:, 3].sum() + loop.links.down.ring[:, 3].sum())
     if refused:
         raise RunError(f"link: {refused} entries found no room under way; its delays are not what was allowed for")
-    ticks, delivered, issued, applied, estimates, learning = (int(n) for n in kept.used)
+    ticks, delivered, issued, applied, estimates, learning, passed, told = (int(n) for n in kept.used)
     if delivered > kept.delivered.size or issued > kept.issued.size or applied > kept.applied.size:
         raise RunError(f"loop: {delivered} entries, {issued} setpoints, {applied} applied: more than there is room for")
     return Record(
@@ -187,6 +207,8 @@ def record(case: Case, loop: Loop) -> Record:
         in_synchronism=kept.in_synchronism[:ticks],
         estimates=kept.estimates[:estimates],
         learning=kept.learning[:learning],
+        supervised=kept.supervised[:passed],
+        supervision=kept.supervision[:told],
         links=len(case.links),
         events=[event for event in grid_events(case) if event["time_ns"] <= kept.time_ns[ticks - 1]],
     )

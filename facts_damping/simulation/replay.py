@@ -21,7 +21,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.files import each_path, parse_set, read_value
 from facts_damping.plant.integration import watch
 from facts_damping.signals import DELIVERY, NANOSECONDS, REFUSED, SETPOINT
-from facts_damping.simulation.build import build_control, build_plant, commands
+from facts_damping.simulation.build import build_control, build_plant, build_supervisors, commands
 from facts_damping.simulation.changes import by_tick, change_watch
 from facts_damping.simulation.loop import allocate_signals, setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
@@ -184,6 +184,7 @@ def play(
     `record`: as `fitted` gives it. The same `control_step` as in the loop, but identifiers hear what was recorded.
     """
     bank, state, identifiers, learnt = build_control(case)
+    guards = build_supervisors(case)
     programs = connect(case, state)
     ticks, used = record.ticks, np.array(case.used_links, np.int64)
     arrived = [_by_tick(record.delivered[record.delivered["link"] == link], ticks) for link in range(len(case.links))]
@@ -193,15 +194,15 @@ def play(
     given, heard = setpoint_buffer(commands(case), most), np.zeros(max(map(len, recorded)), SETPOINT)
     issued = len(record.delivered) * commands(case)
     kept = allocate_signals(case, len(ticks), delivered=0, issued=issued, applied=0)
-    parts = bank, state, identifiers, learnt, used, delivered, ring, given, heard
-    act = specialised(control_step, *parts, 0, 0, kept)
+    parts = bank, state, identifiers, learnt, *guards, used, delivered, ring, given, given.copy(), heard
+    act = specialised(control_step, *parts, 0, 0, record.devices[0], kept)
     changed = ReplayedChanges(case, record, (bank, state, identifiers, learnt))
     for at, tick in enumerate(ticks.tolist()):
         changed.begin(tick)
         for link, rows in enumerate(arrived):
             delivered[link, : len(rows[at])], ring[link, 2] = rows[at], len(rows[at])
         heard[: len(recorded[at])] = recorded[at]
-        act(*parts, len(recorded[at]), tick, kept)
+        act(*parts, len(recorded[at]), tick, record.devices[at], kept)
         check(programs)
         changed.end()
         if at % record.frame_rate == 0 or at + 1 == len(ticks):

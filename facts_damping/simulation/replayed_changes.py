@@ -11,6 +11,7 @@ from facts_damping.case.controllers import check_parameter, sizes
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.simulation.changes import set_parameter
+from facts_damping.simulation.restarts import restore
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,7 +70,7 @@ class ReplayedChanges:
         """A controller, or its identifier, as at the start of a run."""
         model, state = (0, 1) if role == "controller" else (2, 3)
         place = c if role == "controller" else list(self._control[2].controller).index(c)
-        _restore(self._control[state], self._fresh[state], place)
+        restore(self._control[state], self._fresh[state], place)
         self._control[model].settings[place] = self._fresh[model].settings[place]
 
 
@@ -105,12 +106,3 @@ def _disarmed(changes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
             end = min([tick for tick in later if tick > one["tick"]], default=np.iinfo(np.int64).max)
             found.append({**one, "first": one["tick"], "end": end})
     return found
-
-
-def _restore(state: Any, fresh: Any, place: int) -> None:
-    """One of several, whose axis is the first of all arrays, as it was."""
-    for own, before in zip(state, fresh, strict=True):
-        if isinstance(own, tuple):
-            _restore(own, before, place)
-        else:
-            own[place] = before[place]

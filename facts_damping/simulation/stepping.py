@@ -13,6 +13,7 @@ from facts_damping.control.table import GIVEN
 from facts_damping.signals import DELIVERY
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check
+from facts_damping.simulation.restarts import Restarts
 from facts_damping.simulation.tick import halves
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class Stepper:
         self._names, most = names, max(map(len, names), default=0)
         self._eyes = (*inputs(names, case.system.signals, stations, case.system.frequency),)
         self._sensed = sensed(len(names), most, len(stations))
-        self._parts = loop[:-1]
+        self._parts, self._restarts = loop[:-1], Restarts(loop.bank, loop.bank_state)
         self._halves = specialised(halves, *self._parts, 0, 0)
         self._sense = specialised(sense, *self._eyes, self._sensed, 0, np.zeros(0, DELIVERY), 0, 0)
         self.step(None)
@@ -57,6 +58,7 @@ class Stepper:
             for c, controller in enumerate(self._case.controllers):
                 state.unlimited[c, : len(controller.devices)] = given[at : at + len(controller.devices)]
                 at += len(controller.devices)
+        self._restarts.begin(self.tick)
         here = 2 * self.tick + 1  # half ticks: the second one of this, the first one of the next
         last = 2 * self._case.ticks
         self._goes_on = bool(self._halves(*self._parts, max(0, here), min(here + 2, last))) and here + 2 <= last

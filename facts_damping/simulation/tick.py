@@ -15,6 +15,8 @@ from facts_damping.link.transfer import Links, downlink, merge, uplink
 from facts_damping.neurofuzzy.learning import view, write_learning
 from facts_damping.neurofuzzy.network import shape_of
 from facts_damping.simulation.measured_plant import go_on, observe, tick_ns
+from facts_damping.supervision.inner_life import look_inside
+from facts_damping.supervision.step import supervise, tell
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from facts_damping.control.identifier_model import Identifiers, IdentifierState
     from facts_damping.measurement.pmu import Pmus, PmuState
     from facts_damping.plant.model import Plant, PlantState, Work
+    from facts_damping.supervision.model import Supervisors, SupervisorState
 
 
 class Signals(NamedTuple):
@@ -40,6 +43,8 @@ class Signals(NamedTuple):
     applied: NDArray[Any]
     estimates: NDArray[Any]
     learning: NDArray[Any]
+    supervised: NDArray[Any]
+    supervision: NDArray[Any]
     used: NDArray[np.int64]
 
 
@@ -57,28 +62,41 @@ def control_step(
     bank_state: BankState,
     ids: Identifiers,
     id_state: IdentifierState,
+    guards: Supervisors,
+    guard_state: SupervisorState,
     used: NDArray[np.int64],
     delivered: NDArray[Any],
     ring: NDArray[np.int64],
     given: NDArray[Any],
+    passed: NDArray[Any],
     heard: NDArray[Any],
     count: int,
     tick: int,
+    devices: NDArray[Any],
     kept: Signals,
 ) -> int:
-    """Controllers act on what was delivered in a tick, then identifiers learn from that and from setpoints.
+    """Controllers act on what was delivered in a tick, supervisors pass that on, then identifiers learn.
 
     `delivered`, (links, entries), and `ring`, which says how many there are, as in `link.transfer.Direction`;
-    controller c uses link `used[c]`. What controllers issue goes into `given`. Identifiers hear `count` setpoints of
-    `heard`; where that is -1, those that were issued. What they estimate is used in the tick after. Returns how many
-    setpoints were issued.
+    controller c uses link `used[c]`. What controllers issue goes into `given`, what acts of it into `passed`: all,
+    where there are no supervisors; `devices`: DEVICE_TRUTH, which they see. Identifiers hear `count` setpoints of
+    `heard`; where that is -1, those that act. What they estimate is used in the tick after. Returns how many
+    setpoints act.
     """
     issued = 0
     for c in range(bank.code.size):
         issued = act(bank, bank_state, c, tick, delivered[used[c]], ring[used[c], 2], given, issued)
     kept.used[2] = _append(kept.issued, kept.used[2], given, issued)
+    acting = issued
+    if guards.settings.size == 0:
+        for i in range(issued):
+            passed[i] = given[i]
+    else:
+        acting = _supervised(
+            bank, bank_state, guards, guard_state, delivered, ring, given, issued, passed, tick, devices, kept
+        )
     if count < 0:
-        heard, count = given, issued
+        heard, count = passed, acting
     rows = kept.used[4]
     for n in range(ids.controller.size):
         c = ids.controller[n]
@@ -97,7 +115,49 @@ def control_step(
         own, fall = view(id_state.learner, n, net), id_state.lyapunov[n]
         rows = write_learning(net, own, fall, tick, ids.controller[n], 1, kept.learning, rows)
     kept.used[5] = rows
-    return issued
+    return acting
+
+
+@inner
+def _supervised(
+    bank: Bank,
+    bank_state: BankState,
+    guards: Supervisors,
+    guard_state: SupervisorState,
+    delivered: NDArray[Any],
+    ring: NDArray[np.int64],
+    given: NDArray[Any],
+    issued: int,
+    passed: NDArray[Any],
+    tick: int,
+    devices: NDArray[Any],
+    kept: Signals,
+) -> int:
+    """All supervisors' ticks; how many setpoints they say."""
+    acting = 0
+    for s in range(guards.settings.size):
+        own = guards.settings[s]
+        start, end = tick_ns(tick, own.frame_rate), tick_ns(tick + 1, own.frame_rate)
+        look_inside(bank, bank_state, own.controller, guard_state.rows[s])
+        acting = supervise(
+            guards,
+            guard_state,
+            s,
+            tick,
+            start,
+            end,
+            delivered[own.link],
+            ring[own.link, 2],
+            given,
+            issued,
+            devices,
+            passed,
+            acting,
+        )
+        if tell(guards, guard_state, s, tick, kept.supervision[kept.used[7]]):
+            kept.used[7] += 1
+    kept.used[6] = _append(kept.supervised, kept.used[6], passed, acting)
+    return acting
 
 
 @released
@@ -112,7 +172,10 @@ def halves(
     bank_state: BankState,
     ids: Identifiers,
     id_state: IdentifierState,
+    guards: Supervisors,
+    guard_state: SupervisorState,
     given: NDArray[Any],
+    passed: NDArray[Any],
     taken: NDArray[Any],
     kept: Signals,
     first: int,
@@ -121,8 +184,9 @@ def halves(
     """Half ticks from `first` on, before `until`; False: the plant, or a controller, does not go on.
 
     Half 2 k is the first of tick k: PMUs measure, links deliver upwards. Half 2 k + 1 is its second: controllers act,
-    identifiers learn, links deliver downwards, the plant goes on. One function for whole runs, ticks, and what lies
-    between the halves: each takes the compiler as long as all else together, for its hundreds of arrays.
+    supervisors pass that on, identifiers learn, links deliver downwards, the plant goes on. One function for whole
+    runs, ticks, and what lies between the halves: each takes the compiler as long as all else together, for its
+    hundreds of arrays.
     """
     several = links.up.ring.shape[0]
     for half in range(first, until):
@@ -139,12 +203,27 @@ def halves(
                 delivered = uplink(links, link, tick, start, end, frame, measured_ns, status)
                 kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
             continue
-        issued = control_step(
-            bank, bank_state, ids, id_state, links.used, links.up.out, links.up.ring, given, given, -1, tick, kept
+        acting = control_step(
+            bank,
+            bank_state,
+            ids,
+            id_state,
+            guards,
+            guard_state,
+            links.used,
+            links.up.out,
+            links.up.ring,
+            given,
+            passed,
+            passed,
+            -1,
+            tick,
+            kept.devices[tick],
+            kept,
         )
         applied = 0
         for link in range(several):
-            arrived = downlink(links, link, tick, end, given, issued)
+            arrived = downlink(links, link, tick, end, passed, acting)
             applied = merge(taken, applied, links.down.out[link], arrived)
         kept.used[3] = _append(kept.applied, kept.used[3], taken, applied)
         if not kept.in_synchronism[tick] or bank_state.calls.failed.any():

@@ -1,0 +1,98 @@
+"""The supervision of a run: read, and checked with what it is to supervise."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.errors import InputError, check_known
+from facts_damping.monitors import MONITORS
+from facts_damping.parameters.files import find, read_table
+from facts_damping.parameters.supervision import Supervision
+from facts_damping.parameters.validation import check, origin
+
+if TYPE_CHECKING:
+    from facts_damping.case.model import Case
+    from facts_damping.parameters.run import Run
+    from facts_damping.parameters.system import System
+
+FOLDER = "supervision"  # below config
+
+
+def read_supervision(run: Run, source: str, sets: dict[str, str] | None = None) -> Supervision | None:
+    """A run's supervision, by name or path, or inline; none where there is none."""
+    given = run.supervision
+    if given is None:
+        if run.arm_at is not None:
+            raise InputError(f"{origin('arm_at', source, sets)}: {run.arm_at:g} given; allowed: with `supervision`")
+        return None
+    if isinstance(given, str):
+        path = find(FOLDER, given)
+        found, where = check(Supervision, read_table(path), str(path)), f"{path}: "
+    else:
+        found, where = check(Supervision, given, source, sets, FOLDER), ""
+    for name, own in found.monitors.items():
+        field = where + f"monitors.{name}" if where else origin(f"{FOLDER}.monitors.{name}", source, sets)
+        check_known(field, name, list(MONITORS))
+        row = MONITORS[name]
+        if own is not None and own.limit is not None and not row.low <= own.limit <= row.high:
+            allowed = f"{row.low:g} to {row.high:g} {row.unit}"
+            raise InputError(f"{field}.limit: {own.limit:g} given; allowed: {allowed}")
+    return found
+
+
+def reserves(run: Run) -> dict[int, int]:
+    """Places of the fallbacks, by the place of the controller that each stands in for."""
+    return {c.fallback_of: i for i, c in enumerate(run.controllers) if c.fallback_of is not None}
+
+
+def check_fallbacks(case: Case, source: str, sets: dict[str, str] | None) -> None:
+    """A fallback stands in for one controller of its devices, by signals that are measured at these."""
+    rows = case.run.controllers
+    for i, one in enumerate(rows):
+        if one.fallback_of is None:
+            continue
+
+        def where(field: str, i: int = i) -> str:
+            return origin(f"controllers.{i}.{field}", source, sets)
+
+        given = f"{where('fallback_of')}: {one.fallback_of} given"
+        others = [c for c, other in enumerate(rows) if other.fallback_of is None]
+        if case.supervision is None:
+            raise InputError(f"{given}; allowed: with `supervision`")
+        if one.fallback_of not in others:
+            raise InputError(f"{given}; allowed: the place of a controller, {', '.join(map(str, others)) or 'none'}")
+        if reserves(case.run)[one.fallback_of] != i:
+            raise InputError(f"{given} twice; allowed: one fallback a controller")
+        if one.devices != rows[one.fallback_of].devices:
+            own, devices = ", ".join(one.devices), ", ".join(rows[one.fallback_of].devices)
+            raise InputError(f"{where('devices')}: {own} given; allowed: those of its controller, {devices}")
+        local = local_signals(case.system, one.devices)
+        for signal in one.signals:
+            if signal not in local:
+                raise InputError(
+                    f"{where('signals')}: '{signal}' given, which is not measured at {' or '.join(one.devices)}; "
+                    f"allowed for a fallback: {', '.join(local) or 'none, as no station is there'}"
+                )
+
+
+def local_signals(system: System, devices: list[str]) -> list[str]:
+    """Signals of which all stations are at a bus of one of the devices, or measure what flows through it."""
+    buses = {bus for name in devices for bus in _buses(system, name)}
+    machines = {machine.name: machine.bus for machine in system.machines}
+    at = {
+        s.name
+        for s in system.stations
+        if (s.bus or machines[s.machine or ""]) in buses or set(s.branches) & set(devices)
+    }
+    return [name for name, signal in system.signals.items() if set(signal.weights) <= at]
+
+
+def _buses(system: System, device: str) -> list[str]:
+    own: Any = system.device(device)
+    return [bus for name in ("bus", "from_bus", "to_bus") if (bus := getattr(own, name, None)) is not None]
+
+
+def ends(system: System) -> list[tuple[int, int]]:
+    """Stations, by their place, that measure at both ends of one line."""
+    alone = {i: s.branches[0] for i, s in enumerate(system.stations) if len(s.branches) == 1}
+    return [(a, b) for a, line in alone.items() for b, other in alone.items() if a < b and line == other]

@@ -1,0 +1,86 @@
+"""Controllers that go wrong: what a fault campaign does to their setpoints and networks; compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.compiling import compiled, inner
+from facts_damping.parameters.faults import SIZED
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.faults import ControllerFault
+
+NONE, WRONG_SIGN, GAIN, STUCK, RANDOM, BANG_BANG, NAN, WEIGHTS, HUNG, DEAD = range(10)
+KINDS = ("", "wrong_sign", "gain", "stuck", "random", "bang_bang", "nan", "weights", "hung", "dead")
+FAULT = np.dtype([("kind", "i8"), ("first", "i8"), ("end", "i8"), ("size", "f8")])  # ticks, from the first to before
+CHANCES = 1024  # normal numbers that a controller's faults are made of, from the beginning again after the last
+
+
+class Faults(NamedTuple):
+    """Faults of all controllers; the first axis is the controller."""
+
+    rows: NDArray[Any]  # (controllers, most faults) of FAULT
+    chance: NDArray[np.float64]  # (controllers, CHANCES), normal; none where nobody has a fault
+
+
+def faults(given: Sequence[Sequence[ControllerFault]], frame_rate: int, seed: int) -> Faults:
+    """The faults of controllers, those of each in its order."""
+    most = max(map(len, given), default=0)
+    rows = np.zeros((len(given), most), FAULT)
+    for c, own in enumerate(given):
+        for row, one in zip(rows[c], own, strict=False):
+            row["kind"], row["size"] = KINDS.index(one.kind), SIZED.get(one.kind, 0.0) if one.size is None else one.size
+            row["first"] = math.ceil(one.start * frame_rate)
+            over = np.inf if one.duration is None else math.ceil((one.start + one.duration) * frame_rate)
+            row["end"] = min(over, np.iinfo(np.int64).max)
+    drawn = np.random.default_rng((seed, 4)).standard_normal((len(given), CHANCES if most else 0))
+    return Faults(rows, drawn)
+
+
+@inner
+def silent(of: Faults, c: int, tick: int) -> bool:
+    """Whether controller c says nothing in a tick."""
+    for i in range(of.rows.shape[1]):
+        row = of.rows[c, i]
+        if row.kind >= HUNG and row.first <= tick < row.end:
+            return True
+    return False
+
+
+@inner
+def corrupt(of: Faults, c: int, tick: int, theta: NDArray[np.float64]) -> None:
+    """Move a network's parameters, in the tick in which that begins."""
+    for i in range(of.rows.shape[1]):
+        row = of.rows[c, i]
+        if row.kind == WEIGHTS and row.first == tick:
+            for f in range(theta.size):
+                theta[f] += row.size * of.chance[c, (tick + f) % CHANCES]
+
+
+@compiled
+def misbehave(of: Faults, c: int, tick: int, d: int, value: float, before: float, limit: float) -> float:
+    """A setpoint as a faulty controller says it, p.u.; `before`: as it said the last one, `limit`: the device's."""
+    for i in range(of.rows.shape[1]):
+        row = of.rows[c, i]
+        if not row.first <= tick < row.end:
+            continue
+        if row.kind == WRONG_SIGN:
+            value = -value
+        elif row.kind == GAIN:
+            value = min(max(row.size * value, -limit), limit)
+        elif row.kind == STUCK:
+            value = before
+        elif row.kind == RANDOM:
+            value = min(max(0.7 * limit * of.chance[c, (3 * tick + d) % CHANCES], -limit), limit)
+        elif row.kind == BANG_BANG:
+            value = limit if tick % 2 else -limit
+        elif row.kind == NAN:
+            value = math.nan
+    return value

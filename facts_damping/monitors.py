@@ -1,0 +1,219 @@
+"""The tables of supervision: states, commands, consequences, and the monitors, a row each."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+DISARMED, SHADOW, ARMED, FALLBACK, TRIPPED = range(5)
+STATES = ("disarmed", "shadow", "armed", "fallback", "tripped")  # as messages, YAML and pictures have them
+
+ARM, DISARM, RESET, PROBE = range(1, 5)
+COMMANDS = {"arm": ARM, "disarm": DISARM, "reset": RESET, "probe": PROBE}  # what an operator may ask for; 0: nothing
+
+OFF, WARN, FALL_BACK, TRIP = range(4)
+CONSEQUENCES = {"warn": WARN, "fall_back": FALL_BACK, "trip": TRIP}
+
+FALLING_BACK = "fall_back"
+CYCLES = "cycles"  # of the mode that a supervisor watches
+
+
+class Monitor(NamedTuple):
+    """A row: what is watched, from which limit on, for how long, and what follows."""
+
+    group: str  # data, controller or grid
+    description: str
+    unit: str
+    limit: float  # more than this is too much
+    low: float  # least limit that is allowed
+    high: float
+    lasts: float  # how long it must last, s or cycles of the mode
+    lasts_unit: str
+    follows: str
+    reason: str  # why this limit
+
+
+def _data(description: str, unit: str, limit: float, low: float, high: float, lasts: float, reason: str) -> Monitor:
+    return Monitor("data", description, unit, limit, low, high, lasts, "s", FALLING_BACK, reason)
+
+
+# In the order of their codes (supervision/monitors.py).
+MONITORS = {
+    "missing": _data(
+        "since frames have come that its signals can be made of",
+        "s", 0.15, 0.01, 60.0, 0.0,
+        "nine frames of 60 a second: single losses and bursts of a tenth of a second pass",
+    ),
+    "stale": _data(
+        "age of the oldest frame that its signals are made of",
+        "s", 0.4, 0.01, 60.0, 0.05,
+        "more than twice the 69 to 113 ms of the Pacific DC Intertie, with a frame that is lost, and less than most "
+        "controllers bear",
+    ),
+    "jitter": Monitor(
+        "data",
+        "mean deviation of the latency from its mean, both over a second",
+        "s", 0.05, 0.001, 10.0, 1.0, "s", "warn",
+        "a link that is uneven by three frames is not the one that controllers were chosen for",
+    ),
+    "misaligned": _data(
+        "between the times of measurement of the stations that its signals are made of",
+        "s", 0.1, 0.001, 10.0, 0.05,
+        "a tenth of a second turns the phase of a 1 Hz mode by 36 degrees",
+    ),
+    "stuck": _data(
+        "a station repeats its values though its frequency is not the nominal one",
+        "s", 0.2, 0.02, 60.0, 0.0,
+        "the angle of a voltage off its nominal frequency cannot stand still; twelve frames tell a repeated one apart",
+    ),
+    "range": _data(
+        "largest value of a channel that it uses, beside what is plausible of such a channel",
+        "-", 1.0, 0.01, 100.0, 0.0,
+        "plausible: 0.1 p.u. of speed, 6 Hz off the nominal frequency, 30 Hz/s, 2 p.u. of voltage, 50 p.u. of power "
+        "and current",
+    ),
+    "angle": _data(
+        "a station's frequency beside the change of its voltage's angle, over a tenth of a second",
+        "Hz", 0.25, 0.01, 30.0, 0.3,
+        "at a bus near a fault angles jump, for less than that time; a bias of this size is a step of half the swing "
+        "after a fault",
+    ),
+    "speed": _data(
+        "a station's rotor speed beside its frequency, over a tenth of a second",
+        "Hz", 0.5, 0.01, 30.0, 0.5,
+        "after a fault the two differ by up to 0.3 Hz for a second (`two_area_large`)",
+    ),
+    "powers": _data(
+        "sum of the powers that stations at both ends of a line measure into it, beside the larger one",
+        "-", 0.2, 0.01, 10.0, 0.2,
+        "a line loses a few per cent; a current transformer the wrong way round doubles the sum",
+    ),
+    "status": _data(
+        "stations whose frames say data error, test mode or no time (bits 15 to 13)",
+        "stations", 0.5, 0.5, 100.0, 0.05,
+        "IEEE C37.118.2: such frames are not to be used",
+    ),
+    "clock": _data(
+        "how far a frame's time of measurement lies after its arrival",
+        "s", 0.001, 1e-6, 10.0, 0.0,
+        "nothing arrives before it is measured; a clock in time is right to a microsecond",
+    ),
+    "local": Monitor(
+        "data",
+        "since the fallback has said something, while it acts",
+        "s", 0.15, 0.01, 60.0, 0.0, "s", "trip",
+        "as of remote frames; nothing is left to fall back on",
+    ),
+    "silent": Monitor(
+        "controller",
+        "since frames have come that the controller has not answered: it hangs, has died, or needs more than a frame",
+        "s", 0.15, 0.01, 60.0, 0.0, "s", FALLING_BACK,
+        "less than the 0.2 s after which the device lets go by itself",
+    ),
+    "non_finite": Monitor(
+        "controller",
+        "outputs that are not finite",
+        "-", 0.0, 0.0, 1e9, 0.0, "s", "trip",
+        "a controller that does so once has lost its state",
+    ),
+    "saturated": Monitor(
+        "controller",
+        "share of the last 2 s in which an output is at its limit",
+        "-", 0.8, 0.01, 1.0, 1.0, "s", "trip",
+        "after `two_area_large` a sound controller is at its limit for up to 70 % of 2 s",
+    ),
+    "reversals": Monitor(
+        "controller",
+        "reversals of an output by more than a tenth of its limit, over a second",
+        "1/s", 12.0, 1.0, 1000.0, 0.5, "s", "trip",
+        "an oscillation of 2 Hz, the fastest of machines, reverses four times a second; thrice that is chatter",
+    ),
+    "weights": Monitor(
+        "controller",
+        "Euclidean norm of what a network has learnt, beside its norm at the start",
+        "-", 10.0, 1.0, 1e9, 0.0, "s", "trip",
+        "none of the thesis's variants leaves 4 in its ensembles",
+    ),
+    "lyapunov": Monitor(
+        "controller",
+        "rise of the Lyapunov function by a step of learning, beside the function",
+        "-", 1.0, 0.001, 1e9, 0.5, "s", "trip",
+        "learning that doubles what it is to make small, frame after frame, runs away",
+    ),
+    "harm": Monitor(
+        "grid",
+        "what the output adds to the growth rate of the watched mode; more than zero takes damping away",
+        "1/s", 0.03, 0.0, 10.0, 1.5, CYCLES, "trip",
+        "half a per cent of damping ratio at 1 Hz; below it phasors of a quiet grid are uncertain",
+    ),
+    "growing": Monitor(
+        "grid",
+        "least growth of the oscillation from one cycle of the mode to the next, over three, while the output acts",
+        "-", 1.1, 1.0, 100.0, 0.5, CYCLES, "trip",
+        "PDCI's: an oscillation that grows over three cycles; by a tenth each, as the thesis's plant by itself "
+        "grows by a few per cent",
+    ),
+    "frequency": Monitor(
+        "grid",
+        "largest deviation of a station's frequency",
+        "Hz", 3.0, 0.05, 30.0, 0.2, "s", "trip",
+        "generators' own protection lets 57 to 62.5 Hz pass for seconds only; the thesis's runs, without governors, "
+        "end 2.5 Hz above the nominal frequency",
+    ),
+    "islanding": Monitor(
+        "grid",
+        "largest angle between two stations that its signals are made of, from that at the start",
+        "deg", 150.0, 10.0, 1e6, 0.1, "s", "trip",
+        "two areas so far apart slip; damping by the one against the other has no meaning any more",
+    ),
+    "device": Monitor(
+        "grid",
+        "devices that are blocked, or released by their watchdog",
+        "devices", 0.5, 0.5, 100.0, 0.5, "s", "trip",
+        "who commands a device that does not follow learns nonsense, and would act at once when it comes back; a "
+        "fault's undervoltage is over before",
+    ),
+}  # fmt: skip
+CODES = {name: code for code, name in enumerate(MONITORS)}
+
+# Why a supervisor is in its state: a monitor, or
+NO_CAUSE, BY_OPERATOR, BY_SCHEDULE = -1, -2, -3
+# why it was not armed when that was asked for: a monitor, or
+NOT_IN_SHADOW, NOT_PROBED, PROBE_WEAK, PROBE_GAIN, PROBE_PHASE = -4, -5, -6, -7, -8
+CAUSES = {
+    NO_CAUSE: "",
+    BY_OPERATOR: "operator",
+    BY_SCHEDULE: "schedule",
+    NOT_IN_SHADOW: "not in shadow",
+    NOT_PROBED: "no probe",
+    PROBE_WEAK: "probe: coherence",
+    PROBE_GAIN: "probe: gain",
+    PROBE_PHASE: "probe: phase",
+}
+_NAMES = list(MONITORS)
+_CODES_OF_CAUSES = {text: code for code, text in CAUSES.items()}
+
+
+def cause_name(code: int) -> str:
+    """A cause as messages have it: a monitor's name, or in words; empty for none."""
+    return CAUSES[code] if code < 0 else _NAMES[code]
+
+
+def cause_code(name: str) -> int:
+    """The code of a cause. Raises `KeyError` for what is none."""
+    return CODES[name] if name in CODES else _CODES_OF_CAUSES[name]
+
+
+# What is plausible of each channel (signals.CHANNELS), by its deviation from zero or, of a frequency, the nominal one.
+PLAUSIBLE = {
+    "voltage_magnitude": 2.0,
+    "voltage_angle": math.inf,
+    "speed_deviation": 0.1,
+    "active_power": 50.0,
+    "reactive_power": 50.0,
+    "frequency": 6.0,
+    "rocof": 30.0,
+    "current_magnitude": 50.0,
+    "current_angle": math.inf,
+}
+BAD = 32768 + 16384 + 8192  # bits of a frame's status: data error, test mode, not in synchronism with UTC

@@ -1,0 +1,184 @@
+"""supervisor: hears frames and the setpoints of a controller, passes on what may act, and says what it sees."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from facts_damping_msgs.msg import ControllerState, PlantState, PmuDataFrame, SupervisorState, VoltageSetpoints
+from std_srvs.srv import Trigger
+
+from facts_damping.case.names import (
+    SUPERVISED,
+    controller_addresses,
+    controller_names,
+    identifier_names,
+    link_addresses,
+    supervisor_addresses,
+)
+from facts_damping.case.supervision import reserves
+from facts_damping.compiling import specialised
+from facts_damping.control.table import kind_of
+from facts_damping.monitors import ARM, ARMED, COMMANDS, DISARM, DISARMED, FALLBACK, NO_CAUSE, PROBE, RESET, SHADOW, STATES
+from facts_damping.monitors import TRIPPED, cause_name
+from facts_damping.nodes.gathering import Gathering
+from facts_damping.nodes.guard import PLANT as PLANT_STATE
+from facts_damping.nodes.member import SUPERVISOR, Member
+from facts_damping.nodes.messages import ControllerStateMessage, Health, PlantStateMessage, SupervisorStateMessage
+from facts_damping.nodes.node import SAYING, graph_prefix, run_node
+from facts_damping.nodes.parameters import read_case, read_index, read_options
+from facts_damping.nodes.signing import seal, signing
+from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.signals import DELIVERY, DEVICE_TRUTH, NANOSECONDS, SETPOINT, SUPERVISION
+from facts_damping.simulation.build import build_supervisors
+from facts_damping.simulation.loop import setpoint_buffer
+from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.supervision.reasons import reason_of
+from facts_damping.supervision.step import refusal, supervise, tell
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+    from rclpy.node import Node
+
+LEVELS = {ARMED: DiagnosticStatus.OK, TRIPPED: DiagnosticStatus.ERROR}  # of others: WARN
+FROM = {ARM: (SHADOW,), DISARM: (SHADOW, ARMED, FALLBACK, TRIPPED), RESET: (DISARMED, TRIPPED), PROBE: (SHADOW,)}
+
+
+class SupervisorNode:
+    """The supervisor of one controller of the run."""
+
+    def __init__(self, node: Node) -> None:
+        """Read parameters, build the supervisor, wire the topics."""
+        self.case, self.options = read_case(node), read_options(node)
+        addresses = supervisor_addresses(self.case)
+        self.index = read_index(node, addresses, "controllers with a supervisor")
+        self.own = list(addresses).index(self.index)
+        self.made, self.state = build_supervisors(self.case)
+        address, controller = addresses[self.index], self.case.controllers[self.index]
+        graph, hardware = graph_prefix(node, address), ", ".join(controller.devices)
+        self.member = Member(node, self.case, self.options, SUPERVISOR, self.index, graph=graph, hardware=hardware)
+        self.name, self.told, self.before = address.name, np.zeros(1, SUPERVISION), -1
+        by = signing(self.case, self.options.start_timeout)
+        self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/{SUPERVISED}"))
+        self.says = SupervisorStateMessage(self.case, self.own)
+        self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/{SUPERVISED}", SAYING)
+        self.to_recorder = node.create_publisher(SupervisorState, f"{self.name}/state", SAYING)
+        self.devices = np.zeros(len(self.case.run.devices), DEVICE_TRUTH)
+        self.gathering, self.publishers = self.wire(node, graph)
+        table, row = np.zeros(0, SETPOINT), self.told[0]
+        parts = self.made, self.state, self.own
+        self.supervise = specialised(
+            supervise, *parts, 0, 0, 0, np.zeros(0, DELIVERY), 0, table, 0, self.devices, table, 0
+        )
+        self.tell, self.refusal = specialised(tell, *parts, 0, row), specialised(refusal, *parts)
+        for name in COMMANDS:
+            node.create_service(Trigger, f"~/{name}", partial(self.on_command, name))
+        self.member.guard.hear_run()
+        self.spinner = self.member.spin()
+
+    def wire(self, node: Node, graph: str) -> tuple[Gathering, dict[str, Callable[[], int]]]:
+        """Hear the link, the plant, the controller, and its fallback."""
+        case, guard, by = self.case, self.member.guard, signing(self.case, self.options.start_timeout)
+        places, names = controller_addresses(case), controller_names(case)
+        heard = [self.index, *([reserves(case.run)[self.index]] if self.index in reserves(case.run) else [])]
+        senders = {f"setpoints {c}": str(places[c]) for c in heard} | {"plant": "plant_sim"}
+        topics = {f"setpoints {c}": f"{graph}{places[c]}/setpoints" for c in heard}
+        topics["plant"] = f"{graph}{PLANT_STATE}"
+        if not kind_of(case.controllers[self.index]).node:  # one of the user's own need not tell its state
+            senders["state"], topics["state"] = str(places[self.index]), f"{graph}{places[self.index]}/state"
+        gathering = Gathering(self.options, senders, self.act)
+        for c in heard:
+            part = f"setpoints {c}"
+            setpoints = SetpointsMessage(case, names[c], [c], seal(by, f"{places[c]}/setpoints"))
+            guard.subscribe(VoltageSetpoints, topics[part], gathering.taking(part), setpoints.read)
+        if "state" in senders:
+            inner = ControllerStateMessage(case, self.index)
+            guard.subscribe(ControllerState, topics["state"], gathering.taking("state"), inner.read)
+        guard.subscribe(PlantState, topics["plant"], gathering.taking("plant"), PlantStateMessage(case).read)
+        link = link_addresses(case)[case.used_links[self.index]].topic("pmu/delivered")
+        frames = FramesMessage(case, seal(by, link))
+        guard.subscribe(PmuDataFrame, f"{graph}{link}", gathering.frames, frames.read, leads=True)
+        return gathering, {part: partial(node.count_publishers, topic) for part, topic in topics.items()}
+
+    def ready(self) -> None:
+        """Wait for its link, its controller and fallback, the identifier, and the recorder."""
+        extra = int(self.options.recorder)
+        hears = [self.index, *([reserves(self.case.run)[self.index]] if self.index in reserves(self.case.run) else [])]
+        identified = sum(c in identifier_names(self.case) for c in hears)
+        self.member.wait({self.to_link: 1 + identified + extra, self.to_recorder: extra}, self.spinner)
+
+    def run(self) -> None:
+        """Serve until stopped."""
+        self.gathering.spin(self.spinner, self.publishers)
+
+    def act(self, tick: int, parts: dict[str, Any]) -> None:
+        """One tick: pass on what may act, answer also when nothing may."""
+        self.member.begin(tick)
+        row, s = self.state.rows[self.own], self.own
+        for inner in parts.get("state", [])[-1:]:
+            row["finite"], row["norm"], row["lyapunov"], row["fall"] = inner
+        for devices in parts["plant"][-1:]:
+            self.devices[:] = devices
+        come = [rows for part, told in parts.items() if part.startswith("setpoints") for rows in told]
+        issued = np.concatenate([*come, np.zeros(0, SETPOINT)])
+        start, end = (tick_ns(k, self.case.run.frame_rate) for k in (tick, tick + 1))
+        out = setpoint_buffer(len(self.case.controllers[self.index].devices), len(issued))
+        frames, own = parts["frames"], (self.made, self.state, s)
+        count = self.supervise(
+            *own, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0
+        )
+        self.to_link.publish(self.setpoints.fill(tick, start, out[:count], self.name))
+        if self.tell(*own, tick, self.told[0]):
+            self.to_recorder.publish(self.says.fill(tick, start, self.told[0]))
+            self.report(start)
+        self.member.tell(self.health)
+
+    def report(self, start_ns: int) -> None:
+        """Say to people when the state changes."""
+        state = int(self.told["state"][0])
+        if state not in (self.before, SHADOW):
+            text = f"{STATES[state]} at {start_ns / NANOSECONDS:.3f} s: {reason_of(self.told[0], self.made.thresholds[self.own])}"
+            (self.member.guard.voice.warn if state in (FALLBACK, TRIPPED) else self.member.guard.voice.info)(text)
+        self.before = state
+
+    def health(self) -> Health:
+        """Its state, and why."""
+        state = int(self.told["state"][0])
+        reason = reason_of(self.told[0], self.made.thresholds[self.own])
+        level = LEVELS.get(state, DiagnosticStatus.WARN)
+        values = {"mode": self.options.mode, "state": STATES[state], "cause": cause_name(int(self.told["cause"][0]))}
+        return Health(level, f"{STATES[state]}: {reason}" if reason else STATES[state], values)
+
+    def on_command(self, name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """What an operator asks for, from the next tick on; or why not."""
+        code, row = COMMANDS[name], self.state.rows[self.own]
+        state = int(row["state"])
+        if state not in FROM[code]:
+            allowed = ", ".join(STATES[one] for one in FROM[code])
+            response.message = f"{STATES[state]}; allowed: {name} while {allowed}"
+            return response
+        cause = self.refusal(self.made, self.state, self.own) if code == ARM else NO_CAUSE
+        if cause != NO_CAUSE:
+            self.told["refused"] = cause
+            response.message = f"not armed: {reason_of(self.told[0], self.made.thresholds[self.own], refused=True)}"
+            return response
+
+        def act(_tick: int) -> None:
+            row["asked"] = code
+
+        self.member.change(name, act=act)
+        response.success, response.message = True, f"from tick {int(row['tick']) + 1} on"
+        return response
+
+
+def main() -> None:
+    """Entry point of `ros2 run facts_damping supervisor`."""
+    run_node("supervisor", SupervisorNode, "The supervisor of a controller of the run: passes on what may act.")
+
+
+if __name__ == "__main__":
+    main()

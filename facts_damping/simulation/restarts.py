@@ -1,0 +1,46 @@
+"""Controllers and identifiers that begin again under way, knowing nothing, as a node does that was killed."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.control.faults import DEAD
+
+if TYPE_CHECKING:
+    from facts_damping.control.bank import Bank, BankState
+
+NEVER = np.iinfo(np.int64).max
+
+
+def restore(state: Any, fresh: Any, place: int) -> None:
+    """One of several, whose axis is the first of all arrays, as it was."""
+    for own, before in zip(state, fresh, strict=True):
+        if isinstance(own, tuple):
+            restore(own, before, place)
+        else:
+            own[place] = before[place]
+
+
+class Restarts:
+    """When controllers begin again by their faults (`dead`), and how they were at the start."""
+
+    def __init__(self, bank: Bank, state: BankState) -> None:
+        """Of controllers at the start of a run."""
+        self._state, self._at = state, dict[int, list[int]]()
+        for c, rows in enumerate(bank.faults.rows):
+            for row in rows:
+                if row["kind"] == DEAD and row["end"] < NEVER:
+                    self._at.setdefault(int(row["end"]), []).append(c)
+        self._fresh = deepcopy(state) if self._at else None
+
+    def begin(self, tick: int) -> None:
+        """Have those that begin again with a tick do so."""
+        for c in self._at.get(tick, ()):
+            restore(self._state, self._fresh, c)
+
+    def ticks(self, until: int) -> list[int]:
+        """Ticks with which somebody begins again, in order, before `until`."""
+        return sorted(tick for tick in self._at if 0 < tick < until)

@@ -1,0 +1,34 @@
+"""What a supervisor is told of its controller's inner life, from its state; compiled. A node has it by messages."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.compiling import inner
+from facts_damping.control.inputs import UNSET
+from facts_damping.neurofuzzy.network import shape_of
+
+if TYPE_CHECKING:
+    from facts_damping.control.bank import Bank, BankState
+
+
+@inner
+def look_inside(bank: Bank, state: BankState, c: int, found: Any) -> None:
+    """Whether the outputs of controller c are finite, what its network's parameters are in all, how it learns."""
+    found.finite = 1
+    for d in range(bank.device.shape[1]):
+        if bank.device[c, d] != UNSET and not math.isfinite(state.unlimited[c, d]):
+            found.finite = 0
+    net, total = shape_of(bank.shape[c]), 0.0
+    size = net.inputs * net.rules * net.stored + net.rules * net.outputs * net.width
+    groups = 1 + state.learner.group[c, size - 1] if net.rules > 0 else 0
+    for g in range(groups):
+        square = 0.0
+        for f in range(size):
+            if state.learner.group[c, f] == g:
+                square += state.learner.theta[c, f] ** 2
+        norm = math.sqrt(square)
+        total += norm * norm
+    found.norm = math.sqrt(total)
+    found.lyapunov, found.fall = state.memory.lyapunov[c, 0], state.memory.lyapunov[c, 1]

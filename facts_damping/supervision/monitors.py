@@ -1,0 +1,241 @@
+"""What a supervisor's monitors see: their values after a tick; compiled. `facts_damping.monitors` says what each is."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.compiling import inner
+from facts_damping.control.compensation import phasor
+from facts_damping.control.inputs import TURN, UNSET
+from facts_damping.monitors import ARMED, BAD, FALLBACK
+from facts_damping.signals import CHANNELS
+from facts_damping.supervision.model import CONTROLLER
+from facts_damping.supervision.probe import gain_of
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from facts_damping.supervision.model import Supervisors, SupervisorState
+
+(MISSING, STALE, JITTER, MISALIGNED, STUCK, RANGE, ANGLE, SPEED, POWERS, STATUS, CLOCK, LOCAL) = range(12)
+(SILENT, NON_FINITE, SATURATED, REVERSALS, WEIGHTS, LYAPUNOV) = range(12, 18)
+(HARM, GROWING, FREQUENCY, ISLANDING, DEVICE) = range(18, 23)
+LAST_OF_DATA = LOCAL
+
+_CHANNEL = {name: i for i, name in enumerate(CHANNELS)}
+_ANGLE, _SPEED, _POWER = _CHANNEL["voltage_angle"], _CHANNEL["speed_deviation"], _CHANNEL["active_power"]
+_FREQUENCY = _CHANNEL["frequency"]
+
+SMOOTHING = 0.1  # s, of a station's mismatches
+LATENCY = 1.0  # s, over which latency is averaged
+STILL_HZ = 5e-4  # so near the nominal frequency an angle may stand still
+SATURATION = 2.0  # s, over which it counts
+REVERSAL = 0.1  # share of the limit that counts as a turn
+ACTS = 0.05  # share of the limit from which on an output acts on the grid
+LEAST_POWER = 0.1  # p.u., beside which powers are compared at least
+LEAST_LYAPUNOV = 1e-3  # beside which its rise is compared at least: an error of a twentieth of `scale`
+PHASOR = 0.25  # rate of the phasors, beside the mode's rad/s
+
+
+@inner
+def look(made: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
+    """What a newer frame says of its station."""
+    station, before_ns = state.stations[s, entry.station], state.held.entry_ns[s, entry.station]
+    if entry.measured_ns <= before_ns:
+        return
+    values, before = entry.values, state.held.entry[s, entry.station]
+    station.status = entry.status
+    station.early = (entry.measured_ns - entry.arrival_ns) * 1e-9
+    off = values[_FREQUENCY] - made.settings[s].nominal
+    same = before_ns != UNSET and abs(off) > STILL_HZ
+    for i in range(values.size):
+        same = same and (values[i] == before[i] or (math.isnan(values[i]) and math.isnan(before[i])))
+    if not same:
+        station.same_ns = entry.measured_ns
+    if before_ns == UNSET or math.isnan(station.angle):
+        station.angle = station.angle_at_start = values[_ANGLE]
+        return
+    dt = (entry.measured_ns - before_ns) * 1e-9
+    share = 1.0 - math.exp(-dt / SMOOTHING)
+    if math.isfinite(off) and math.isfinite(values[_ANGLE]):
+        turn = values[_ANGLE] - station.angle - TURN * off * dt
+        turn -= TURN * math.floor(turn / TURN + 0.5)
+        station.turning += share * (-turn / (TURN * dt) - station.turning)
+        station.angle += turn + TURN * off * dt
+    slip = values[_SPEED] * made.settings[s].nominal - off
+    if math.isfinite(slip):
+        station.slipping += share * (slip - station.slipping)
+
+
+@inner
+def sense(made: Supervisors, state: SupervisorState, s: int, since_ns: int, arrival_ns: int) -> None:
+    """What new signals say: their latency, and the oscillation."""
+    row, dt = state.rows[s], since_ns * 1e-9
+    latency = (arrival_ns - state.held.newest_ns[s]) * 1e-9
+    if row.arrived_ns == UNSET:
+        row.latency = latency
+    share = 1.0 - math.exp(-dt / LATENCY)
+    row.latency += share * (latency - row.latency)
+    row.jitter += share * (abs(latency - row.latency) - row.jitter)
+    row.arrived_ns = arrival_ns
+    omega = made.settings[s].omega
+    if omega > 0.0:
+        phasor(omega, 0.0, PHASOR * omega, state.phasors[s, 0], state.held.signal[s, 0], dt)
+
+
+@inner
+def follow(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
+    """Keep what a tick's signal and outputs were: of who acts, and of the controller while nobody does."""
+    row, own, size = state.rows[s], made.settings[s], state.past.shape[1]
+    place, before = state.past[s, tick % size], state.past[s, (tick - 1) % size]
+    y = state.held.signal[s, 0]
+    place[0] = y if math.isfinite(y) else before[0]
+    place[1] = place[2] = place[3] = 0.0
+    for d in range(made.devices.shape[1]):
+        device, limit = state.commanded[s, d], made.devices[s, d].limit
+        if made.devices[s, d].place == UNSET:
+            continue
+        acting = row.state in (ARMED, FALLBACK)
+        u = device.output if acting else min(max(device.given[CONTROLLER], -limit), limit)
+        place[1] = max(place[1], abs(u) / limit)
+        if abs(u) >= limit:
+            place[2] = 1.0
+        place[3] += _turn(device, u, REVERSAL * limit)
+        if own.omega > 0.0:
+            phasor(own.omega, 0.0, PHASOR * own.omega, state.phasors[s, 1 + d], u, 1.0 / own.frame_rate)
+
+
+@inner
+def _turn(device: Any, u: float, least: float) -> float:
+    """1 where an output has turned back by more than `least` from its newest extreme."""
+    moved, before = u - device.extreme, device.direction
+    if before * moved > 0.0:
+        device.extreme = u
+    elif abs(moved) > least:
+        device.extreme, device.direction = u, math.copysign(1.0, moved)
+        return 1.0 if before != 0.0 else 0.0
+    return 0.0
+
+
+@inner
+def data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
+    """Values of the monitors of data."""
+    row, own, held = state.rows[s], made.settings[s], state.held
+    value = row.values
+    value[MISSING] = (end_ns - max(row.arrived_ns, 0)) * 1e-9
+    value[JITTER] = row.jitter
+    oldest = newest = UNSET
+    for name in range(STUCK, CLOCK + 1):
+        value[name] = 0.0
+    for i in range(held.entry_ns.shape[1]):
+        at = held.entry_ns[s, i]
+        if not made.inputs.uses[s, i] or at == UNSET:
+            continue
+        station = state.stations[s, i]
+        oldest, newest = at if oldest == UNSET else min(oldest, at), max(newest, at)
+        value[STUCK] = max(value[STUCK], (at - station.same_ns) * 1e-9)
+        value[ANGLE] = max(value[ANGLE], abs(station.turning))
+        value[SPEED] = max(value[SPEED], abs(station.slipping))
+        value[STATUS] += 1.0 if station.status & BAD else 0.0
+        value[CLOCK] = max(value[CLOCK], station.early)
+        for c in range(made.plausible.size):
+            if made.used[s, c]:
+                size = held.entry[s, i, c] - (own.nominal if c == _FREQUENCY else 0.0)
+                value[RANGE] = max(value[RANGE], abs(size) / made.plausible[c])
+    value[STALE] = 0.0 if oldest == UNSET else (end_ns - oldest) * 1e-9
+    value[MISALIGNED] = (newest - oldest) * 1e-9
+    for i in range(made.ends.shape[0]):
+        a, b = held.entry[s, made.ends[i, 0], _POWER], held.entry[s, made.ends[i, 1], _POWER]
+        value[POWERS] = max(value[POWERS], abs(a + b) / max(abs(a), abs(b), LEAST_POWER))
+    value[LOCAL] = 0.0
+    if row.state == FALLBACK:
+        value[LOCAL] = (end_ns - max(row.reserve_ns, row.begun_ns)) * 1e-9
+
+
+@inner
+def controller(made: Supervisors, state: SupervisorState, s: int, end_ns: int, lapses: int) -> None:
+    """Values of the monitors of the controller; `lapses`: setpoints of this tick that were not finite."""
+    row, rate = state.rows[s], made.settings[s].frame_rate
+    value = row.values
+    value[SILENT] = 0.0 if row.owed_ns == UNSET else (end_ns - row.owed_ns) * 1e-9
+    value[NON_FINITE] = lapses + (1.0 if row.finite == 0 else 0.0)
+    window = round(SATURATION * rate)
+    value[SATURATED] = _sum(state.past[s], row.tick, window, 2) / window
+    value[REVERSALS] = _sum(state.past[s], row.tick, rate, 3)
+    if row.norm_at_start == 0.0:
+        row.norm_at_start = row.norm
+    value[WEIGHTS] = row.norm / row.norm_at_start if row.norm > 0.0 else 0.0
+    value[LYAPUNOV] = max(0.0, -row.fall) / max(row.lyapunov, LEAST_LYAPUNOV)
+
+
+@inner
+def _sum(past: NDArray[np.float64], tick: int, window: int, column: int) -> float:
+    """Sum of a column over the last ticks, this one included."""
+    total, size = 0.0, past.shape[0]
+    for i in range(min(window, tick + 1)):
+        total += past[(tick - i) % size, column]
+    return total
+
+
+@inner
+def grid(made: Supervisors, state: SupervisorState, s: int, devices: NDArray[Any]) -> None:
+    """Values of the monitors of the grid; of the oscillation only while data are sound, as they say what it is."""
+    value, held, own = state.rows[s].values, state.held, made.settings[s]
+    value[FREQUENCY] = value[DEVICE] = 0.0
+    low, high = math.inf, -math.inf
+    for i in range(held.entry_ns.shape[1]):
+        station = state.stations[s, i]
+        if made.inputs.uses[s, i] and held.entry_ns[s, i] != UNSET:
+            value[FREQUENCY] = max(value[FREQUENCY], abs(held.entry[s, i, _FREQUENCY] - own.nominal))
+            moved = station.angle - station.angle_at_start
+            low, high = min(low, moved), max(high, moved)
+    value[ISLANDING] = math.degrees(max(0.0, high - low))
+    for d in range(made.devices.shape[1]):
+        place = made.devices[s, d].place
+        if place != UNSET and (devices[place].blocked > 0.0 or devices[place].released > 0.0):
+            value[DEVICE] += 1.0
+    value[HARM] = value[GROWING] = math.nan
+    if own.omega > 0.0 and not unsound(made, state, s):
+        value[HARM], value[GROWING] = _harm(made, state, s), _growth(made, state, s)
+
+
+@inner
+def unsound(made: Supervisors, state: SupervisorState, s: int) -> bool:
+    """Whether a monitor of data that would have it fall back, or trip, is beyond its limit."""
+    for m in range(LAST_OF_DATA + 1):
+        if made.thresholds[s, m].follows > 1 and state.rows[s].values[m] > made.thresholds[s, m].limit:
+            return True
+    return False
+
+
+@inner
+def _harm(made: Supervisors, state: SupervisorState, s: int) -> float:
+    """What the outputs add to the mode's growth rate: Re sum_d R_d u_d / y of their phasors, 1/s; 0 where none acts."""
+    acts, total = False, 0.0
+    for d in range(made.devices.shape[1]):
+        if made.devices[s, d].place != UNSET:
+            size = math.hypot(state.phasors[s, 1 + d, 1], state.phasors[s, 1 + d, 2])
+            acts = acts or size > ACTS * made.devices[s, d].limit
+            total += (made.devices[s, d].residue * gain_of(made, state, s, d)).real
+    return total if acts else 0.0
+
+
+@inner
+def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
+    """The least of three ratios of the signal's range in a cycle to that in the cycle before; 0 where nothing acts."""
+    past, tick, cycle, size = state.past[s], state.rows[s].tick, made.settings[s].cycle, state.past.shape[1]
+    if tick + 1 < 4 * cycle:
+        return 0.0
+    least, later, acts = math.inf, 0.0, False
+    for k in range(4):
+        low, high = math.inf, -math.inf
+        for i in range(k * cycle, (k + 1) * cycle):
+            place = past[(tick - i) % size]
+            low, high = min(low, place[0]), max(high, place[0])
+            acts = acts or (k == 0 and place[1] > ACTS)
+        if k > 0:
+            least = min(least, later / (high - low) if high > low else math.inf)
+        later = high - low
+    return least if acts and math.isfinite(least) else 0.0

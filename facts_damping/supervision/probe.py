@@ -1,0 +1,134 @@
+"""The probe: two tones beside the mode, and how the plant's answer to them compares with the known one; compiled.
+
+    z' = lambda z + R u,  y = 2 Re(g z) + e^(sigma t) (a cos omega t + b sin omega t) + c + d t
+
+z is what the linearised plant's mode would do, R the residue from setpoint to signal; g, by least squares, is what the
+answer is beside that: its gain and phase. a and b let the mode swing by itself, c and d let the grid drift. The
+coherence is the share of what is left without z that z explains.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import TYPE_CHECKING
+
+from facts_damping.compiling import compiled, inner
+from facts_damping.control.inputs import UNSET
+from facts_damping.signals import NANOSECONDS
+from facts_damping.supervision.model import UNKNOWNS
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from facts_damping.supervision.model import Supervisors, SupervisorState
+
+PIVOT = 1e-12  # of a column's own size: less is what the others say already
+
+
+@inner
+def tones(made: Supervisors, state: SupervisorState, s: int, d: int, at_ns: int) -> float:
+    """The probe's value at a time for a device, p.u."""
+    row, own = state.rows[s], made.settings[s]
+    if row.probe_ns == UNSET or d != row.probed:
+        return 0.0
+    t, w = (at_ns - row.probe_ns) * 1e-9, own.omega
+    both = math.sin(w * (1.0 - own.apart) * t) + math.sin(w * (1.0 + own.apart) * t)
+    return own.amplitude * made.devices[s, d].limit * both  # type: ignore[no-any-return]
+
+
+@inner
+def expect(made: Supervisors, state: SupervisorState, s: int, tick: int, u: float) -> None:
+    """The modal state at the start of the tick after this one, under a setpoint that has stood for this tick."""
+    row, own = state.rows[s], made.settings[s]
+    size = state.expected.shape[1]
+    eigenvalue = complex(own.sigma, own.omega)
+    step = cmath.exp(eigenvalue / own.frame_rate)
+    before = state.expected[s, tick % size]
+    held = made.devices[s, row.probed].residue * (step - 1.0) / eigenvalue
+    state.expected[s, (tick + 1) % size] = step * before + held * u
+
+
+@inner
+def hear(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
+    """Take the newest signal into the fit, if it was measured while the probe went on, and not too long ago."""
+    row, own, measured = state.rows[s], made.settings[s], state.held.newest_ns[s]
+    at = (measured * own.frame_rate + NANOSECONDS // 2) // NANOSECONDS
+    size = state.expected.shape[1]
+    if measured < row.probe_ns or at > tick or tick - at >= size - 1:
+        return
+    z, t = state.expected[s, at % size], (measured - row.probe_ns) * 1e-9
+    fading = math.exp(own.sigma * t)
+    sums = state.sums[s, 0]
+    v = sums[UNKNOWNS]  # room: filled anew each time
+    v[0], v[1] = 2.0 * z.real, -2.0 * z.imag
+    v[2], v[3] = fading * math.cos(own.omega * t), fading * math.sin(own.omega * t)
+    v[4], v[5], v[6] = 1.0, t / own.probe_s, state.held.signal[s, 0]
+    for i in range(UNKNOWNS):
+        for j in range(i, UNKNOWNS + 1):
+            sums[i, j] += v[i] * v[j]
+    row.squares += v[6] * v[6]
+
+
+@compiled
+def fit(sums: NDArray[np.float64], squares: float, work: NDArray[np.float64], first: int) -> float:
+    """Sum of squares that unknowns from `first` on leave of the signal; the solution into the last column of `work`.
+
+    `sums`: upper triangle of the products of all unknowns' columns, and of these with the signal. By Gauss and Jordan,
+    pivots on the diagonal (the matrix is one of squares); a column that others say already counts as not there.
+    """
+    n = UNKNOWNS
+    for i in range(first, n):
+        for j in range(first, n):
+            work[i, j] = sums[min(i, j), max(i, j)]
+        work[i, n] = sums[i, n]
+    for k in range(first, n):
+        pivot = work[k, k]
+        sound = pivot > PIVOT * sums[k, k]
+        for j in range(first, n + 1):
+            work[k, j] = work[k, j] / pivot if sound else 0.0
+        for i in range(first, n):
+            if i != k:
+                factor = work[i, k]
+                for j in range(first, n + 1):
+                    work[i, j] -= factor * work[k, j]
+    left = squares
+    for i in range(first, n):
+        left -= sums[i, n] * work[i, n]
+    return left
+
+
+@inner
+def conclude(made: Supervisors, state: SupervisorState, s: int) -> None:
+    """What the probe of a device has found; the next device's begins, if there is one."""
+    row, d = state.rows[s], state.rows[s].probed
+    sums, work, found = state.sums[s, 0], state.sums[s, 1], state.commanded[s, d]
+    without = fit(sums, row.squares, work, 2)
+    left = fit(sums, row.squares, work, 0)
+    g = complex(work[0, UNKNOWNS], work[1, UNKNOWNS])
+    found.gain, found.phase = abs(g), cmath.phase(g)
+    found.coherence = max(0.0, 1.0 - left / without) if without > 0.0 else 0.0
+    found.added = made.devices[s, d].residue * g * gain_of(made, state, s, d)
+    forget(state, s)
+    row.probed += 1
+
+
+@inner
+def forget(state: SupervisorState, s: int) -> None:
+    """Begin a fit anew."""
+    state.sums[s], state.expected[s], state.rows[s].squares = 0.0, 0.0, 0.0
+
+
+@inner
+def gain_of(made: Supervisors, state: SupervisorState, s: int, d: int) -> complex:
+    """What an output is beside the first signal at the mode, of their phasors at the same time; 0 without a signal.
+
+    The signal's phasor is that of its time of measurement, turned on to now.
+    """
+    y = complex(state.phasors[s, 0, 1], state.phasors[s, 0, 2])
+    if not abs(y) > 0.0:
+        return 0j
+    since = (state.rows[s].now_ns - state.held.newest_ns[s]) * 1e-9
+    y *= cmath.exp(complex(0.0, made.settings[s].omega * since))
+    return complex(state.phasors[s, 1 + d, 1], state.phasors[s, 1 + d, 2]) / y
