@@ -88,6 +88,12 @@ def speakers(case: Case) -> dict[int, Speaker]:
     }
 
 
+def acting(case: Case, c: int) -> int:
+    """The controller by whose name setpoints act on the devices of controller c: of a fallback another one's."""
+    given = case.run.controllers[c].fallback_of
+    return c if given is None else given
+
+
 def link_addresses(case: Case) -> list[Address]:
     """Places of the links: the run's in the graph's namespace, a controller's own in one that no other node shares.
 

@@ -31,15 +31,18 @@ def replay(arguments: argparse.Namespace) -> None:
     case = again.case_of(record, str(arguments.recording), arguments.run, arguments.set, policy=arguments.policy)
     played = again.fitted(record, case)
     folder = None if arguments.out is None and not arguments.nodes else out_folder(arguments, "replay")
-    issued, estimates, recording = (_by_nodes if arguments.nodes else _in_process)(arguments, case, played, folder)
-    found, estimated = again.first_difference(played, issued), again.first_estimate(played, estimates)
+    said, recording = (_by_nodes if arguments.nodes else _in_process)(arguments, case, played, folder)
+    issued = again.acted(said)
+    found, estimated = again.first_difference(played, said.issued), again.first_estimate(played, said.estimates)
+    overseen = again.first_supervised(played, said)
     result = {
         "recording": str(arguments.recording),
         "controllers": [controller.model_dump() for controller in case.controllers],
         "ticks": len(played.ticks),
-        "setpoints": len(issued),
-        "estimates": len(estimates),
-        "identical": found is None and estimated is None,
+        "setpoints": len(said.issued),
+        "estimates": len(said.estimates),
+        "supervised": len(said.supervised),
+        "identical": found is None and estimated is None and overseen is None,
         "first_difference": None if found is None else found._asdict(),
         "devices": again.beside(case, played, issued),
         "watchdogs": {
@@ -59,6 +62,8 @@ def replay(arguments: argparse.Namespace) -> None:
         raise RunError(f"the setpoints are not those recorded, from {found}")
     if estimated is not None and not arguments.set:
         raise RunError(f"the setpoints are those recorded, but the estimates are not, from tick {estimated}")
+    if overseen is not None and not arguments.set:
+        raise RunError(f"the setpoints are those recorded, but supervision is not, from tick {overseen}")
 
 
 def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str]) -> None:
@@ -67,13 +72,14 @@ def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str
 
     for note in result["notes"]:
         sys.stderr.write(f"{arguments.recording}: {note}\n")
-    counted = ", ".join(f"{result[what]} {what}" for what in ("ticks", "setpoints", "estimates") if result[what])
+    kinds = ("ticks", "setpoints", "estimates", "supervised")
+    counted = ", ".join(f"{result[what]} {what}" for what in kinds if result[what])
     if result["identical"]:
         say(arguments, f"{counted}: identical, bit for bit")
     else:
         say(arguments, shadow.table(result["devices"]))
         first = result["first_difference"]
-        others = "the same setpoints, other estimates" if first is None else f"others from tick {first['tick']} on"
+        others = "the same setpoints, otherwise others" if first is None else f"others from tick {first['tick']} on"
         say(arguments, f"{counted}: {others}")
     watchdogs = result["watchdogs"]
     if watchdogs["recorded"] != watchdogs["replayed"]:
@@ -85,19 +91,19 @@ def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str
 
 def _in_process(
     _arguments: argparse.Namespace, case: Case, played: Record, _folder: Path | None
-) -> tuple[NDArray[Any], NDArray[Any], None]:
-    """Setpoints and estimates of the compiled steps."""
+) -> tuple[again.Played, None]:
+    """What the compiled steps say."""
     progress = Progress("replay")
     try:
-        return *again.play(case, played, progress), None
+        return again.play(case, played, progress), None
     finally:
         progress.close()
 
 
 def _by_nodes(
     arguments: argparse.Namespace, case: Case, played: Record, folder: Path | None
-) -> tuple[NDArray[Any], NDArray[Any], str]:
-    """Setpoints and estimates of the nodes, and the recording of the graph."""
+) -> tuple[again.Played, str]:
+    """What the nodes say, and the recording of the graph."""
     from facts_damping.nodes import graph
     from facts_damping.recording.reader import load
 
@@ -111,15 +117,15 @@ def _by_nodes(
         )
     finally:
         progress.close()
-    by_nodes = load(outcome.recording)
-    return by_nodes.issued, by_nodes.estimates, str(outcome.recording)
+    told = load(outcome.recording)
+    return again.Played(told.issued, told.estimates, told.supervised, told.supervision), str(outcome.recording)
 
 
 def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], folder: Path) -> Path:
     from facts_damping.analysis import shadow
 
     grids = {
-        name: (again.on_grid(played, played.issued, d), again.on_grid(played, issued, d))
+        name: (again.on_grid(played, again.acted(played), d), again.on_grid(played, issued, d))
         for d, name in enumerate(case.run.devices)
     }
     limits = {name: case.system.device(name).v_max for name in case.run.devices}

@@ -80,7 +80,9 @@ class ControllerNode:
         self.spinner = self.member.spin()
         extra = int(self.options.recorder)
         guarded = len(supervisor_addresses(self.case)) > 0  # then the supervisor hears it, and nobody else
-        self.listeners = {self.to_link: 1 + bool(identifier and not guarded) + extra, self.to_recorder: guarded + extra}
+        heard_as_well = guarded and self.controller.fallback_of is None  # also what its inner life is
+        self.listeners = {self.to_link: 1 + bool(identifier and not guarded) + extra}
+        self.listeners[self.to_recorder] = int(heard_as_well) + extra
 
     def ready(self) -> None:
         """Wait for its link, its supervisor or identifier, and the recorder."""

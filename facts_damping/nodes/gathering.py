@@ -20,7 +20,9 @@ PATIENCE = 0.9  # share of the time-out: after those who wait for others, before
 class Gathering:
     """Ticks in turn: in lockstep when all have spoken; by the clock at the latest when the next frames come."""
 
-    def __init__(self, options: Options, senders: Mapping[str, str], step: Callable[[int, dict[str, Any]], None]) -> None:
+    def __init__(
+        self, options: Options, senders: Mapping[str, str], step: Callable[[int, dict[str, Any]], None]
+    ) -> None:
         """`senders`: who says each part; `step(tick, parts)`: called for each tick, with what has come by then.
 
         Of a part that comes again before it is used, which in real time may be, all is there, in a list.

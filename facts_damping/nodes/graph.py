@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.case.names import (
+    acting,
     controller_addresses,
     controller_names,
     identifier_addresses,
@@ -246,12 +247,11 @@ def graph(
         ):
             for i, node in nodes.items():
                 own = {"index": i} | ({"save": _part(out, node.name)} if module in ("controller", "identifier") else {})
-                remaps = ()
+                remaps = {}
                 if replayed is not None and module == "identifier":
-                    c = case.controllers[i].fallback_of
-                    topic = heard[i if c is None else c].topic
-                    remaps = ({f"/{topic}": f"/{recorded_topic(topic)}"},)
-                running[str(node)] = start(str(node), module, {**common, **own}, *remaps)
+                    topic = heard[acting(case, i)].topic
+                    remaps = {f"/{topic}": f"/{recorded_topic(topic)}"}
+                running[str(node)] = start(str(node), module, {**common, **own}, remaps)
         if replayed is None:
             running["plant_sim"] = start("plant_sim", "plant_sim", common)
         else:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
-from facts_damping.case.names import identifier_addresses, link_addresses, speakers
+from facts_damping.case.names import acting, identifier_addresses, link_addresses, speakers
 from facts_damping.compiling import specialised
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.nodes.live_parameters import declare_settings
@@ -52,7 +52,7 @@ class IdentifierNode:
         own = [n for n in self.controller.parameters if n.startswith("identifier_")]
         rows, swing = self.identifiers.settings[self.own], bank.mode_shape[self.index]
         declare_settings(node, self.controller, own + SHARED, rows, swing, self.member.change)
-        speaker = speakers(self.case)[self.acting()]
+        speaker = speakers(self.case)[acting(self.case, self.index)]
         self.estimates = Estimates(self.case, self.index)
         self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
         self.ticks = UnitDelay(self.options, self.case.run.frame_rate, speaker.place, self.learn)
@@ -61,7 +61,7 @@ class IdentifierNode:
         delivered = link.topic("pmu/delivered")
         frames = FramesMessage(self.case, seal(by, delivered))
         guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
-        setpoints = SetpointsMessage(self.case, speaker.name, [self.acting()], seal(by, speaker.topic))
+        setpoints = SetpointsMessage(self.case, speaker.name, [acting(self.case, self.index)], seal(by, speaker.topic))
         guard.subscribe(VoltageSetpoints, f"{graph}{speaker.topic}", self.ticks.receive, setpoints.read)
         learner = self.identifiers, self.state, self.own
         self.store = specialised(store_setpoints, *learner, np.zeros(0, SETPOINT), 0)
@@ -69,11 +69,6 @@ class IdentifierNode:
         self.estimate = specialised(write_estimates, *learner, 0, self.rows, 0)
         guard.hear_run()
         self.spinner = self.member.spin()
-
-    def acting(self) -> int:
-        """The controller whose setpoints act on its devices: of a fallback's identifier another one's."""
-        given = self.controller.fallback_of
-        return self.index if given is None else given
 
     def ready(self) -> None:
         """Wait for its link, its controller, and the recorder."""

@@ -23,9 +23,9 @@ class Joining:
 
     def __init__(self, node: Node, options: Options, *, disarmed: bool = True) -> None:
         """Offer the service that arms, where the node may join; `disarmed`: it is, until then."""
-        self._joins, self._began, self._asked = options.join and disarmed, False, False
+        self.joins, self._began, self._asked = options.join and disarmed, False, False
         self._joined_ns = self._armed_ns = NEVER
-        if self._joins:
+        if self.joins:
             node.create_service(Trigger, "~/arm", self.on_arm)
 
     def on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -38,7 +38,7 @@ class Joining:
     def begin(self, start_ns: int) -> bool:
         """Begin a tick; whether something has changed: the node has joined, or is armed from here on."""
         first, self._began = not self._began, True
-        if first and self._joins and start_ns > 0:
+        if first and self.joins and start_ns > 0:
             self._joined_ns = start_ns
             return True
         if self._asked and self._armed_ns == NEVER:

@@ -78,7 +78,9 @@ class Member:
         """Begin a tick: what was asked for since the last one acts from here on, and is told."""
         start = tick_ns(tick, self._rate)
         if self._tick < 0 < tick:
-            self._pending.insert(0, ("start", "", "disarmed" if self._options.join and self._role != SUPERVISOR else None, None))
+            self._pending.insert(
+                0, ("start", "", "disarmed" if self._options.join and self._role != SUPERVISOR else None, None)
+            )
         self._tick, self.at_ns = tick, start
         while self._pending:
             kind, name, value, act = self._pending.pop(0)

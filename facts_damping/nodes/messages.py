@@ -77,7 +77,6 @@ class PlantStateMessage:
             t.write(field, devices[name])
         return t.data()
 
-
     def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
         """Tick, and the devices (DEVICE_TRUTH), of a message. Raises `Refused` where it is not what it should be."""
         t = self._template

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, VoltageSetpoints
 
-from facts_damping.case.names import link_addresses, served
+from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import stamps
 from facts_damping.nodes.clock import SimulatedClock
@@ -66,10 +66,12 @@ class PlantSim:
         self.spinner = self.member.spin()
 
     def ready(self) -> None:
-        """Wait for the links, and the recorder."""
+        """Wait for the links, supervisors, and the recorder."""
         extra = int(self.options.recorder)
         for_recorder = [self.to_all, self.to_events, self.control.publisher]
-        self.member.wait({self.to_links: len(self.links) + extra, **dict.fromkeys(for_recorder, extra)}, self.spinner)
+        guarded = {self.to_all: len(supervisor_names(self.case)) + extra}
+        expected = {self.to_links: len(self.links) + extra, **dict.fromkeys(for_recorder, extra), **guarded}
+        self.member.wait(expected, self.spinner)
 
     def on_setpoints(self, link: int, tick: int, rows: NDArray[Any]) -> None:
         """Keep the setpoints that a link delivers in a tick until the plant advances."""

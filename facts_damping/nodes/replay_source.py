@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, VoltageSetpoints
 
-from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses, recorded_topic
+from facts_damping.case.names import (
+    acting,
+    identifier_names,
+    link_addresses,
+    listeners,
+    recorded_topic,
+    speakers,
+    supervisor_names,
+)
 from facts_damping.errors import RunError
 from facts_damping.nodes.member import PLANT, Member
 from facts_damping.nodes.messages import PlantStateMessage, grid_event, run_done, state_message, synchronism_lost
@@ -19,7 +27,7 @@ from facts_damping.nodes.spinning import check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.simulation.measured_plant import entries
-from facts_damping.simulation.replay import fitted
+from facts_damping.simulation.replay import acted, fitted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,8 +49,8 @@ class ReplaySource:
             SetpointsMessage(self.case),
             PlantStateMessage(self.case),
         )
-        controllers, identifiers = controller_addresses(self.case), identifier_addresses(self.case)
-        links, used, extra = link_addresses(self.case), self.case.used_links, int(self.options.recorder)
+        self.heard = speakers(self.case)
+        links, extra = link_addresses(self.case), int(self.options.recorder)
         self.to_all = node.create_publisher(PmuDataFrame, "pmu/frames", SAYING)
         self.to_state = node.create_publisher(PlantState, "plant/state", SAYING)
         self.to_events = node.create_publisher(GridEvent, "plant/events", SAYING)
@@ -50,34 +58,32 @@ class ReplaySource:
         self.applied = [
             node.create_publisher(VoltageSetpoints, link.topic("setpoints/delivered"), SAYING) for link in links
         ]
+        hearing = [acting(self.case, c) for c in identifier_names(self.case)]
         self.recorded = {
-            c: node.create_publisher(VoltageSetpoints, recorded_topic(str(controllers[c])), SAYING) for c in identifiers
+            c: node.create_publisher(VoltageSetpoints, recorded_topic(self.heard[c].topic), SAYING) for c in hearing
         }
         self.tick = -1
         self.member = Member(node, self.case, self.options, PLANT, hardware=path)
         self.state = node.create_publisher(RunState, STATE, LATCHED)
-        for c, controller in enumerate(controllers):
-            # In the place of its link, and of its identifier, which hears the recorded setpoints.
-            for i in range(1 + (c in identifiers)):
-                use = partial(self.on_setpoints, str(controller)) if i == 0 else _nothing
-                setpoints = SetpointsMessage(self.case, controller.name, [c])
-                topic = f"{controller}/setpoints"
-                self.member.guard.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.tick)
-        self.answered = dict.fromkeys(map(str, controllers), -1)
+        for c, speaker in self.heard.items():
+            # In the place of its link, and of its identifiers, which hear the recorded setpoints.
+            for i in range(1 + hearing.count(c)):
+                use = partial(self.on_setpoints, speaker.place) if i == 0 else _nothing
+                setpoints = SetpointsMessage(self.case, speaker.name, [c])
+                self.member.guard.subscribe(VoltageSetpoints, speaker.topic, use, setpoints.read, lambda: self.tick)
+        self.answered = {speaker.place: -1 for speaker in self.heard.values()}
         self.spinner = self.member.spin()
-        listeners = [
-            sum(link == i for link in used) + sum(used[c] == i for c in identifiers) for i in range(len(links))
-        ]
-        self.expected = dict.fromkeys((self.to_all, self.to_state, self.to_events, *self.applied), extra)
-        self.expected |= {self.delivered[i]: count + extra for i, count in enumerate(listeners)}
-        self.expected |= dict.fromkeys(self.recorded.values(), 1)
+        self.expected = dict.fromkeys((self.to_all, self.to_events, *self.applied), extra)
+        self.expected[self.to_state] = extra + len(supervisor_names(self.case))
+        self.expected |= {self.delivered[i]: listeners(self.case, i) + extra for i in range(len(links))}
+        self.expected |= {publisher: hearing.count(c) for c, publisher in self.recorded.items()}
 
     def ready(self) -> None:
         """Wait for controllers and identifiers."""
         self.member.wait(self.expected, self.spinner)
 
     def on_setpoints(self, controller: str, tick: int, _rows: NDArray[Any]) -> None:
-        """A controller has answered: it has the estimates of the tick before."""
+        """A controller, or its supervisor, has answered: it has the estimates of the tick before."""
         self.answered[controller] = tick
 
     def publish(self, at: int, tick: int, start: int) -> None:
@@ -85,14 +91,14 @@ class ReplaySource:
         record, self.tick = self.record, tick
         arrived, issued, applied = (
             rows[slice(*np.searchsorted(rows["tick"], [tick, tick + 1]))]
-            for rows in (record.delivered, record.issued, record.applied)
+            for rows in (record.delivered, acted(record), record.applied)
         )
         for link, publisher in enumerate(self.delivered):
             rows = np.ascontiguousarray(arrived[arrived["link"] == link])
             publisher.publish(self.frames.fill(tick, start, rows, len(rows)))
         for c, publisher in self.recorded.items():
             rows = issued[issued["controller"] == c]
-            publisher.publish(self.setpoints.fill(tick, start, rows, record.controller_names[c]))
+            publisher.publish(self.setpoints.fill(tick, start, rows, self.heard[c].name))
         for link, publisher in enumerate(self.applied):
             rows = applied[np.array(self.case.used_links)[applied["controller"]] == link]
             publisher.publish(self.setpoints.fill(tick, start, rows, ""))

@@ -21,8 +21,21 @@ from facts_damping.case.names import (
 from facts_damping.case.supervision import reserves
 from facts_damping.compiling import specialised
 from facts_damping.control.table import kind_of
-from facts_damping.monitors import ARM, ARMED, COMMANDS, DISARM, DISARMED, FALLBACK, NO_CAUSE, PROBE, RESET, SHADOW, STATES
-from facts_damping.monitors import TRIPPED, cause_name
+from facts_damping.monitors import (
+    ARM,
+    ARMED,
+    COMMANDS,
+    DISARM,
+    DISARMED,
+    FALLBACK,
+    NO_CAUSE,
+    PROBE,
+    RESET,
+    SHADOW,
+    STATES,
+    TRIPPED,
+    cause_name,
+)
 from facts_damping.nodes.gathering import Gathering
 from facts_damping.nodes.guard import PLANT as PLANT_STATE
 from facts_damping.nodes.member import SUPERVISOR, Member
@@ -41,7 +54,6 @@ from facts_damping.supervision.step import refusal, supervise, tell
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
     from rclpy.node import Node
 
 LEVELS = {ARMED: DiagnosticStatus.OK, TRIPPED: DiagnosticStatus.ERROR}  # of others: WARN
@@ -128,9 +140,7 @@ class SupervisorNode:
         start, end = (tick_ns(k, self.case.run.frame_rate) for k in (tick, tick + 1))
         out = setpoint_buffer(len(self.case.controllers[self.index].devices), len(issued))
         frames, own = parts["frames"], (self.made, self.state, s)
-        count = self.supervise(
-            *own, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0
-        )
+        count = self.supervise(*own, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0)
         self.to_link.publish(self.setpoints.fill(tick, start, out[:count], self.name))
         if self.tell(*own, tick, self.told[0]):
             self.to_recorder.publish(self.says.fill(tick, start, self.told[0]))
@@ -141,7 +151,8 @@ class SupervisorNode:
         """Say to people when the state changes."""
         state = int(self.told["state"][0])
         if state not in (self.before, SHADOW):
-            text = f"{STATES[state]} at {start_ns / NANOSECONDS:.3f} s: {reason_of(self.told[0], self.made.thresholds[self.own])}"
+            reason = reason_of(self.told[0], self.made.thresholds[self.own])
+            text = f"{STATES[state]} at {start_ns / NANOSECONDS:.3f} s: {reason}"
             (self.member.guard.voice.warn if state in (FALLBACK, TRIPPED) else self.member.guard.voice.info)(text)
         self.before = state
 

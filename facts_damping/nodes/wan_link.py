@@ -68,9 +68,7 @@ class WanLink:
         self.missing: set[str] = set()
         self.answered = dict.fromkeys(self.places, 0)  # the newest tick that a controller has answered
         self.behind: Counter[str] = Counter()  # answers of each that came after their tick, since it was told
-        self.publishers = {
-            one.name: partial(node.count_publishers, f"{graph}{one.topic}") for one in heard.values()
-        }
+        self.publishers = {one.name: partial(node.count_publishers, f"{graph}{one.topic}") for one in heard.values()}
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
         self.uplink = specialised(uplink, self.links, self.index, 0, 0, 0, *self.measured)
         self.downlink = specialised(downlink, self.links, self.index, 0, 0, np.zeros(0, SETPOINT), 0)
@@ -85,7 +83,8 @@ class WanLink:
     def ready(self) -> None:
         """Wait for the plant, whoever hears what it delivers, and the recorder."""
         extra = int(self.options.recorder)
-        expected = {self.to_controllers: listeners(self.case, self.index) + extra, self.to_plant: 1 + extra, self.to_recorder: extra}
+        expected = {self.to_controllers: listeners(self.case, self.index) + extra}
+        expected |= {self.to_plant: 1 + extra, self.to_recorder: extra}
         self.member.wait(expected, self.spinner)
 
     def change_number(self, name: str, value: float) -> None:

@@ -17,8 +17,13 @@ if TYPE_CHECKING:
     from facts_damping.recording.decode import Series
 
 OF_LINKS = ("delivered", "applied")  # of these each link has its own
-ROLES = {**dict.fromkeys(OF_LINKS, "link"), "issued": "controller", "estimates": "identifier"}
-HEARD = ("delivered", "issued", "estimates")  # what controllers and identifiers hear and say
+ROLES = {
+    **dict.fromkeys(OF_LINKS, "link"),
+    "issued": "controller",
+    **dict.fromkeys(("supervised", "supervision"), "supervisor"),
+    "estimates": "identifier",
+}
+HEARD = ("delivered", "issued", "supervised", "estimates")  # what controllers and the like hear and say
 LISTED = 5  # so many lost ticks are named one by one
 
 

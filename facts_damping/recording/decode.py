@@ -10,6 +10,7 @@ import numpy as np
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from facts_damping.errors import RecordingError
+from facts_damping.monitors import CODES, MONITORS, STATES, cause_code
 from facts_damping.recording.columns import Block, blocks, kept
 from facts_damping.recording.fields import DEVICE_FIELDS, FRAME_FIELDS, MACHINE_FIELDS, check_fields
 from facts_damping.recording.schemas import parse_schema
@@ -23,6 +24,7 @@ from facts_damping.signals import (
     MACHINE_TRUTH,
     NANOSECONDS,
     SETPOINT,
+    SUPERVISION,
 )
 
 if TYPE_CHECKING:
@@ -209,6 +211,50 @@ def setpoints(sources: Sequence[Series], controllers: Sequence[str], devices: Se
     return table[np.lexsort((_order(parts), table["tick"]))]
 
 
+def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArray[Any]:
+    """What supervisors told of themselves, a row (SUPERVISION) a tick and supervisor, in the order of controllers.
+
+    Monitors that this version does not know are left out; those that are not told are NaN. Raises RecordingError:
+    unknown controller.
+    """
+    controller, parts = _index(controllers), []
+    for source in sources:
+        for block in source.blocks:
+            message = block.message
+            values = np.full((len(block.rows), len(MONITORS)), np.nan)
+            for name, given in zip(message.monitors, message.values, strict=False):
+                if name in CODES:
+                    values[:, CODES[name]] = given
+            parts.append(
+                _rows(
+                    SUPERVISION,
+                    block,
+                    source,
+                    controller=_lookup(controller, message.controller, source.topic),
+                    state=_known(STATES.index, message.state, source.topic),
+                    cause=_known(cause_code, message.cause, source.topic),
+                    refused=_known(cause_code, message.refused, source.topic),
+                    share=message.share,
+                    values=values,
+                    probe_gain=message.probe_gain,
+                    probe_phase=message.probe_phase_rad,
+                    probe_coherence=message.probe_coherence,
+                    added_damping=message.added_damping_per_s,
+                    phase_margin=message.phase_margin_rad,
+                )
+            )
+    table = _joined(parts, SUPERVISION)
+    return table[np.lexsort((table["controller"], table["tick"]))]
+
+
+def _known(code: Callable[[str], int], name: str, topic: str) -> int:
+    """The code of a word. Raises RecordingError for one that this version does not know."""
+    try:
+        return code(name)
+    except (KeyError, ValueError) as error:
+        raise RecordingError(f"{topic}: unknown word {name!r}") from error
+
+
 def merged(applied: NDArray[Any]) -> NDArray[Any]:
     """Setpoints (SETPOINT) of several links as the plant takes them: by tick, then by the time they take effect."""
     return applied[np.lexsort((applied["effective_ns"], applied["tick"]))]
@@ -292,8 +338,8 @@ def _same_length(*lists: Sequence[Any]) -> int:
 
 
 def place(name: str) -> int:
-    """Place in the run of a controller (`controller_0_LLC`), or of the one an identifier serves; 0 for other names."""
-    number = re.fullmatch(r"(?:controller|identifier)_(\d+)_.*", name)
+    """Place in the run of a controller (`controller_0_LLC`), or of the one that another serves; 0 for other names."""
+    number = re.fullmatch(r"(?:controller|identifier|supervisor)_(\d+)_.*", name)
     return int(number[1]) if number else 0
 
 

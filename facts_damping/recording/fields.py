@@ -39,6 +39,20 @@ FIELDS: dict[str, dict[str, str]] = {
     f"{OURS}ControllerState": {"tick": "uint64", "controller": "string"}
     | {"parameter_groups": "string[]", "learning_rates": "float64[]"}
     | dict.fromkeys(("lyapunov", "lyapunov_fall"), "float64"),
+    f"{OURS}SupervisorState": _HEAD
+    | dict.fromkeys(("controller", "state", "cause", "refused"), "string")
+    | {"monitors": "string[]", "values": "float64[]"}
+    | dict.fromkeys(
+        (
+            "share",
+            "probe_gain",
+            "probe_phase_rad",
+            "probe_coherence",
+            "added_damping_per_s",
+            "phase_margin_rad",
+        ),
+        "float64",
+    ),
     f"{OURS}PlantState": _HEAD
     | {"in_synchronism": "bool", "machines": f"{OURS}MachineState[]", "devices": f"{OURS}DeviceState[]"},
     f"{OURS}MachineState": {"machine": "string"} | dict.fromkeys(MACHINE_FIELDS, "float64"),

@@ -38,6 +38,8 @@ KINDS = {
     "delivered": ("facts_damping_msgs/msg/PmuDataFrame", "/pmu/delivered"),
     "issued": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints"),
     "applied": ("facts_damping_msgs/msg/VoltageSetpoints", "/setpoints/delivered"),
+    "supervised": ("facts_damping_msgs/msg/VoltageSetpoints", "/supervised"),
+    "supervision": ("facts_damping_msgs/msg/SupervisorState", "/state"),
     "estimates": ("facts_damping_msgs/msg/JacobianEstimate", "/estimate"),
     "learning": ("facts_damping_msgs/msg/ControllerState", "/state"),
     "state": ("facts_damping_msgs/msg/PlantState", "/plant/state"),
@@ -51,11 +53,13 @@ CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none 
 SEVERAL = (
     *OF_LINKS,
     "issued",
+    "supervised",
+    "supervision",
     "estimates",
     "learning",
     "diagnostics",
 )  # of a link, a controller, an identifier, anybody
-SETPOINTS = ("issued", "applied")  # of these, what several messages of a tick say is all kept
+SETPOINTS = ("issued", "supervised", "applied")  # of these, what several messages of a tick say is all kept
 UNTIMED = ("events", "refused", "diagnostics", "changes")  # these are of no tick
 
 
@@ -135,6 +139,8 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         delivered=decode.deliveries(cut["delivered"], stations),
         issued=decode.setpoints(issued, controllers, devices),
         applied=applied if len(cut["applied"]) < 2 else decode.merged(applied),
+        supervised=decode.setpoints(cut["supervised"], controllers, devices),
+        supervision=decode.supervision(cut["supervision"], controllers),
         machines=decode.truth(state, "machines", "machine", machines),
         devices=decode.truth(state, "devices", "device", devices),
         estimates=decode.estimates(cut["estimates"], devices),

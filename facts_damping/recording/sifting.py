@@ -22,11 +22,14 @@ NAMES: dict[str, list[tuple[str, str, str]]] = {
     "state": [("machine", "machines", "machine"), ("device", "devices", "device")],
     "delivered": [("station", "frames", "station")],
     "issued": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
+    "supervised": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
     "applied": [("device", "setpoints", "device"), ("controller", "setpoints", "controller")],
     "estimates": [("device", "input_names", "")],
     "learning": [],
+    "supervision": [],
 }
-TIMED = ("frames", "state", "delivered", "issued", "applied")  # the stamp of a message is that of its tick
+# The stamp of a message is that of its tick.
+TIMED = ("frames", "state", "delivered", "issued", "supervised", "supervision", "applied")
 MOST_TICKS = 2**53  # where the run does not say how many it has
 SHOWN = 20  # letters of a foreign name
 LISTED = 5  # such names
@@ -63,7 +66,7 @@ def sift(messages: dict[str, list[Block]], topics: Mapping[str, Sequence[str]], 
     for kind in NAMES:
         for topic in topics[kind]:
             own = of
-            if kind in ("issued", "applied") and senders:
+            if kind in ("issued", "supervised", "supervision", "applied") and senders:
                 names = [senders[topic]] if kind == "issued" else list(senders.values())
                 own = of._replace(names={**of.names, "controller": names})
             messages[topic] = _sift(kind, topic, messages[topic], own, notes)
@@ -105,6 +108,8 @@ def _whole(kind: str, message: Any) -> bool:
     """Whether the lists of a message fit each other."""
     if kind == "learning":
         return bool(message.parameter_groups) or not message.learning_rates
+    if kind == "supervision":
+        return len(message.monitors) == len(message.values)
     if kind == "estimates":
         signals = {len(getattr(message, name)) for name in ("prediction", "error", "change")}
         return len(signals) == 1 and len(message.jacobian) == signals.pop() * len(message.input_names)
@@ -113,7 +118,7 @@ def _whole(kind: str, message: Any) -> bool:
 
 def _names(kind: str, message: Any) -> Iterator[tuple[str, str]]:
     """Names in a message: whose they are, and which."""
-    if kind == "issued":
+    if kind in ("issued", "supervision"):
         yield "controller", message.controller
     for whose, entries, field in NAMES.get(kind, ()):
         for entry in getattr(message, entries):

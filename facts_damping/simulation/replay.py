@@ -27,6 +27,7 @@ from facts_damping.simulation.loop import allocate_signals, setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.replayed_changes import ReplayedChanges
+from facts_damping.simulation.restarts import Restarts
 from facts_damping.simulation.tick import control_step
 
 if TYPE_CHECKING:
@@ -146,6 +147,8 @@ def fitted(record: Record, case: Case) -> Record:
         status=record.status[kept][:, stations],
         delivered=delivered[delivered["station"] >= 0],
         issued=_counted(record.issued, record, case, end),
+        supervised=_counted(record.supervised, record, case, end),
+        supervision=record.supervision[record.supervision["tick"] < end],
         applied=_counted(record.applied, record, case, end),
         machines=_ordered(record.machines[kept], record.machine_names, [m.name for m in case.system.machines]),
         devices=_ordered(record.devices[kept], record.device_names, case.run.devices),
@@ -158,13 +161,17 @@ def _counted(rows: NDArray[Any], record: Record, case: Case, end: int) -> NDArra
     """Setpoints before tick `end` with devices and controllers as the case counts them; those of others left out."""
     own = list(case.run.devices)
     devices = np.array([own.index(name) if name in own else -1 for name in record.device_names], np.int64)
-    commanded = np.zeros(len(own) + 1, np.int64)
+    commanded = np.full((2, len(own) + 1), -1, np.int64)  # by a controller, by a fallback
     for c, controller in enumerate(case.controllers):
-        commanded[[own.index(name) for name in controller.devices]] = c
+        of = int(controller.fallback_of is not None)
+        commanded[of, [own.index(name) for name in controller.devices]] = c
+    before = record.configuration.get("controllers") or []
+    stands_in = np.array([int(one.get("fallback_of") is not None) for one in before] or [0], np.int64)
     found = rows[rows["tick"] < end].copy()
     found["device"] = devices[found["device"]]
-    found["controller"] = commanded[found["device"]]
-    return np.asarray(found[found["device"] >= 0])
+    of = stands_in[np.minimum(found["controller"], len(stands_in) - 1)]
+    found["controller"] = commanded[of, found["device"]]
+    return np.asarray(found[(found["device"] >= 0) & (found["controller"] >= 0)])
 
 
 def _ordered(table: NDArray[Any], there: Sequence[str], wanted: Sequence[str]) -> NDArray[Any]:
@@ -176,10 +183,22 @@ def _ordered(table: NDArray[Any], there: Sequence[str], wanted: Sequence[str]) -
     return found
 
 
-def play(
-    case: Case, record: Record, progress: Callable[[int, int], None] = lambda _done, _of: None
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Setpoints (SETPOINT) and estimates (ESTIMATE) of a case's controllers for what was delivered to them.
+class Played(NamedTuple):
+    """What a case's controllers, identifiers and supervisors say to what was delivered."""
+
+    issued: NDArray[Any]  # SETPOINT
+    estimates: NDArray[Any]  # ESTIMATE
+    supervised: NDArray[Any]  # SETPOINT
+    supervision: NDArray[Any]  # SUPERVISION
+
+
+def acted(of: Record | Played) -> NDArray[Any]:
+    """The setpoints that go, or went, down the links: those of supervisors, where there are any."""
+    return of.supervised if len(of.supervision) else of.issued
+
+
+def play(case: Case, record: Record, progress: Callable[[int, int], None] = lambda _done, _of: None) -> Played:
+    """What a case's controllers, identifiers and supervisors say to what was delivered to them.
 
     `record`: as `fitted` gives it. The same `control_step` as in the loop, but identifiers hear what was recorded.
     """
@@ -188,7 +207,7 @@ def play(
     programs = connect(case, state)
     ticks, used = record.ticks, np.array(case.used_links, np.int64)
     arrived = [_by_tick(record.delivered[record.delivered["link"] == link], ticks) for link in range(len(case.links))]
-    recorded = _by_tick(record.issued, ticks)
+    recorded = _by_tick(acted(record), ticks)
     most = max(len(rows) for link in arrived for rows in link)
     delivered, ring = np.zeros((len(arrived), most), DELIVERY), np.zeros((len(arrived), 4), np.int64)
     given, heard = setpoint_buffer(commands(case), most), np.zeros(max(map(len, recorded)), SETPOINT)
@@ -196,9 +215,11 @@ def play(
     kept = allocate_signals(case, len(ticks), delivered=0, issued=issued, applied=0)
     parts = bank, state, identifiers, learnt, *guards, used, delivered, ring, given, given.copy(), heard
     act = specialised(control_step, *parts, 0, 0, record.devices[0], kept)
-    changed = ReplayedChanges(case, record, (bank, state, identifiers, learnt))
+    changed = ReplayedChanges(case, record, (bank, state, identifiers, learnt), guards)
+    restarts = Restarts(bank, state)
     for at, tick in enumerate(ticks.tolist()):
         changed.begin(tick)
+        restarts.begin(tick)
         for link, rows in enumerate(arrived):
             delivered[link, : len(rows[at])], ring[link, 2] = rows[at], len(rows[at])
         heard[: len(recorded[at])] = recorded[at]
@@ -208,7 +229,14 @@ def play(
         if at % record.frame_rate == 0 or at + 1 == len(ticks):
             progress(at + 1, len(ticks))
     issued_rows, estimates = kept.issued[: kept.used[2]], kept.estimates[: kept.used[4]]
-    return changed.said("controller", issued_rows), changed.said("identifier", estimates)
+    said = changed.said("controller", issued_rows), changed.said("identifier", estimates)
+    return Played(
+        *said,
+        *(
+            changed.said("supervisor", table[: kept.used[i]])
+            for i, table in ((6, kept.supervised), (7, kept.supervision))
+        ),
+    )
 
 
 def watched(case: Case, record: Record) -> Record:
@@ -253,17 +281,25 @@ def first_difference(record: Record, issued: NDArray[Any]) -> Difference | None:
     return Difference(int(row["tick"]), *names, *values)
 
 
+def first_supervised(record: Record, played: Played) -> int | None:
+    """The first tick in which supervisors do not pass on or tell what was recorded, to the bit; none: identical."""
+    pairs = (record.supervised, played.supervised), (record.supervision, played.supervision)
+    found = [tick for one, other in pairs if (tick := _first_tick(record, one, other)) is not None]
+    return min(found, default=None)
+
+
 def first_estimate(record: Record, estimates: NDArray[Any]) -> int | None:
     """The first tick whose replayed estimates are not the recorded ones, to the bit; none: identical."""
-    if record.estimates.tobytes() == estimates.tobytes():
+    return _first_tick(record, record.estimates, estimates)
+
+
+def _first_tick(record: Record, one: NDArray[Any], other: NDArray[Any]) -> int | None:
+    """The first tick of which rows of two tables are not the same, to the bit."""
+    if one.tobytes() == other.tobytes():
         return None
-    for tick in record.ticks.tolist():
-        if (
-            record.estimates[record.estimates["tick"] == tick].tobytes()
-            != estimates[estimates["tick"] == tick].tobytes()
-        ):
-            return int(tick)
-    return int(record.ticks[-1]) + 1
+    ticks = record.ticks.tolist()
+    differ = (k for k in ticks if one[one["tick"] == k].tobytes() != other[other["tick"] == k].tobytes())
+    return int(next(differ, ticks[-1] + 1))
 
 
 def on_grid(record: Record, issued: NDArray[Any], device: int) -> NDArray[np.float64]:
@@ -276,12 +312,12 @@ def on_grid(record: Record, issued: NDArray[Any], device: int) -> NDArray[np.flo
 def beside(case: Case, record: Record, issued: NDArray[Any]) -> list[dict[str, Any]]:
     """Recorded and replayed setpoints side by side, a row a device: rms, difference, correlation, saturation duty.
 
-    All on the grid of ticks; `correlation` is None where one of both does not move; the duty is the share of ticks at
-    the device's limit.
+    Of supervised controllers those that act (`acted`). All on the grid of ticks; `correlation` is None where one of
+    both does not move; the duty is the share of ticks at the device's limit.
     """
     found = []
     for d, name in enumerate(case.run.devices):
-        one, other = on_grid(record, record.issued, d), on_grid(record, issued, d)
+        one, other = on_grid(record, acted(record), d), on_grid(record, issued, d)
         limit, moves = case.system.device(name).v_max, bool(np.ptp(one) > 0.0 and np.ptp(other) > 0.0)
         found.append(
             {

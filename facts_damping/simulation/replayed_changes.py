@@ -10,8 +10,10 @@ import numpy as np
 from facts_damping.case.controllers import check_parameter, sizes
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
-from facts_damping.simulation.changes import set_parameter
+from facts_damping.monitors import COMMANDS
+from facts_damping.simulation.changes import ask, set_parameter
 from facts_damping.simulation.restarts import restore
+from facts_damping.supervision.model import begin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,19 +25,21 @@ if TYPE_CHECKING:
 
 
 class ReplayedChanges:
-    """What was changed under way in controllers and identifiers, and when they were not there, or said nothing.
+    """What was changed under way in controllers, identifiers, supervisors, and when they were not there, or silent.
 
     Of controllers that are of the kind that was recorded; where there was nothing of that, it does nothing.
     """
 
-    def __init__(self, case: Case, record: Record, control: tuple[Any, ...]) -> None:
-        """`control`: controllers and identifiers with their states, as built."""
+    def __init__(self, case: Case, record: Record, control: tuple[Any, ...], guards: tuple[Any, Any]) -> None:
+        """`control`: controllers and identifiers with their states, as built; `guards`: supervisors and theirs."""
         before = record.configuration.get("controllers") or []
         same = {c for c, one in enumerate(case.controllers) if c < len(before) and before[c].get("name") == one.name}
         own = [one for one in record.changes if one["index"] in same and _possible(case, one)]
-        self._case, self._control = case, control
+        self._case, self._control, self._guards = case, control, guards
         self._changes = list(own)  # by tick; those before the first one are known of late recordings, too
-        self._fresh = deepcopy(control) if any(one["kind"] == "start" for one in own) else ()
+        self._fresh = (
+            deepcopy(control) if any(one["kind"] == "start" and one["role"] != "supervisor" for one in own) else ()
+        )
         self._silent = [one for one in record.absences if one["role"] != "link" and one["index"] in same]
         self._silent += _disarmed(own)
         self._kept: list[tuple[NDArray[Any], NDArray[Any]]] = []
@@ -44,7 +48,9 @@ class ReplayedChanges:
         """What acts from a tick on; what a silent identifier must not tell its controller is kept as it is."""
         while self._changes and self._changes[0]["tick"] <= tick:
             one = self._changes.pop(0)
-            if one["kind"] == "start":
+            if one["role"] == "supervisor":
+                self._oversee(one)
+            elif one["kind"] == "start":
                 self._begin_again(one["role"], one["index"])
             elif one["kind"] == "parameter":
                 set_parameter(self._case, self._control[0], self._control[2], one)
@@ -66,6 +72,15 @@ class ReplayedChanges:
                 keep &= ~(_within(one, rows["tick"]) & (rows["controller"] == one["index"]))
         return np.asarray(rows[keep])
 
+    def _oversee(self, change: dict[str, Any]) -> None:
+        """What a supervisor was asked, or that it began again."""
+        made, state = self._guards
+        own = list(made.settings["controller"])
+        if change["kind"] == "start" and change["index"] in own:
+            begin(state, own.index(change["index"]))
+        else:
+            ask(made, state, change)
+
     def _begin_again(self, role: str, c: int) -> None:
         """A controller, or its identifier, as at the start of a run."""
         model, state = (0, 1) if role == "controller" else (2, 3)
@@ -81,6 +96,8 @@ def _within(absence: dict[str, Any], tick: Any) -> Any:
 
 def _possible(case: Case, change: dict[str, Any]) -> bool:
     """Whether a change can be one of a controller or an identifier of a case: anybody may have said it."""
+    if change["role"] == "supervisor":
+        return change["kind"] == "start" or change["kind"] in COMMANDS
     if change["role"] not in ("controller", "identifier"):
         return False
     controller = case.controllers[change["index"]]

@@ -69,14 +69,16 @@ def supervise(
 
     `delivered`: the `count` entries of its link; `issued`: `many` setpoints, its controller's and its fallback's among
     them; `devices`: DEVICE_TRUTH at the start of the tick. What it is to know of its controller's inner life stands in
-    its row (`inner_life.py`). A supervisor that has failed says nothing.
+    its row (`inner_life.py`). A supervisor that has failed says nothing; what the schedule asked for before it began,
+    or began again, it does not know.
     """
     row, own = state.rows[s], made.settings[s]
     if own.dead_ns <= start_ns < own.back_ns:
         return first
     if own.hung == 0 and row.start_ns < own.dead_ns and start_ns >= own.back_ns:
         begin(state, s)
-        row.start_ns = start_ns  # what the schedule asked for before is forgotten, too
+    if row.tick < 0 and tick > 0:
+        row.start_ns = start_ns  # it began later than the run
     _obey(made, state, s, start_ns)
     row.tick, row.start_ns, row.now_ns = tick, start_ns, end_ns
     first, lapses, answered = _pass_on(made, state, s, tick, issued, many, out, first)

@@ -124,7 +124,7 @@ def test_a_shadow_is_the_same_by_nodes_and_in_process(
     by_nodes = load(tmp_path / "nodes" / "recording")
     record = load(graphs["decentralised"])
     case = replay.case_of(record, "it", None, ["controllers.0.name=ANFTSC"])
-    issued, estimates = replay.play(case, replay.fitted(record, case))
+    issued, estimates, *_ = replay.play(case, replay.fitted(record, case))
     assert by_nodes.issued.tobytes() == issued.tobytes()
     assert by_nodes.estimates.tobytes() == estimates.tobytes()
     assert by_nodes.machines.tobytes() == record.machines.tobytes()

@@ -110,7 +110,7 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     assert_same(record, again)
     mine = replay.case_of(record, "it", None, [])
     part = replay.fitted(record, mine)
-    issued, estimates = replay.play(mine, part)
+    issued, estimates, *_ = replay.play(mine, part)
     assert replay.first_difference(part, issued) is None
     assert replay.first_estimate(part, estimates) is None
     assert replay.watched(mine, part).devices["released"].tobytes() == part.devices["released"].tobytes()

@@ -26,7 +26,7 @@ def test_release_and_return_of_a_graph_are_those_of_the_in_process_run(domain: i
     recorded, computed = run_graph(tmp_path, sets), loop.run(load_case(None, sets))
     assert_same(recorded, computed)
     case = load_case(None, sets)
-    issued, _ = replay.play(case, replay.fitted(recorded, case))
+    issued = replay.play(case, replay.fitted(recorded, case)).issued
     assert replay.first_difference(recorded, issued) is None
     (row,) = summarise(recorded)["releases"]
     assert row["rearmed_s"] is not None
