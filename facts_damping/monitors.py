@@ -118,15 +118,16 @@ MONITORS = {
     ),
     "saturated": Monitor(
         "controller",
-        "share of the last 2 s in which an output is at its limit",
-        "-", 0.8, 0.01, 1.0, 1.0, "s", "trip",
-        "after `two_area_large` a sound controller is at its limit for up to 70 % of 2 s",
+        "share of the last 2 s in which an output is at the same limit",
+        "-", 0.8, 0.01, 1.0, 0.5, "s", "trip",
+        "who damps changes sides with each half cycle, a second at most of a mode of 0.5 Hz; who stays is lost",
     ),
     "reversals": Monitor(
         "controller",
         "reversals of an output by more than a tenth of its limit, over a second",
-        "1/s", 12.0, 1.0, 1000.0, 0.5, "s", "trip",
-        "an oscillation of 2 Hz, the fastest of machines, reverses four times a second; thrice that is chatter",
+        "1/s", 12.0, 1.0, 1000.0, 0.5, "s", "warn",
+        "an oscillation of 2 Hz, the fastest of machines, reverses four times a second; thrice that is chatter. What "
+        "it does to the grid `harm` and `growing` judge; where the device suffers, have it trip (preset strict)",
     ),
     "weights": Monitor(
         "controller",
@@ -148,10 +149,12 @@ MONITORS = {
     ),
     "growing": Monitor(
         "grid",
-        "least growth of the oscillation from one cycle of the mode to the next, over three, while the output acts",
-        "-", 1.1, 1.0, 100.0, 0.5, CYCLES, "trip",
-        "PDCI's: an oscillation that grows over three cycles; by a tenth each, as the thesis's plant by itself "
-        "grows by a few per cent",
+        "how much faster the oscillation grows, or slower it fades, than without control: the least of three cycles, "
+        "while the output is above a fifth of its limit",
+        "1/s", 0.15, 0.0, 10.0, 0.2, CYCLES, "trip",
+        "three cycles, as at the Pacific DC Intertie; beside the plant's own rate, so that an oscillation that control "
+        "sustains counts where there would be none, and one that it contains does not. Chosen on 3,000 draws of "
+        "training: of the controllers that do harm with nothing else amiss it finds 92 %",
     ),
     "frequency": Monitor(
         "grid",
@@ -179,7 +182,7 @@ CODES = {name: code for code, name in enumerate(MONITORS)}
 # Why a supervisor is in its state: a monitor, or
 NO_CAUSE, BY_OPERATOR, BY_SCHEDULE = -1, -2, -3
 # why it was not armed when that was asked for: a monitor, or
-NOT_IN_SHADOW, NOT_PROBED, PROBE_WEAK, PROBE_GAIN, PROBE_PHASE = -4, -5, -6, -7, -8
+NOT_IN_SHADOW, NOT_PROBED, PROBE_WEAK, PROBE_GAIN, PROBE_PHASE, PROBE_HARM = range(-4, -10, -1)
 CAUSES = {
     NO_CAUSE: "",
     BY_OPERATOR: "operator",
@@ -189,6 +192,7 @@ CAUSES = {
     PROBE_WEAK: "probe: coherence",
     PROBE_GAIN: "probe: gain",
     PROBE_PHASE: "probe: phase",
+    PROBE_HARM: "probe: damping",
 }
 _NAMES = list(MONITORS)
 _CODES_OF_CAUSES = {text: code for code, text in CAUSES.items()}

@@ -10,11 +10,13 @@ from facts_damping.link.stages import mean_delay
 from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.run import Run
+from facts_damping.parameters.stages import Bernoulli
 from facts_damping.parameters.validation import check, origin
 
 if TYPE_CHECKING:
     from facts_damping.parameters.measurement import Measurement
     from facts_damping.parameters.run import Controller
+    from facts_damping.parameters.stages import StageModel
     from facts_damping.parameters.system import System
 
 
@@ -65,6 +67,20 @@ def read_link(given: str | dict[str, Any], field: str, source: str, sets: dict[s
         path = find("links", given)
         return with_traces(check(Link, read_table(path), str(path)), str(path))
     return with_traces(check(Link, given, source, sets, field), origin(field, source, sets))
+
+
+def signed(link: Link) -> Link:
+    """A link whose messages are signed: one that was changed on the way is refused, which is a loss."""
+
+    def refused(stage: Any) -> Any:
+        return Bernoulli(**shared(stage), loss=stage.probability) if stage.model == "flip" else stage
+
+    return link.model_copy(update={way: [refused(stage) for stage in getattr(link, way)] for way in ("up", "down")})
+
+
+def shared(stage: StageModel) -> dict[str, Any]:
+    """What a stage has as all stages do."""
+    return {name: getattr(stage, name) for name in ("stage", "channels", "start", "duration")}
 
 
 def beside(link: Link, measurement: Measurement) -> Link:

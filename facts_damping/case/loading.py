@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.checks import check_case, check_events
 from facts_damping.case.controllers import filled
-from facts_damping.case.links import beside, open_own, read_links, with_own
+from facts_damping.case.links import beside, open_own, read_links, signed, with_own
 from facts_damping.case.measurement import FOLDER, read_measurement
 from facts_damping.case.model import Case
 from facts_damping.case.supervision import FOLDER as SUPERVISION
@@ -150,7 +150,7 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
         scenario = check(Scenario, {"name": "inline", "events": run.scenario}, source, sets, "scenario")
     measurement = read_measurement(run.measurement, source, sets)
     link, links, used = read_links(run, source, sets)
-    links = [beside(one, measurement) for one in links]
+    links = [beside(signed(one) if run.security else one, measurement) for one in links]
     scenario_file = str(path) if isinstance(run.scenario, str) else ""
     placed = place(_dispatched(system, scenario, scenario_file))
     latency = reference_filter(measurement, system.frequency, run.frame_rate).delay / run.frame_rate

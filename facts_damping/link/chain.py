@@ -14,10 +14,12 @@ import numpy as np
 from facts_damping.compiling import compiled, inner
 from facts_damping.link.stages import (
     BIAS,
+    BITS,
     CHANCE,
     CONSTANT,
     DRAWN,
     DUPLICATE,
+    FLIP,
     FREEZE,
     IN_ORDER,
     MODELS,
@@ -221,6 +223,9 @@ def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
     if row.model == SPOOF:
         p.stamp_ns[channel] += row.delay_ns
         return
+    if row.model == FLIP:
+        _turn_over(p, channel, c.drawn[s, p.number[channel] % c.drawn.shape[1], 0, channel], row.measurement)
+        return
     place = p.number[channel] % row.window if row.model in (REPLAY, NOISE) else 0
     keeps = sent_ns < row.begin_ns or (row.model == FREEZE and c.last_ns[s, channel] == 0)
     for j in range(p.values.shape[1]):
@@ -240,6 +245,16 @@ def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
             p.values[channel, j] = c.kept[s, place, channel, j]
     if row.model == FREEZE:
         c.last_ns[s, channel] = 1
+
+
+@inner
+def _turn_over(p: Packets, channel: int, drawn: int, measurement: int) -> None:
+    """Turn a bit of one of an entry's values over; `drawn`: 1 + its number, 0: none."""
+    if drawn == 0:
+        return
+    bit, value = (drawn - 1) % BITS, (drawn - 1) // BITS % p.values.shape[1]
+    words = p.values[channel].view(np.int64)
+    words[measurement if measurement >= 0 else value] ^= np.int64(1) << np.int64(bit)
 
 
 @inner

@@ -13,7 +13,7 @@ import numpy as np
 
 from facts_damping.link import draws
 from facts_damping.parameters.stages import LONGEST_S
-from facts_damping.signals import LOST, NANOSECONDS
+from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from facts_damping.link.draws import Shape
 
 # What a stage does. Chains are filled up with stages of zeros, which act on nothing.
-CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP, NOISE = range(13)
-CHANCE = (DRAWN, DUPLICATE)  # codes of stages that need draws
+CONSTANT, DRAWN, DUPLICATE, IN_ORDER, WAIT, PLAYOUT, SPOOF, FREEZE, REPLAY, BIAS, SCALE, RAMP, NOISE, FLIP = range(14)
+CHANCE = (DRAWN, DUPLICATE, FLIP)  # codes of stages that need draws
+BITS, MOST_VALUES = 64, len(CHANNELS)  # of a value; of an entry
 
 
 def _none(_stage: Any, so_far: float) -> float:
@@ -63,12 +64,19 @@ MODELS = {
     "scale": StageKind(SCALE, number="factor"),
     "ramp": StageKind(RAMP, number="rate"),
     "noise": StageKind(NOISE, number="std"),
+    "flip": StageKind(FLIP),
 }
 
 
 def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Generator) -> NDArray[np.int64]:
-    """Delays in ns, LOST where an entry is lost; of `duplicate` 1 where it is copied."""
+    """Delays in ns, LOST where an entry is lost; of `duplicate` 1 where it is copied.
+
+    Of `flip` 1 + the bit that is turned over, counted through all values of an entry, 0: none.
+    """
     drawn = MODELS[stage.model].draw
+    if stage.model == "flip":
+        turned, bit = random.random(size) < stage.probability, random.integers(0, BITS * MOST_VALUES, size)
+        return np.asarray(np.where(turned, 1 + bit, 0), np.int64)
     if drawn is None:
         return np.asarray(random.random(size) < stage.probability, np.int64)
     delay = drawn(stage, size, channels, random)

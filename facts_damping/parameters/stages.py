@@ -217,6 +217,13 @@ class Noise(_Disturbance):
     std: float = quantity(..., "p.u. or rad", "standard deviation", ge=0, le=1e3)
 
 
+class Flip(_Disturbance):
+    """Bits that are turned over on the way, one in an entry's values. Where messages are signed, such a one is lost."""
+
+    model: Literal["flip"] = "flip"
+    probability: float = _share(..., "probability that a bit of an entry is turned over")
+
+
 class Spoof(StageModel):
     """Time stamps that are wrong by an offset."""
 
@@ -244,5 +251,6 @@ STAGES: list[type[StageModel]] = [
     Scale,
     Ramp,
     Noise,
+    Flip,
     Spoof,
 ]

@@ -10,7 +10,7 @@ from facts_damping.control.compensation import phasor
 from facts_damping.control.inputs import TURN, UNSET
 from facts_damping.monitors import ARMED, BAD, FALLBACK
 from facts_damping.signals import CHANNELS
-from facts_damping.supervision.model import CONTROLLER
+from facts_damping.supervision.model import CONTROLLER, CYCLES_KEPT
 from facts_damping.supervision.probe import gain_of
 
 if TYPE_CHECKING:
@@ -33,7 +33,8 @@ LATENCY = 1.0  # s, over which latency is averaged
 STILL_HZ = 5e-4  # so near the nominal frequency an angle may stand still
 SATURATION = 2.0  # s, over which it counts
 REVERSAL = 0.1  # share of the limit that counts as a turn
-ACTS = 0.05  # share of the limit from which on an output acts on the grid
+ACTS = 0.05  # share of the limit from which on an output acts on the grid,
+WORKS = 0.2  # and from which on the oscillation must fade by it
 LEAST_POWER = 0.1  # p.u., beside which powers are compared at least
 LEAST_LYAPUNOV = 1e-3  # beside which its rise is compared at least: an error of a twentieth of `scale`
 PHASOR = 0.25  # rate of the phasors, beside the mode's rad/s
@@ -101,7 +102,7 @@ def follow(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None
         u = device.output if acting else min(max(device.given[CONTROLLER], -limit), limit)
         place[1] = max(place[1], abs(u) / limit)
         if abs(u) >= limit:
-            place[2] = 1.0
+            place[2] = math.copysign(1.0, u)
         place[3] += _turn(device, u, REVERSAL * limit)
         if own.omega > 0.0:
             phasor(own.omega, 0.0, PHASOR * own.omega, state.phasors[s, 1 + d], u, 1.0 / own.frame_rate)
@@ -162,8 +163,12 @@ def controller(made: Supervisors, state: SupervisorState, s: int, end_ns: int, l
     value[SILENT] = 0.0 if row.owed_ns == UNSET else (end_ns - row.owed_ns) * 1e-9
     value[NON_FINITE] = lapses + (1.0 if row.finite == 0 else 0.0)
     window = round(SATURATION * rate)
-    value[SATURATED] = _sum(state.past[s], row.tick, window, 2) / window
-    value[REVERSALS] = _sum(state.past[s], row.tick, rate, 3)
+    value[SATURATED] = (
+        max(_count(state.past[s], row.tick, window, -1.0), _count(state.past[s], row.tick, window, 1.0)) / window
+    )
+    value[REVERSALS] = 0.0
+    for i in range(min(rate, row.tick + 1)):
+        value[REVERSALS] += state.past[s, (row.tick - i) % state.past.shape[1], 3]
     if row.norm_at_start == 0.0:
         row.norm_at_start = row.norm
     value[WEIGHTS] = row.norm / row.norm_at_start if row.norm > 0.0 else 0.0
@@ -171,11 +176,12 @@ def controller(made: Supervisors, state: SupervisorState, s: int, end_ns: int, l
 
 
 @inner
-def _sum(past: NDArray[np.float64], tick: int, window: int, column: int) -> float:
-    """Sum of a column over the last ticks, this one included."""
-    total, size = 0.0, past.shape[0]
+def _count(past: NDArray[np.float64], tick: int, window: int, side: float) -> int:
+    """Of the last ticks, this one included, those in which an output was at its limit on one side."""
+    total, size = 0, past.shape[0]
     for i in range(min(window, tick + 1)):
-        total += past[(tick - i) % size, column]
+        if past[(tick - i) % size, 2] == side:
+            total += 1
     return total
 
 
@@ -224,18 +230,24 @@ def _harm(made: Supervisors, state: SupervisorState, s: int) -> float:
 
 @inner
 def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
-    """The least of three ratios of the signal's range in a cycle to that in the cycle before; 0 where nothing acts."""
-    past, tick, cycle, size = state.past[s], state.rows[s].tick, made.settings[s].cycle, state.past.shape[1]
-    if tick + 1 < 4 * cycle:
+    """The least growth rate of three cycles, ln of the signal's range beside that of the cycle before, 1/s.
+
+    Less the rate at which the mode grows, or fades, without control; 0 where nothing acts.
+    """
+    past, own, size = state.past[s], made.settings[s], state.past.shape[1]
+    tick, cycle = state.rows[s].tick, own.cycle
+    if tick + 1 < CYCLES_KEPT * cycle:
         return 0.0
     least, later, acts = math.inf, 0.0, False
-    for k in range(4):
+    for k in range(CYCLES_KEPT):
         low, high = math.inf, -math.inf
         for i in range(k * cycle, (k + 1) * cycle):
             place = past[(tick - i) % size]
             low, high = min(low, place[0]), max(high, place[0])
-            acts = acts or (k == 0 and place[1] > ACTS)
+            acts = acts or (k == 0 and place[1] > WORKS)
         if k > 0:
             least = min(least, later / (high - low) if high > low else math.inf)
         later = high - low
-    return least if acts and math.isfinite(least) else 0.0
+    if not acts or not 0.0 < least < math.inf:
+        return 0.0
+    return float(math.log(least) * own.frame_rate / cycle - own.sigma)

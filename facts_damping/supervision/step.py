@@ -31,6 +31,7 @@ from facts_damping.monitors import (
     OFF,
     PROBE,
     PROBE_GAIN,
+    PROBE_HARM,
     PROBE_PHASE,
     PROBE_WEAK,
     RESET,
@@ -157,6 +158,7 @@ def refusal(made: Supervisors, state: SupervisorState, s: int) -> int:
         watched = made.thresholds[s, m]
         if watched.follows >= FALL_BACK and row.values[m] > watched.limit:
             return m
+    added, probed = 0.0, False
     for d in range(made.devices.shape[1]):
         found = state.commanded[s, d]
         if made.devices[s, d].place == UNSET:
@@ -171,7 +173,8 @@ def refusal(made: Supervisors, state: SupervisorState, s: int) -> int:
             return PROBE_PHASE
         if not 1.0 / own.gain <= found.gain <= own.gain:
             return PROBE_GAIN
-    return NO_CAUSE
+        added, probed = added + found.added.real, True
+    return PROBE_HARM if probed and added > 0.0 else NO_CAUSE
 
 
 @inner

@@ -1,0 +1,228 @@
+"""A fault campaign carried out: each draw in process, with what must hold for it; any draw runs again by itself."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from copy import deepcopy
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.case.loading import changed_case, read_run
+from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
+from facts_damping.parameters.campaign import Campaign
+from facts_damping.parameters.files import find, new_folder, parse_set, read_table, read_value
+from facts_damping.parameters.validation import check
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.studies import batch, invariants
+from facts_damping.studies.faults import FAULTS, ONLY_REAL, Chance
+from facts_damping.studies.journal import Journal
+from facts_damping.studies.pool import workers
+from facts_damping.terminal import write_whole
+from facts_damping.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from facts_damping.case.model import Case
+    from facts_damping.parameters.campaign import Bed
+    from facts_damping.signals import Record
+    from facts_damping.terminal import Progress
+
+JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
+UNSUPERVISED: dict[str, Any] = {"supervision": None, "arm_at": None}
+UNCONTROLLED: dict[str, Any] = {"controllers": [], **UNSUPERVISED}
+
+_uncontrolled: dict[str, Record] = {}
+
+
+class Plan(NamedTuple):
+    """A campaign that has been read, with the contents of its runs."""
+
+    name: str
+    text: str  # as YAML
+    campaign: Campaign
+    contents: dict[str, tuple[dict[str, Any], str]]  # of the beds: content of the run, and what it is from
+    set: dict[str, Any]  # of all runs
+    fingerprint: str
+
+
+class Draw(NamedTuple):
+    """A draw: its number, the run's content, its source and what it changes, the fault, and what was chosen."""
+
+    number: int
+    bed: str
+    changes: dict[str, Any]
+    fault: str
+    start: float
+    chosen: dict[str, str]
+
+
+def plan(name: str, sets: Sequence[str] = (), draws: int | None = None) -> Plan:
+    """Read a campaign by name or path, with `--set` applied to its runs. Raises `InputError`, also for first runs."""
+    path = find("campaigns", name)
+    campaign = check(Campaign, read_table(path), str(path))
+    campaign = campaign if draws is None else campaign.model_copy(update={"draws": draws})
+    for fault in campaign.faults:
+        check_known(f"{path}: faults", fault, list(FAULTS))
+    contents = {bed: _content(one) for bed, one in campaign.beds.items()}
+    pairs = dict(parse_set(text) for text in sets)
+    changed = {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}
+    told = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
+    digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
+    made = Plan(path.stem, path.read_text(encoding="utf-8"), campaign, contents, changed, digest)
+    try:
+        for bed in campaign.beds:
+            _check(made, bed)
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+    return made
+
+
+def _check(made: Plan, bed: str) -> None:
+    """Raise `InputError` where a bed's first run cannot be made, or has no supervision."""
+    first, _ = _choose(made.campaign.beds[bed], np.random.default_rng(0))
+    if _case(made, bed, {**made.set, **first}).supervision is None:
+        raise InputError(f"beds.{bed}: a run without supervision given; allowed: one with `supervision`")
+
+
+def _content(bed: Bed) -> tuple[dict[str, Any], str]:
+    return (deepcopy(bed.run), "run") if isinstance(bed.run, dict) else read_run(bed.run)
+
+
+def _case(made: Plan, bed: str, changes: dict[str, Any]) -> Case:
+    """The case of a bed with changes; where it is not supervised, without fallbacks."""
+    content, source = deepcopy(made.contents[bed][0]), made.contents[bed][1]
+    if "supervision" in changes and changes["supervision"] is None:
+        content["controllers"] = [one for one in content.get("controllers", [{}]) if one.get("fallback_of") is None]
+    return changed_case(content, source, {**made.campaign.beds[bed].set, **changes})
+
+
+def _choose(bed: Bed, random: np.random.Generator) -> tuple[dict[str, Any], dict[str, str]]:
+    """What a draw sets of a run beside its fault, and the labels of that."""
+    changes: dict[str, Any] = {}
+    labels = {}
+    for name, choices in bed.choose.items():
+        labels[name] = list(choices)[int(random.integers(len(choices)))]
+        changes |= choices[labels[name]]
+    return changes, labels
+
+
+def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
+    """How often each fault is drawn; those that are only real are drawn for graphs alone."""
+    given = campaign.faults or dict.fromkeys(FAULTS, 1.0)
+    return {name: weight for name, weight in given.items() if real or name not in ONLY_REAL}
+
+
+def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
+    """A draw of a campaign by its number; the same whenever it is asked for."""
+    campaign = made.campaign
+    random = np.random.default_rng((campaign.seed, number))
+    bed = list(campaign.beds)[int(random.integers(len(campaign.beds)))]
+    changes, chosen = _choose(campaign.beds[bed], random)
+    given = weights(campaign, real=real)
+    fault = str(random.choice(list(given), p=np.array(list(given.values())) / sum(given.values())))
+    low, high = campaign.window
+    start, lasts = round(random.uniform(low, high), 3), round(float(10 ** random.uniform(-1.0, 1.0)), 3)
+    duration = None if random.random() < campaign.lasting else lasts
+    changes = {**made.set, **changes, "seed": int(random.integers(2**31))}
+    if real:
+        changes["duration"] = campaign.graph_duration
+    case = _case(made, bed, changes)
+    changes |= FAULTS[fault].draw(Chance(random, start, duration, case))
+    return Draw(number, bed, changes, fault, start, chosen | {"lasts": "" if duration is None else f"{duration:g}"})
+
+
+def case_of(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:
+    """The case of a draw, perhaps with changes on top."""
+    return _case(made, drawn.bed, {**drawn.changes, **(more or {})})
+
+
+def run_file(made: Plan, drawn: Draw) -> str:
+    """A draw as a run file: everything inline."""
+    document = case_of(made, drawn).document()
+    kept = {name: value for name, value in document.items() if value is not None and name != "asked"}
+    return f"# Draw {drawn.number} of the campaign {made.name}: {drawn.fault} at {drawn.start:g} s.\n" + dump(kept)
+
+
+def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
+    """Key and row of a draw; one that fails is a row too, with the reason in `error`."""
+    row: dict[str, Any] = {"number": number, "error": None}
+    try:
+        drawn = draw(made, number)
+        row |= identity(drawn)
+        case = case_of(made, drawn)
+        row |= {"controller": case.controllers[0].name, "scheme": case.controllers[0].scheme}
+        row |= judged(case, batch.closed_loop(case), uncontrolled(made, drawn), drawn)
+        if made.campaign.unsupervised:
+            bare = batch.closed_loop(_case(made, drawn.bed, {**_bare(drawn.changes), **UNSUPERVISED}))
+            told = invariants.beside(bare, uncontrolled(made, drawn))
+            row |= {f"unsupervised_{name}": told[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
+    except FactsDampingError as error:
+        row["error"] = one_line(error)
+    except Exception as error:  # noqa: BLE001 (whatever a draw dies of, the others go on)
+        row["error"] = f"{type(error).__name__}: {one_line(error)}"
+    return str(number), row
+
+
+def _bare(changes: dict[str, Any]) -> dict[str, Any]:
+    """Changes of a run that is not supervised: nothing below what it has not."""
+    return {path: value for path, value in changes.items() if not path.startswith(("supervision", "arm_at"))}
+
+
+def identity(drawn: Draw) -> dict[str, Any]:
+    """What tells draws apart."""
+    own = FAULTS[drawn.fault]
+    found = {"bed": drawn.bed, "fault": drawn.fault, "group": own.group, "wrong": own.wrong, "start_s": drawn.start}
+    return found | {name: label for name, label in drawn.chosen.items() if name != "controller"}
+
+
+def judged(case: Case, record: Record, reference: Record, drawn: Draw) -> dict[str, Any]:
+    """What a supervisor did in a run, whether all holds that must, and the figures beside no control."""
+    row = invariants.doings(record, drawn.start) | invariants.beside(record, reference)
+    row["released"] = bool(record.devices["released"].any())
+    return row | {name: holds(case, record) for name, holds in invariants.ALONE.items()}
+
+
+def uncontrolled(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Record:
+    """The same without control: the plant and its events count, no measurement, link or controller."""
+    plain = {path: value for path, value in drawn.changes.items() if _of_plant(path)}
+    key = json.dumps([drawn.bed, plain, more], default=str, sort_keys=True)
+    changes = {"link": "ideal", "measurement": "ideal", **plain, **(more or {}), **UNCONTROLLED}
+    return batch.shared(_uncontrolled, key, lambda: batch.closed_loop(_case(made, drawn.bed, changes)))
+
+
+def _of_plant(path: str) -> bool:
+    """Whether a field of a run counts where nothing controls; the seed does for the noise of loads alone."""
+    return path.partition(".")[0] in ("system", "scenario", "devices", "duration", "frame_rate", "load_noise")
+
+
+def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:
+    """The rows of all draws; only those that the folder does not hold yet are made.
+
+    Draws for which something does not hold are written as run files. Raises `InputError` where the folder is another
+    campaign's, `RunError` where the draws cannot go on.
+    """
+    campaign = made.campaign
+    with workers(jobs, scheduler) as each, Journal(new_folder(folder) / JOURNAL, made.fingerprint) as journal:
+        write_whole(folder / COPY, made.text)
+        todo = [number for number in range(campaign.draws) if str(number) not in journal.rows]
+        progress.resume(len(journal.rows))
+        progress(campaign.draws - len(todo), campaign.draws)
+        for done, (key, row) in enumerate(each(partial(one_draw, made), todo), campaign.draws - len(todo) + 1):
+            journal.append(key, row)
+            progress(done, campaign.draws)
+        rows = [journal.rows[str(number)] for number in range(campaign.draws)]
+    for row in rows:
+        if not holds(row):
+            text = run_file(made, draw(made, row["number"]))
+            write_whole(new_folder(folder / FAILED) / f"{row['number']}.yaml", text)
+    return rows
+
+
+def holds(row: dict[str, Any]) -> bool:
+    """Whether all holds for a draw that must."""
+    return row["error"] is None and all(row[name] for name in invariants.INVARIANTS)

@@ -1,0 +1,173 @@
+"""What must hold for every draw of a fault campaign, and what a supervisor did, from the records."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.analysis.indices import performance_indices
+from facts_damping.analysis.measures import columns, speed_differences
+from facts_damping.analysis.oscillation import is_stable
+from facts_damping.monitors import ARMED, FALLBACK, TRIPPED, cause_name
+from facts_damping.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.signals import Record
+
+TOLERANCE = 1e-9  # p.u., of a reference that is zero, or at its limit
+SETTLED_S = 1.0  # after a trip's ramp: what is under way has arrived, and the device has followed
+HARM = 1.05  # ITAE beside that of no control
+
+
+def limits(case: Case, record: Record) -> bool:
+    """What is said stays within the device's limit and the authority, what the device does within limit and rate."""
+    share = case.supervision.authority.share if case.supervision else 1.0
+    for d, name in enumerate(case.run.devices):
+        device = case.system.device(name)
+        said = record.supervised["value"][record.supervised["device"] == d]
+        reference = record.devices["reference"][:, d]
+        steps = np.abs(np.diff(reference)) - device.rate_max * np.diff(record.time_s)
+        if not (
+            np.all(np.abs(said) <= device.v_max * share + TOLERANCE)
+            and np.all(np.abs(reference) <= device.v_max + TOLERANCE)
+            and np.all(steps <= TOLERANCE)
+        ):
+            return False
+    return True
+
+
+def lets_go(case: Case, record: Record) -> bool:
+    """The device is at zero within the time-out and the ramp after the last setpoint that it accepted."""
+    watchdog = case.run.watchdog
+    if watchdog is None:
+        return True
+    for d, name in enumerate(case.run.devices):
+        reference, v_max = record.devices["reference"][:, d], case.system.device(name).v_max
+        accepted = _accepted(record, d, v_max, watchdog.max_age)
+        if not len(accepted):
+            continue
+        newest = np.searchsorted(accepted, record.time_ns, side="right") - 1
+        since = (record.time_ns - accepted[np.maximum(newest, 0)]) / NANOSECONDS
+        allowed = watchdog.timeout + v_max / watchdog.release_rate + 2.0 / record.frame_rate
+        if np.any(np.abs(reference[(newest >= 0) & (since > allowed)]) > TOLERANCE):
+            return False
+    return True
+
+
+def _accepted(record: Record, d: int, v_max: float, max_age: float) -> NDArray[np.int64]:
+    """Times at which the watchdog of a device may have accepted a setpoint, ns: `plant.watchdog` in other words."""
+    rows = record.applied[record.applied["device"] == d]
+    age = (rows["effective_ns"] - rows["measured_ns"]) / NANOSECONDS
+    frame = 1.0 / record.frame_rate
+    fit = (np.abs(rows["value"]) <= v_max) & (age <= max_age) & (age >= -frame)
+    return np.asarray(rows["effective_ns"][fit])
+
+
+def zero_after_trip(case: Case, record: Record) -> bool:
+    """Once tripped, and its ramp over, a supervisor says zero to the end of the run, also if it has begun again."""
+    ramp = case.supervision.arming.trip_ramp if case.supervision else 0.0
+    for c in np.unique(record.supervision["controller"]):
+        own = record.supervision[record.supervision["controller"] == c]
+        tripped = own[own["state"] == TRIPPED]
+        if not len(tripped):
+            continue
+        after = (int(tripped["tick"][0]) / record.frame_rate + ramp) * NANOSECONDS + 2 * NANOSECONDS / record.frame_rate
+        rows = record.supervised[(record.supervised["controller"] == c) & (record.supervised["issued_ns"] > after)]
+        acts_again = np.isin(own["state"][own["tick"] >= tripped["tick"][0]], (ARMED, FALLBACK))
+        if np.any(rows["value"] != 0.0) or acts_again.any():
+            return False
+    return True
+
+
+def device_at_zero(case: Case, record: Record) -> bool:
+    """Once tripped the device itself is at zero, when what was under way has arrived."""
+    ramp = (case.supervision.arming.trip_ramp if case.supervision else 0.0) + SETTLED_S
+    tripped = record.supervision[record.supervision["state"] == TRIPPED]
+    if not len(tripped):
+        return True
+    first = {int(c): int(tripped["tick"][tripped["controller"] == c][0]) for c in np.unique(tripped["controller"])}
+    for c, tick in first.items():
+        late = record.time_s > tick / record.frame_rate + ramp
+        for name in case.controllers[c].devices:
+            if np.any(np.abs(record.devices["reference"][late, case.run.devices.index(name)]) > TOLERANCE):
+                return False
+    return True
+
+
+def causes(_case: Case, record: Record) -> bool:
+    """Every trip has its cause recorded."""
+    return bool(np.all(record.supervision["cause"][record.supervision["state"] == TRIPPED] >= 0))
+
+
+# By column of the table: what each record by itself must show.
+ALONE: dict[str, Callable[[Case, Record], bool]] = {
+    "within_limits": limits,
+    "lets_go": lets_go,
+    "zero_after_trip": zero_after_trip,
+    "device_at_zero": device_at_zero,
+    "cause_recorded": causes,
+}
+BESIDE = ("keeps_synchronism", "does_no_harm")  # beside a run without control
+INVARIANTS = (*ALONE, *BESIDE)
+
+
+def itae(record: Record) -> float | None:
+    """ITAE of a run in synchronism to its end, p.u. s^2."""
+    if is_stable(record) is not True:
+        return None
+    return performance_indices(record.time_s, columns(speed_differences(record)))["ITAE"]
+
+
+def lost_s(record: Record) -> float | None:
+    """When synchronism was lost, s."""
+    lost = np.flatnonzero(~record.in_synchronism)
+    return float(record.time_s[lost[0]]) if len(lost) else None
+
+
+def beside(record: Record, uncontrolled: Record) -> dict[str, Any]:
+    """Figures of a run beside the same without control; a ratio is there where both stay in synchronism."""
+    own, none = itae(record), itae(uncontrolled)
+    ratio = own / none if own is not None and none else None
+    lost, none_lost = lost_s(record), lost_s(uncontrolled)
+    return {
+        "lost_s": lost,
+        "uncontrolled_lost_s": none_lost,
+        "ITAE": own,
+        "uncontrolled_ITAE": none,
+        "ratio": ratio,
+        "keeps_synchronism": lost is None or none_lost is not None,
+        "does_no_harm": ratio is None or ratio <= HARM,
+    }
+
+
+def doings(record: Record, start_s: float) -> dict[str, Any]:
+    """What a supervisor did: when it was armed, tripped and fell back, why; how long after a fault's start."""
+    own = record.supervision[record.supervision["controller"] == 0]
+    time_s = (own["tick"] + 1) / record.frame_rate  # a verdict is there at a tick's end
+    first = {state: _first(own["state"] == state, time_s) for state in (ARMED, FALLBACK, TRIPPED)}
+    tripped = own[own["state"] == TRIPPED]
+    left = [t for t in (first[FALLBACK], first[TRIPPED]) if t is not None]
+    after = [t - start_s for t in left if t >= start_s]
+    fallen = own[own["state"] == FALLBACK]
+    refused = own["refused"][own["refused"] != -1]
+    return {
+        "armed_s": first[ARMED],
+        "fallback_s": first[FALLBACK],
+        "tripped_s": first[TRIPPED],
+        "cause": cause_name(int(tripped["cause"][0])) if len(tripped) else None,
+        "fallback_cause": cause_name(int(fallen["cause"][0])) if len(fallen) else None,
+        "not_armed": cause_name(int(refused[0])) if len(refused) and first[ARMED] is None else None,
+        "early": any(t < start_s for t in left),
+        "detected_s": min(after, default=None),
+    }
+
+
+def _first(which: NDArray[np.bool_], time_s: NDArray[np.float64]) -> float | None:
+    at = np.flatnonzero(which)
+    return float(time_s[at[0]]) if len(at) else None
