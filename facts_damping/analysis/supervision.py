@@ -55,6 +55,28 @@ def limits(record: Record) -> dict[str, float]:
     return {name: one.limit for name, one in watches(_given(record)).items()}
 
 
+def on_ticks(record: Record, rows: NDArray[Any], values: NDArray[Any]) -> NDArray[np.float64]:
+    """Values of a supervisor's rows on the grid of the record's ticks; NaN where it said nothing."""
+    found = np.full(len(record.time_ns), np.nan)
+    place, inside = np.searchsorted(record.ticks, rows["tick"]), np.isin(rows["tick"], record.ticks)
+    found[place[inside]] = values[inside]
+    return found
+
+
+def strained(record: Record, rows: NDArray[Any], least: float) -> dict[str, NDArray[np.float64]]:
+    """Monitors beside their limits, (ticks,), 1 at the limit: those that came above a share of it once.
+
+    What is not watched is left out; of a limit of zero it is the value itself.
+    """
+    found = {}
+    for name, values in zip(MONITORS, rows["values"].T, strict=True):
+        limit = limits(record)[name]
+        beside = on_ticks(record, rows, values) / (limit or 1.0)
+        if math.isfinite(limit) and np.any(beside > least):
+            found[name] = beside
+    return found
+
+
 def _given(record: Record) -> Supervision:
     """The run's supervision; the table's where a recording does not hold its run."""
     return Supervision.model_validate(record.configuration.get("supervision") or {})
@@ -191,16 +213,15 @@ def history_text(told: Mapping[str, Any]) -> str:
 
 def change_text(row: Mapping[str, Any], *, again: bool = False) -> str:
     """A change, or a refusal to arm, for people: `tripped at 5.43 s: harm 0.21 1/s, more than 0.03`."""
-    why = cause_text(row)
-    return f"{row.get('state', 'not armed')}{' again' * again} at {row['time_s']:.2f} s{f': {why}' if why else ''}"
+    why = "" if row["cause"] in ("", CAUSES[BY_SCHEDULE]) else f": {cause_text(row)}"
+    return f"{row.get('state', 'not armed')}{' again' * again} at {row['time_s']:.2f} s{why}"
 
 
 def cause_text(row: Mapping[str, Any]) -> str:
-    """Why, with the value and the limit that it has passed; nothing for what was planned, or is over."""
+    """Why, with the value and the limit that it has passed."""
     cause, value, limit = row["cause"], row["value"], row["limit"]
     if value is None:
-        over = cause in MONITORS and row.get("state") == STATES[ARMED]
-        return "" if over or cause == CAUSES[BY_SCHEDULE] else str(cause)
+        return f"{cause} is over" if cause in MONITORS and row.get("state") == STATES[ARMED] else str(cause)
     unit = "" if row["unit"] == "-" else f" {row['unit']}"
     return f"{cause} {value:.3g}{unit}, {'more' if value > limit else 'less'} than {limit:.3g}"
 
@@ -217,6 +238,12 @@ def probe_text(probe: Mapping[str, Any] | None) -> str:
         delay = "" if probe["delay_margin_ms"] is None else f" ({probe['delay_margin_ms']:.0f} ms)"
         texts.append(f"phase margin {probe['phase_margin_deg']:.0f} deg{delay}")
     return "; ".join(texts)
+
+
+def trips(record: Record) -> list[tuple[float, str]]:
+    """Time (s) and cause of every trip, in words, for pictures."""
+    found = [row for rows in supervised(record).values() for row in _changes(record, rows)]
+    return [(row["time_s"], f"tripped: {row['cause']}") for row in found if row["state"] == STATES[TRIPPED]]
 
 
 def tripped_texts(told: Sequence[Mapping[str, Any]]) -> list[str]:

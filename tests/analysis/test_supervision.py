@@ -91,7 +91,7 @@ def test_changes_have_time_cause_value_and_the_run_s_limit(watched: Callable[[An
         None,
     )
     assert history_text(found) == (
-        "armed at 0.50 s; fallback at 5.00 s: stale 0.41 s, more than 0.4; armed again at 8.00 s; "
+        "armed at 0.50 s; fallback at 5.00 s: stale 0.41 s, more than 0.4; armed again at 8.00 s: stale is over; "
         "tripped at 10.00 s: harm 0.21 1/s, more than 0.05; disarmed at 15.00 s: operator"
     )
     assert tripped_texts([found]) == [
@@ -171,10 +171,11 @@ def test_the_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:
 def test_many_changes_are_counted(watched: Callable[[Any], dict[str, Any]]) -> None:
     own = told(1200)
     own["state"] = np.where(np.arange(1200) // 60 % 2, ARMED, SHADOW)
+    own["cause"][60:] = BY_OPERATOR
     text = history_text(watched(own))
     assert text.count(";") == 5
-    assert text.startswith("armed at 1.00 s; shadow at 2.00 s; ")
-    assert text.endswith("; 14 more changes; armed again at 19.00 s")
+    assert text.startswith("armed at 1.00 s: operator; shadow at 2.00 s: operator; ")
+    assert text.endswith("; 14 more changes; armed again at 19.00 s: operator")
 
 
 def test_a_run_whose_controller_turns_its_sign_is_tripped_and_told() -> None:

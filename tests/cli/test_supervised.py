@@ -15,9 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 WRONG_SIGN = "controllers.0.faults=[{kind: wrong_sign, start: 2}]"
-TRIPPED = (
-    "facts-damping: the run ended, but: controller_0_LLC was tripped at 5.43 s: harm 0.186 1/s, more than 0.03\n"
-)
+TRIPPED = "facts-damping: the run ended, but: controller_0_LLC was tripped at 5.43 s: harm 0.186 1/s, more than 0.03\n"
 
 
 def test_a_run_whose_controller_was_tripped_ends_with_3_and_one_line(

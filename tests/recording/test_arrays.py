@@ -78,7 +78,8 @@ def test_what_supervisors_say_has_columns_by_monitor() -> None:
     given = ["supervision=standard", "arm_at=0.5", "duration=2", "devices=[sssc,statcom]"]
     record = loop.run(load_case(None, given))
     arrays, place = record.arrays, "supervision.controller_0_LLC"
-    assert [name.removeprefix(f"{place}.") for name in arrays if name.startswith(place)] == ["state", "share", *MONITORS]
+    names = [name.removeprefix(f"{place}.") for name in arrays if name.startswith(place)]
+    assert names == ["state", "share", *MONITORS]
     assert {name: record.units[f"{place}.{name}"] for name in MONITORS} == {n: row.unit for n, row in MONITORS.items()}
     assert arrays[f"{place}.state"].tolist() == [1.0] * 30 + [2.0] * 90
     assert arrays[f"{place}.share"][[29, 59, 119]] == pytest.approx([1.0, 0.5, 1.0])
