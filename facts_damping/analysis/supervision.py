@@ -69,8 +69,7 @@ def strained(record: Record, rows: NDArray[Any], least: float) -> dict[str, NDAr
     What is not watched is left out; of a limit of zero it is the value itself.
     """
     found = {}
-    for name, values in zip(MONITORS, rows["values"].T, strict=True):
-        limit = limits(record)[name]
+    for (name, limit), values in zip(limits(record).items(), rows["values"].T, strict=True):
         beside = on_ticks(record, rows, values) / (limit or 1.0)
         if math.isfinite(limit) and np.any(beside > least):
             found[name] = beside
@@ -150,20 +149,26 @@ def _told(record: Record, tick: int, cause: str, bound: Bound | None) -> dict[st
 
 
 def _bound(record: Record, row: Any, cause: int) -> Bound | None:
-    """Value and limit of a cause, if it has a number, and that is beyond (of a return to normal it is not)."""
-    probe = _given(record).probe
+    """Value and limit of a cause; none where there is no number to it, or what was told is within the limit.
+
+    So it is of a return to normal, and of a probe, where another device's answer is told than that which failed.
+    """
+    probe, below = _given(record).probe, cause == PROBE_WEAK
+    gain, phase = float(row["probe_gain"]), abs(math.degrees(float(row["probe_phase"])))
     if cause >= 0:
         name = _NAMES[cause]
         found = Bound(float(row["values"][cause]), limits(record)[name], MONITORS[name].unit)
-        return found if found.value > found.limit and math.isfinite(found.value) else None
-    gain, phase = float(row["probe_gain"]), abs(math.degrees(float(row["probe_phase"])))
-    beyond = {
-        PROBE_WEAK: Bound(float(row["probe_coherence"]), probe.coherence, "-"),
-        PROBE_GAIN: Bound(gain, probe.gain if gain > 1.0 else 1.0 / probe.gain, "-"),
-        PROBE_PHASE: Bound(phase, probe.phase, "deg"),
-    }
-    one = beyond.get(cause)
-    return None if one is None or math.isnan(one.value) else one
+    elif cause == PROBE_WEAK:
+        found = Bound(float(row["probe_coherence"]), probe.coherence, "-")
+    elif cause == PROBE_GAIN:
+        below = gain < 1.0
+        found = Bound(gain, 1.0 / probe.gain if below else probe.gain, "-")
+    elif cause == PROBE_PHASE:
+        found = Bound(phase, probe.phase, "deg")
+    else:
+        return None
+    beyond = found.value < found.limit if below else found.value > found.limit
+    return found if beyond and math.isfinite(found.value) else None
 
 
 def _probe(rows: NDArray[Any], mode_hz: float | None) -> dict[str, Any] | None:
@@ -250,6 +255,6 @@ def tripped_texts(told: Sequence[Mapping[str, Any]]) -> list[str]:
     """Controllers that were tripped, a line each: the last time."""
     found = []
     for one in told:
-        trips = [row for row in one["changes"] if row["state"] == STATES[TRIPPED]]
-        found += [f"{one['controller']} was {change_text(trips[-1])}"] if trips else []
+        own = [row for row in one["changes"] if row["state"] == STATES[TRIPPED]]
+        found += [f"{one['controller']} was {change_text(own[-1])}"] if own else []
     return found

@@ -183,7 +183,8 @@ def _latencies(parts: Mapping[str, NDArray[np.float64]]) -> dict[str, tuple[str,
 
 def conditions(runs: Sequence[ReportedRun]) -> ReportTable:
     """What was run."""
-    fields = ("system", "scenario", "devices", "controllers", "link", "frame_rate", "duration", "seed")
+    fields = ["system", "scenario", "devices", "controllers", "link", "frame_rate", "duration", "seed"]
+    fields += [field for field in ("supervision", "arm_at") if any(run.record.asked.get(field) for run in runs)]
     rows = [
         [Cell(field.replace("_", " ")), *(Cell(_said(run.record.asked.get(field))) for run in runs)] for field in fields
     ]

@@ -111,6 +111,8 @@ def test_a_supervisor_that_never_arms_says_so(watched: Callable[[Any], dict[str,
         (PROBE_WEAK, {"probe_coherence": 0.4}, "probe: coherence 0.4, less than 0.5"),
         (PROBE_GAIN, {"probe_gain": 0.2}, "probe: gain 0.2, less than 0.333"),
         (PROBE_GAIN, {"probe_gain": 4.0}, "probe: gain 4, more than 3"),
+        (PROBE_WEAK, {"probe_coherence": 0.9}, "probe: coherence"),  # told is another device's
+        (PROBE_GAIN, {"probe_gain": 1.2}, "probe: gain"),
         (PROBE_PHASE, {"probe_phase": -math.pi / 2}, "probe: phase 90 deg, more than 60"),
         (CODES["frequency"], {"values": 3.5}, "frequency 3.5 Hz, more than 3"),
         (CODES["range"], {"values": math.inf}, "range"),

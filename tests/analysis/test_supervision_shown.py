@@ -79,6 +79,8 @@ def test_a_run_without_a_supervisor_beside_one_with(tripped: Record, alone: Reco
     assert {curve.run for panel in named["supervision"].panels for curve in panel.curves} == {1}
     assert (5.433, "it: controller_0_LLC tripped by harm") in said(alone=alone, it=tripped).events
     rows = {row[0].text: [cell.text for cell in row[1:]] for row in named["summary"].rows}
+    asked = {row[0].text: [cell.text for cell in row[1:]] for row in named["conditions"].rows}
+    assert (asked["supervision"], asked["arm at"]) == (["-", "standard"], ["-", "0.5"])
     assert rows["controller_0_LLC"] == ["-", "armed at 0.50 s; tripped at 5.43 s: harm 0.186 1/s, more than 0.03"]
 
 
@@ -86,6 +88,7 @@ def test_nothing_is_shown_of_runs_without(alone: Record, tmp_path: Path) -> None
     found = said(alone=alone)
     assert "Supervision" not in [section.title for section in found.sections]
     assert [text for _, text in found.events] == ["load step load_2"]
+    assert "supervision" not in [row[0].text for row in items(found)["conditions"].rows]
     assert not STEMS & {path.stem for path in plot_record(alone, tmp_path)}
 
 

@@ -31,6 +31,20 @@ def test_a_run_whose_controller_was_tripped_ends_with_3_and_one_line(
     assert (found["controller"], found["trips"]) == ("controller_0_LLC", 1)
 
 
+def test_a_graph_is_told_as_the_same_run_in_process(tmp_path: Path, domain: int) -> None:
+    given = ["two_area_small", "--supervised", "--set", WRONG_SIGN, "--set", "duration=6"]
+    paths = [tmp_path / name for name in ("run.json", "simulate.json", "analyze.json")]
+    assert main(["run", *given, "--out", str(tmp_path), "--json", str(paths[0])]) == 3
+    assert main(["simulate", *given, "--json", str(paths[1])]) == 3
+    again = ["--out", str(tmp_path / "again"), "--json", str(paths[2])]
+    assert main(["analyze", str(tmp_path / "recording"), *again]) == 0
+    made, computed, (read,) = (json.loads(path.read_text()) for path in paths)
+    for name in ("supervision", "latency_ms"):
+        assert made[name] == computed[name] == read[name], name
+    assert made["supervision"][0]["trips"] == 1
+    assert {"supervision.png", "monitors.png"} <= {path.name for path in (tmp_path / "again").iterdir()}
+
+
 def test_a_sound_controller_is_armed_and_ends_with_0(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "two_area_small", "--supervised", "--set", "duration=2"]) == 0
     out, err = capsys.readouterr()
