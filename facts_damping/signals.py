@@ -267,7 +267,7 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
             )
             for c, (name, unit) in enumerate({**CHANNELS, "measured": "s"}.items()):
                 yield f"delivered.{link}.{station}.{name}_{unit}", unit, held[:, c]
-    for way in ("issued", "applied"):
+    for way in ("issued", "supervised", "applied"):
         for (c, d), own in group_by(getattr(record, way), "controller", "device"):
             name = f"{way}.{record.controller_names[c]}.{record.device_names[d]}"
             yield f"{name}_pu", "pu", _held(record.ticks, own["tick"], own["value"][:, None])[:, 0]
@@ -280,6 +280,7 @@ def _columns(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
                 yield f"{kind}.{one}.{truth_field(name)}", TRUTH_UNITS.get(name, "pu"), table[name][:, i]
     yield "in_synchronism", "-", record.in_synchronism
     yield from _learnt(record)
+    yield from _watched(record)
 
 
 def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
@@ -304,6 +305,15 @@ def _learnt(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
         if (o, g) == (0, 0):
             yield f"{place}.lyapunov", "-", values[:, 1]
             yield f"{place}.fall", "-", values[:, 2]
+
+
+def _watched(record: Record) -> Iterator[tuple[str, str, NDArray[Any]]]:
+    """Columns of what supervisors tell: their state by its code, the share of its ramp, and what monitors see."""
+    units = {"state": "-", "share": "-", **{name: row.unit for name, row in MONITORS.items()}}
+    for (c,), own in group_by(record.supervision, "controller"):
+        values = _held(record.ticks, own["tick"], np.column_stack([own["state"], own["share"], own["values"]]))
+        for i, (name, unit) in enumerate(units.items()):
+            yield f"supervision.{record.controller_names[c]}.{name}", unit, values[:, i]
 
 
 def group_by(rows: NDArray[Any], *fields: str) -> list[tuple[tuple[int, ...], NDArray[Any]]]:

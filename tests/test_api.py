@@ -142,6 +142,23 @@ def test_setpoints_of_ones_own_stand_in_for_the_controllers() -> None:
         simulation.step([0.0, 0.0])
 
 
+def test_a_fallback_speaks_for_itself_beside_setpoints_of_ones_own() -> None:
+    """Frames that stop at 1 s: the supervisor takes the fallback's setpoints, which nobody has set."""
+    link = {"up": [{"model": "bernoulli", "loss": 1.0, "start": 1.0}]}
+    rows = [{"link": link}, {"fallback_of": 0, "signals": ["power"]}]
+    fields = {"duration": 2, "supervision": "standard", "arm_at": 0.1, "controllers": rows}
+    simulation = fd.Simulation("two_area_large", **fields)
+    assert simulation.devices == ["sssc"]
+    while simulation.step(0.001):
+        assert "supervision.controller_0_LLC.state" in simulation.state
+    record = simulation.record()
+    assert set(record.issued["value"][record.issued["controller"] == 0]) == {0.001}
+    reserve = record.issued["value"][record.issued["controller"] == 1]
+    assert len(set(reserve)) > 10
+    assert [row["state"] for row in record.summary["supervision"][0]["changes"]] == ["armed", "fallback"]
+    assert record.supervised["value"][-1] == reserve[-1]
+
+
 def test_controllers_and_setpoints_by_turns() -> None:
     simulation = fd.Simulation("two_area_large", duration=2)
     for tick in range(119):

@@ -28,9 +28,26 @@ HOPS = {
 def ages_ms(record: Record) -> NDArray[np.float64]:
     """Latency of each applied setpoint, ms of simulated time, (setpoints,); see `latency`. NaN: one that cannot be.
 
-    That is one that is negative, or longer than the run was old: of a clock that is wrong, or of a forged stamp.
+    That is one that is negative, or longer than the run was old: of a clock that is wrong, or of a forged stamp. Those
+    that rest on no measurement do not count (`measured`).
     """
-    rows = record.applied
+    return _ages(record, measured(record))
+
+
+def measured(record: Record) -> NDArray[Any]:
+    """The applied setpoints that rest on a measurement: without zeros and tones of supervisors that let nobody act.
+
+    These are said as their tick ends, and bear that time as that of their measurement.
+    """
+    rows, rate = record.applied, record.frame_rate
+    ends = (rows["issued_ns"] * rate // NANOSECONDS + 1) * NANOSECONDS // rate - 1
+    watched = np.isin(rows["controller"], record.supervision["controller"])
+    silent = watched & (rows["measured_ns"] == rows["issued_ns"]) & (rows["issued_ns"] == ends)
+    return np.asarray(rows[~silent])
+
+
+def _ages(record: Record, rows: NDArray[Any]) -> NDArray[np.float64]:
+    """Latency of applied setpoints, ms."""
     begins = rows["tick"] * NANOSECONDS // record.frame_rate
     return _between(rows["measured_ns"], np.maximum(rows["effective_ns"], begins))
 
@@ -92,12 +109,12 @@ def hops_ms(record: Record) -> dict[str, dict[str, NDArray[np.float64]]]:
     """
     up = _between(record.delivered["measured_ns"], record.delivered["arrival_ns"])
     down = _between(record.applied["issued_ns"], record.applied["effective_ns"])
-    devices = dict(enumerate(record.device_names))
+    devices, whole = dict(enumerate(record.device_names)), measured(record)
     return {
         "up": _by(up, _ways(record), record.delivered[["station", "link"]]),
         "wait": _by(_waits(record), dict(enumerate(record.controller_names)), record.issued["controller"]),
         "down": _by(down, devices, record.applied["device"]),
-        "whole": _by(ages_ms(record), devices, record.applied["device"]),
+        "whole": _by(_ages(record, whole), devices, whole["device"]),
     }
 
 

@@ -12,6 +12,8 @@ from facts_damping.analysis.indices import INDICES, index_curves, regions
 from facts_damping.analysis.latency import HOPS, cdf, hops_ms
 from facts_damping.analysis.measures import columns, measure_weights, setpoint_limits, speed_differences, station_speeds
 from facts_damping.analysis.oscillation import is_stable
+from facts_damping.analysis.supervision import on_ticks, strained, supervised
+from facts_damping.monitors import STATES
 from facts_damping.signals import CHANNELS
 
 if TYPE_CHECKING:
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from facts_damping.analysis.indices import Regions
     from facts_damping.signals import Record
 
+NEAR, MOST_SHOWN = 0.3, 3.0  # of its limit: a monitor is shown that came above the one, up to the other
 POWER, VOLTAGE = (list(CHANNELS).index(name) for name in ("active_power", "voltage_magnitude"))
 
 
@@ -48,7 +51,10 @@ class Panel(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A file: its stem, title, label of the ordinate, panels of a record, all of one in one axes?, the abscissa."""
+    """A file: its stem, title, label of the ordinate, panels of a record, all of one in one axes?, the abscissa.
+
+    `words`: what ordinates 0, 1 and so on stand for, where they are no numbers.
+    """
 
     stem: str
     title: str
@@ -57,6 +63,7 @@ class Picture(NamedTuple):
     together: bool
     over: str = "t [s]"
     logarithmic: bool = False
+    words: tuple[str, ...] = ()
 
 
 def _speeds(record: Record) -> list[Panel]:
@@ -130,6 +137,21 @@ def _latencies(record: Record) -> list[Panel]:
     return found
 
 
+def _states(record: Record) -> list[Panel]:
+    return [
+        Panel(name, {"": Curve(on_ticks(record, rows, rows["state"]), steps=True)})
+        for name, rows in supervised(record).items()
+    ]
+
+
+def _monitors(record: Record) -> list[Panel]:
+    return [
+        Panel(f"{name}\n{monitor}", {"": Curve(np.clip(values, 0.0, MOST_SHOWN))}, limits=(1.0,))
+        for name, rows in supervised(record).items()
+        for monitor, values in strained(record, rows, NEAR).items()
+    ]
+
+
 PICTURES = (
     Picture("speeds", "Speed deviation", "Δω [10⁻³ p.u.]", _speeds, together=True),
     Picture("differences", "Speed difference", "Δω [10⁻³ p.u.]", _differences, together=True),
@@ -140,6 +162,8 @@ PICTURES = (
     Picture("indices", "Performance indices", "", _indices, together=False),
     Picture("jacobian", "Identified Jacobian", "∂y/∂u [p.u./p.u.]", _jacobians, together=False),
     Picture("learning_rate", "Learning rate", "η", _learning_rates, together=False, logarithmic=True),
+    Picture("supervision", "State of the supervisors", "state", _states, together=False, words=STATES),
+    Picture("monitors", "Monitors beside their limits", "value / limit", _monitors, together=True),
     Picture("latency", "Latency by hop", "CDF", _latencies, together=False, over="latency [ms]"),
 )
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.pictures import PICTURES, Curve, Panel, Picture
+from facts_damping.analysis.supervision import trips
 from facts_damping.errors import InputError, check_known
 from facts_damping.signals import NANOSECONDS
 from facts_damping.terminal import save_picture
@@ -27,7 +28,7 @@ DPI = 150
 FAST = {"compress_level": 1}  # of PNG: a tenth of the time that a picture takes, for a fifth more bytes
 # Okabe and Ito's palette without its yellow: distinct also for the colour-blind.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
-SETPOINT, LIMIT, CLIFF = "setpoint in force", "limit of the setpoint", "ends of the cliff region"
+SETPOINT, LIMIT, CLIFF = "setpoint in force", "limit", "ends of the cliff region"
 REGIONS = {"error floor": 0.9, "cliff": 0.06, "small error": 0.06}  # where their names stand, of the height
 NEARBY = 0.03  # of the time axis: events so close share a label
 NARROW = 0.05  # of the time axis: a region so narrow bears no name
@@ -96,6 +97,9 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure |
             _draw(axes, record, panel, label, place, named=bool(name))
         _dress(axes, picture.label if len(row) > 1 else "\n".join(filter(None, (row[0], picture.label))))
         axes.set_yscale("log" if picture.logarithmic else "linear")
+        if picture.words:
+            axes.set_yticks(range(len(picture.words)), picture.words)
+            axes.set_ylim(-0.5, len(picture.words) - 0.5)
     if picture.over == "t [s]":
         grid[-1].set_xlim(*_span([record for _, record in records]))
         mark_events(list(grid), records[0][1])
@@ -195,11 +199,11 @@ def mark_events(grid: Sequence[Axes], record: Record) -> None:
 
 
 def _events(record: Record, nearby: float) -> list[tuple[float, str]]:
-    """Time (s) and kind of the events within the record; those closer than `nearby` of its span in one."""
+    """Time (s) and kind of the events within the record, and trips; those closer than `nearby` of its span in one."""
     grouped: list[tuple[float, float, str]] = []
     span = record.time_s[-1] - record.time_s[0]
-    for event in record.events:
-        time, kind = event["time_ns"] / NANOSECONDS, str(event["kind"])
+    told = [(event["time_ns"] / NANOSECONDS, str(event["kind"])) for event in record.events]
+    for time, kind in sorted([*told, *trips(record)]):
         if time > record.time_s[-1]:
             continue
         if grouped and time - grouped[-1][1] <= nearby * span:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping import terminal
-from facts_damping.analysis import ambient, convergence, releases
+from facts_damping.analysis import ambient, convergence, releases, supervision
 from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency, left_out
@@ -64,12 +64,12 @@ def summarise(
     """
     given = speed_differences(record) if differences is None else differences
     stable = is_stable(record)
-    smooth = record_smoothness(record)
+    smooth, swings = record_smoothness(record), _oscillation(record, given, method, stable)
     return {
         "run": record.asked,
         "stable": stable,
         "instability": instability(record),
-        **_oscillation(record, given, method, stable),
+        **swings,
         "duration_s": _duration(record),
         "smoothness": smooth["per_second"],
         "smoothness_per_frame": smooth["per_frame"],
@@ -82,6 +82,7 @@ def summarise(
         "refused_setpoints": releases.refused_setpoints(record),
         "refused_messages": record.refused,
         "joined": record.joined,
+        "supervision": supervision.supervision(record, find(swings, ("modes", 0, "frequency_hz"))),
         "warnings": warnings(record),
     }
 
@@ -96,7 +97,7 @@ def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
 
 def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
     """Rows of a table of runs that are there only where one of them has something to say, as texts."""
-    found = _checked(summaries) + _cycles(summaries) + releases.rows(summaries)
+    found = _checked(summaries) + _cycles(summaries) + supervision.rows(summaries) + releases.rows(summaries)
     if any(s.get("latencies_left_out") for s in summaries):
         found.append(("latencies that cannot be", [str(s.get("latencies_left_out", 0)) for s in summaries]))
     if any(s.get("refused_messages") for s in summaries):

@@ -44,8 +44,11 @@ class Simulation:
 
     @property
     def devices(self) -> list[str]:
-        """The devices that setpoints are for, in the order of `step`: those of all controllers, one after the other."""
-        return [name for controller in self._case.controllers for name in controller.devices]
+        """The devices that setpoints are for, in the order of `step`: those of all controllers, one after the other.
+
+        A fallback has those of another controller, and speaks for itself.
+        """
+        return [name for one in self._case.controllers if one.fallback_of is None for name in one.devices]
 
     @property
     def signals(self) -> dict[str, float]:

@@ -34,6 +34,7 @@ FOLDERS = {
     "supervision": SUPERVISION,
 }
 STANDARD = "standard"  # the supervision that `--set` goes below where there is none
+ARM_AT = 0.5  # s, when a controller is armed that is supervised because the command line says so
 
 
 def load_system(name: str, sets: list[str] | None = None, scenario: str | None = None) -> System:
@@ -63,12 +64,27 @@ def installed(system: System, names: str | None) -> list[str]:
     return asked
 
 
-def load_case(name: str | None, sets: list[str] | None = None) -> Case:
-    """A run by name or path (none: all defaults), with `--set` applied, and all that it names."""
+def load_case(name: str | None, sets: list[str] | None = None, supervised: str | None = None) -> Case:
+    """A run by name or path (none: all defaults), with `--set` applied, and all that it names.
+
+    `supervised`: a supervision that it is to have, by name or path; empty: its own, or `standard` where it has none.
+    Then it is armed at `ARM_AT`, unless the run says when, or a probe comes first.
+    """
     content, source = read_run(name)
     pairs = dict(parse_set(text) for text in sets or [])
+    if supervised is not None:
+        content["supervision"] = supervised or (STANDARD if _off(content, "supervision") else content["supervision"])
+        content.pop("asked", None)
     change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
-    return make_case(content, source, pairs)
+    case = make_case(content, source, pairs)
+    if supervised is None or case.supervision is None or case.supervision.arming.probe or case.run.arm_at is not None:
+        return case
+    return make_case({**content, "arm_at": ARM_AT}, source, pairs)
+
+
+def _off(content: Mapping[str, Any], field: str) -> bool:
+    """Whether a run's content says that it has none of something."""
+    return content.get(field) in ("off", False, None)
 
 
 def read_run(name: str | None) -> tuple[dict[str, Any], str]:
@@ -111,9 +127,9 @@ def _open_name(content: dict[str, Any], key: str) -> None:
     if top == "controllers":
         content.setdefault(top, [{}])
         open_own(content, below)
-    if top == "supervision" and content.get(top) in ("off", False, None):
+    if top == "supervision" and _off(content, top):
         content[top] = STANDARD
-    if top in ("watchdog", "load_noise") and content.get(top) in ("off", False, None):
+    if top in ("watchdog", "load_noise") and _off(content, top):
         content[top] = {}
     if top not in FOLDERS:
         return

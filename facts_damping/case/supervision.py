@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, check_known
@@ -43,6 +44,23 @@ def read_supervision(run: Run, source: str, sets: dict[str, str] | None = None) 
 def reserves(run: Run) -> dict[int, int]:
     """Places of the fallbacks, by the place of the controller that each stands in for."""
     return {c.fallback_of: i for i, c in enumerate(run.controllers) if c.fallback_of is not None}
+
+
+def unsupervised(case: Case) -> Case:
+    """The same run without supervisors, and so without fallbacks and their links: what acts while all is well."""
+    if case.supervision is None:
+        return case
+    kept = [c for c, one in enumerate(case.run.controllers) if one.fallback_of is None]
+    links = sorted({case.used_links[c] for c in kept})
+    fields = {"controllers": [case.run.controllers[c] for c in kept], "supervision": None, "arm_at": None}
+    return replace(
+        case,
+        run=case.run.model_copy(update=fields),
+        controllers=[case.controllers[c] for c in kept],
+        links=[case.links[i] for i in links],
+        used_links=[links.index(case.used_links[c]) for c in kept],
+        supervision=None,
+    )
 
 
 def check_fallbacks(case: Case, source: str, sets: dict[str, str] | None) -> None:

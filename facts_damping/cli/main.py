@@ -68,6 +68,7 @@ def parser() -> argparse.ArgumentParser:
 def _runs(add: Add) -> None:
     command = add("simulate", "runs.simulate", "One closed loop in process.")
     command.add_argument("run", nargs="?", metavar="RUN", help="name under config/runs, or a YAML file; none: defaults")
+    _supervised(command)
     _common(command)
     _check_step(command)
     command = add("run", "runs.run", "The same loop as a ROS 2 graph.")
@@ -77,6 +78,7 @@ def _runs(add: Add) -> None:
     command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help="longest wait for a silent node")
     text = "serve a live view to Foxglove; default: port 8765"
     command.add_argument("--foxglove", nargs="?", const=8765, type=_whole(1, 65535), metavar="PORT", help=text)
+    _supervised(command)
     _common(command)
 
 
@@ -225,7 +227,7 @@ def _studies(add: Add) -> None:
 
 
 def _lists(add: Add) -> None:
-    command = add("list", "runs.list_", "What there is: systems, scenarios, controllers, links.")
+    command = add("list", "runs.list_", "What there is: systems, scenarios, controllers, links, supervision, monitors.")
     command.add_argument("kind", choices=KINDS)
     _common(command, sets=False, out=False)
     text = "A small folder to start from: a controller's class, run file, study, and test."
@@ -285,6 +287,8 @@ KINDS = (
     "scenarios",
     "controllers",
     "links",
+    "supervision",
+    "monitors",
     "runs",
     "studies",
 )  # facts_damping.parameters.files.KINDS, likewise
@@ -296,6 +300,11 @@ COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _between(0.05, 36
 def _check_step(command: argparse.ArgumentParser) -> None:
     text = "run also with half the integration step; say which figures hold"
     command.add_argument("--check-step", action="store_true", help=text)
+
+
+def _supervised(command: argparse.ArgumentParser) -> None:
+    text = "a supervisor beside each controller: name under config/supervision, or a YAML file; default: standard"
+    command.add_argument("--supervised", nargs="?", const="", metavar="PRESET", help=text)
 
 
 def _jobs(command: argparse.ArgumentParser) -> None:

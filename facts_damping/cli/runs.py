@@ -89,8 +89,10 @@ def _step_lines(took: Mapping[str, StepTimes]) -> list[str]:
 def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome | None = None) -> None:
     """Raise `DegradedError` where a run ended, but not well; `outcome`: of its graph."""
     from facts_damping.analysis.releases import by_cause, joined_text, released_text
+    from facts_damping.analysis.supervision import tripped_texts
 
-    flaws = [f"{row['device']} was released {released_text(row)}" for row in result["releases"]]
+    flaws = tripped_texts(result["supervision"])
+    flaws += [f"{row['device']} was released {released_text(row)}" for row in result["releases"]]
     flaws += [f"{row['node']} joined {joined_text(row)}" for row in result["joined"]]
     if outcome is not None:
         flaws += outcome.fallen
@@ -108,7 +110,7 @@ def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome
 
 def simulate(arguments: argparse.Namespace) -> None:
     """One closed loop in process."""
-    case = loading.load_case(arguments.run, arguments.set)
+    case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     began = time.perf_counter()
     built = loop.build_loop(case)
     record = loop.finish(case, built)
@@ -135,7 +137,7 @@ def run(arguments: argparse.Namespace) -> None:
     from facts_damping.nodes import graph
     from facts_damping.recording.reader import load
 
-    case = loading.load_case(arguments.run, arguments.set)
+    case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     loop.build_loop(case, outside=True)  # bad input is refused before anything starts
     name = label(case.summary())
     folder = out_folder(arguments, name)
@@ -295,17 +297,18 @@ def validate(arguments: argparse.Namespace) -> None:
 
 
 def list_(arguments: argparse.Namespace) -> None:
-    """What there is: systems, scenarios, controllers, links."""
+    """What there is: systems, scenarios, controllers, links, supervision, monitors."""
+    heads = ["name", "description"]
     if arguments.kind == "controllers":
-        rows = _controllers()
+        rows, heads = _controllers(), ["name", "antecedent", "consequent", "parameter_count", "identifier", "schemes"]
+    elif arguments.kind == "monitors":
+        rows, heads = _monitors(), ["name", "group", "limit", "low", "high", "unit", "lasts", "lasts_unit", "follows"]
+        heads.append("reason")
     else:
         rows = []
         for name, path in files.shipped(arguments.kind).items():
             content = files.read_table(path)
             rows.append({"name": name, "description": str(content.get("description", ""))})
-    heads = ["name", "description"]
-    if arguments.kind == "controllers":
-        heads = ["name", "antecedent", "consequent", "parameter_count", "identifier", "schemes"]
     cells = [[_cell(row[head]) for head in heads] for row in rows]
     for line in table([head.replace("_", " ") for head in heads], cells, len(heads), rule=False):
         say(arguments, line)
@@ -314,7 +317,9 @@ def list_(arguments: argparse.Namespace) -> None:
 
 def _cell(value: Any) -> str:
     """A value in a table on the terminal."""
-    return ", ".join(value) if isinstance(value, list) else "-" if value is None else str(value)
+    if isinstance(value, list):
+        return ", ".join(value)
+    return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _controllers() -> list[dict[str, Any]]:
@@ -336,6 +341,13 @@ def _controllers() -> list[dict[str, Any]]:
         }
         for name, row in CONTROLLERS.items()
     ]
+
+
+def _monitors() -> list[dict[str, Any]]:
+    """The table of monitors, as it is without a run that says otherwise."""
+    from facts_damping.monitors import MONITORS
+
+    return [{"name": name, **row._asdict()} for name, row in MONITORS.items()]
 
 
 def import_(arguments: argparse.Namespace) -> None:

@@ -31,7 +31,13 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 AGENT = "agent"  # its name as a controller
-KEPT = ("devices", "signals", "link", "namespace")  # what it takes over from the controller in whose place it is
+KEPT = (
+    "devices",
+    "signals",
+    "link",
+    "namespace",
+    "fallback_of",
+)  # what it takes over from the controller in whose place it is
 MOST_SEED = 2**31
 PARTS = len(loop.Loop._fields) - 1 + 3  # of what is stepped: the loop's, but for programs; the agent's receiver
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+import math
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
+from facts_damping.monitors import MONITORS
 from facts_damping.parameters.base import ParameterModel, quantity
 
 
@@ -75,3 +77,24 @@ class Supervision(ParameterModel):
         if not isinstance(value, dict):
             return value
         return {name: None if one == "off" or one is False else one for name, one in value.items()}
+
+
+class Watch(NamedTuple):
+    """What a monitor is set to in a run."""
+
+    limit: float  # in its unit; inf: it is not watched
+    lasts: float  # in the row's `lasts_unit`
+    follows: str  # empty: nothing, as it is not watched
+
+
+def watches(given: Supervision) -> dict[str, Watch]:
+    """What each monitor is set to: where the run says nothing of it, as in the table."""
+    found = {}
+    for name, row in MONITORS.items():
+        own = given.monitors.get(name, Threshold())
+        if own is None:
+            found[name] = Watch(math.inf, 0.0, "")
+            continue
+        limit = row.limit if own.limit is None else own.limit
+        found[name] = Watch(limit, row.lasts if own.lasts is None else own.lasts, own.follows or row.follows)
+    return found

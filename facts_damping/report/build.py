@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from facts_damping.monitors import STATES, TRIPPED
 from facts_damping.report import tables
 from facts_damping.report.charts import charts, modes
 from facts_damping.report.contents import Report, Section
@@ -35,6 +36,7 @@ def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
         Section("Performance indices", charts(runs, ("indices",))),
         Section("Modes", [tables.modes(runs), *modes(runs), *maps(runs)]),
         Section("Control effort", [*charts(runs, ("injected_voltage",)), tables.effort(runs)]),
+        Section("Supervision", [*charts(runs, ("supervision", "monitors")), *tables.supervision(runs)]),
         Section("Links", [tables.links(runs), *charts(runs, ("latency",))]),
         Section("What was learnt", charts(runs, LEARNT)),
         Section("Conditions", [tables.conditions(runs)]),
@@ -44,7 +46,7 @@ def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
         title=names[0] if len(names) == 1 else f"{len(names)} runs side by side",
         names=names,
         remarks=[*_unlike(unlike), *(remark for run in runs for remark in _remarks(run))],
-        events=_events([run.record for run in runs]),
+        events=sorted([*_events([run.record for run in runs]), *_trips(runs)]),
         sections=[section for section in sections if section.items],
     )
 
@@ -74,6 +76,18 @@ def _remarks(run: ReportedRun) -> list[str]:
     if run.summary["stable"] is None:
         found.append(f"{run.name} ends too early to know whether it is stable: it has no indices.")
     return found
+
+
+def _trips(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
+    """Time (s) of each trip of a controller, in words."""
+    several = len(runs) > 1
+    return [
+        (round(row["time_s"], 3), f"{run.name}: " * several + f"{one['controller']} tripped by {row['cause']}")
+        for run in runs
+        for one in run.summary.get("supervision") or ()
+        for row in one["changes"]
+        if row["state"] == STATES[TRIPPED]
+    ]
 
 
 def _events(records: Sequence[Record]) -> list[tuple[float, str]]:

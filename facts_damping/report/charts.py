@@ -34,6 +34,10 @@ SENTENCES = {
     "jacobian": "How a signal answers a device's setpoint, as the identifier takes it to be: an adaptive controller "
     "learns by its sign and size.",
     "learning_rate": "How fast each network learns.",
+    "supervision": "What each supervisor does with its controller: only in armed do the controller's setpoints act, in "
+    "fallback those of another one, in all others zero.",
+    "monitors": "What supervisors watch, beside its limit, which is 1: what came above 0.3 of it, drawn up to 3. What "
+    "stays above the limit has the controller fall back, or trips it.",
     "latency": "Share of all frames or setpoints that took at most so long: a vertical line is a constant delay, a "
     "slope is jitter.",
 }
@@ -56,7 +60,7 @@ def _chart(picture: Picture, runs: Sequence[ReportedRun]) -> Chart:
     panels = [panel for panel in (_panel(*one, runs, over_time) for one in found.items()) if panel.curves]
     return Chart(
         picture.stem, picture.title, SENTENCES[picture.stem], picture.over, picture.label, panels, over_time,
-        picture.logarithmic,
+        picture.logarithmic, picture.words,
     )  # fmt: skip
 
 

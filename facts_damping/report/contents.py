@@ -64,7 +64,10 @@ class Panel(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """Panels with the same labels. `over_time`: x is simulated time, s, shared with all other such charts."""
+    """Panels with the same labels. `over_time`: x is simulated time, s, shared with all other such charts.
+
+    `words`: what ordinates 0, 1 and so on stand for, where they are no numbers.
+    """
 
     key: str
     title: str
@@ -74,6 +77,7 @@ class Chart(NamedTuple):
     panels: Sequence[Panel]
     over_time: bool = True
     logarithmic: bool = False
+    words: Sequence[str] = ()
 
 
 class Map(NamedTuple):

@@ -105,6 +105,10 @@ def _panel(chart: Chart, panel: Panel, shared: _Shared) -> Figure:
         **DRESS,
     )
     drawn = [_curve(made, curve, shared) for curve in panel.curves]
+    if chart.words:
+        made.y_range = _range(-0.5, len(chart.words) - 0.5)
+        made.yaxis.ticker = list(range(len(chart.words)))
+        made.yaxis.major_label_overrides = dict(enumerate(chart.words))
     for level in panel.levels:
         made.add_layout(Span(location=level, dimension="width", line_color=LIMIT, line_dash="dotted"))
     if chart.over_time:

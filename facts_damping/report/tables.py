@@ -11,6 +11,8 @@ from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.ringdown import COVERED
 from facts_damping.analysis.summary import ROWS, find, more_rows, row_text
+from facts_damping.analysis.supervision import cause_text, probe_text
+from facts_damping.monitors import STATES
 from facts_damping.report.contents import Cell, ReportTable
 
 if TYPE_CHECKING:
@@ -124,6 +126,36 @@ def effort(runs: Sequence[ReportedRun]) -> ReportTable:
     return ReportTable("effort", "Use of the devices", sentence, head, rows)
 
 
+def supervision(runs: Sequence[ReportedRun]) -> list[ReportTable]:
+    """What supervisors did, and why; nothing without any."""
+    told = [(run.name, one) for run in runs for one in run.summary.get("supervision") or ()]
+    if not told:
+        return []
+    shares = [
+        [run, one["controller"], *(f"{100 * share:.1f}" for share in one["shares"].values()), probe_text(one["probe"])]
+        for run, one in told
+    ]
+    changes = [
+        [run, one["controller"], f"{row['time_s']:.2f}", row.get("state", "not armed"), cause_text(row) or NONE]
+        for run, one in told
+        for row in sorted([*one["changes"], *one["refusals"]], key=lambda row: float(row["time_s"]))
+    ]
+    return [
+        ReportTable(
+            "supervisors", "Time in each state",
+            "Share of the run's frames in each state, and what the newest probe says: how the plant answers, beside "
+            "how it should.",
+            ["run", "controller", *(f"{state} [%]" for state in STATES), "probe"], [list(map(Cell, r)) for r in shares],
+        ),
+        ReportTable(
+            "changes", "Changes of state",
+            "Every change of a supervisor's state with its cause: who asked for it, or the monitor that was beyond its "
+            "limit. A run begins in shadow.",
+            ["run", "controller", "time [s]", "state", "cause"], [list(map(Cell, row)) for row in changes],
+        ),
+    ]  # fmt: skip
+
+
 def links(runs: Sequence[ReportedRun]) -> ReportTable:
     """Latency of each hop, and what was lost."""
     rows = [
@@ -151,7 +183,8 @@ def _latencies(parts: Mapping[str, NDArray[np.float64]]) -> dict[str, tuple[str,
 
 def conditions(runs: Sequence[ReportedRun]) -> ReportTable:
     """What was run."""
-    fields = ("system", "scenario", "devices", "controllers", "link", "frame_rate", "duration", "seed")
+    fields = ["system", "scenario", "devices", "controllers", "link", "frame_rate", "duration", "seed"]
+    fields += [field for field in ("supervision", "arm_at") if any(run.record.asked.get(field) for run in runs)]
     rows = [
         [Cell(field.replace("_", " ")), *(Cell(_said(run.record.asked.get(field))) for run in runs)] for field in fields
     ]

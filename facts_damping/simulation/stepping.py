@@ -48,14 +48,19 @@ class Stepper:
         self.step(None)
 
     def step(self, given: NDArray[np.float64] | None) -> bool:
-        """To the next tick; `given`: the setpoints of all controllers' devices, in the place of theirs, p.u."""
+        """To the next tick; `given`: the setpoints of all controllers' devices, in the place of theirs, p.u.
+
+        Fallbacks, whose devices are those of other controllers, speak for themselves.
+        """
         if not self._goes_on:
             return False
         bank, state = self.loop.bank, self.loop.bank_state
         if given is not None:
-            bank.code[:] = GIVEN
             at = 0
             for c, controller in enumerate(self._case.controllers):
+                if controller.fallback_of is not None:
+                    continue
+                bank.code[c] = GIVEN
                 state.unlimited[c, : len(controller.devices)] = given[at : at + len(controller.devices)]
                 at += len(controller.devices)
         self._restarts.begin(self.tick)

@@ -98,10 +98,11 @@ def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def identity(case: Case) -> dict[str, Any]:
-    """What tells runs apart in every study, beside the names."""
-    schemes = dict.fromkeys(c.scheme for c in case.controllers if c.scheme)
+    """What tells runs apart in every study, beside the names; a fallback is not what is studied."""
+    own = [c for c in case.controllers if c.fallback_of is None]
+    schemes = dict.fromkeys(c.scheme for c in own if c.scheme)
     return {
-        "controller": "+".join(c.name for c in case.controllers) or "none",
+        "controller": "+".join(c.name for c in own) or "none",
         "scheme": "+".join(schemes) or None,
         "seed": case.run.seed,
     }

@@ -21,6 +21,7 @@ from scipy.linalg import block_diag, eig
 from scipy.signal import tf2ss
 
 from facts_damping.case.names import controller_names
+from facts_damping.case.supervision import unsupervised
 from facts_damping.control.bank import act
 from facts_damping.control.table import CONTROLLERS, STATE_SPACE, kind_of
 from facts_damping.errors import InputError
@@ -87,11 +88,12 @@ class Eigen(NamedTuple):
 
 
 def delayed_loop(case: Case) -> DelayedLoop:
-    """The closed loop of a run about its equilibrium.
+    """The closed loop of a run about its equilibrium, supervisors and fallbacks left out.
 
     Its links count by how much longer one is than the shortest. Raises `InputError` for controllers that have no
     linear model, and links whose delay is not constant.
     """
+    case = unsupervised(case)
     if not case.controllers:
         raise InputError("controllers: none given; allowed: one linear controller at least")
     linear_ones = [name for name, row in CONTROLLERS.items() if row.network is None]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.optimize import brentq, linear_sum_assignment
 
+from facts_damping.case.supervision import unsupervised
 from facts_damping.small_signal import linearisation
 from facts_damping.studies.linear_closed_loop import approximate, delayed_loop, eigen, link_delays, sampled
 
@@ -51,6 +52,7 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
 
     Raises `InputError` where the loop has no linear model.
     """
+    case = unsupervised(case)
     loop = delayed_loop(case)
     delays = looks(longest, loop.frame_rate)
     found, listed = [], []

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.case.names import controller_addresses, identifier_addresses, link_addresses
+from facts_damping.case.names import (
+    SUPERVISED,
+    controller_addresses,
+    identifier_addresses,
+    link_addresses,
+    supervisor_addresses,
+)
+from facts_damping.case.supervision import reserves
 from facts_damping.control.bank import controller_network
+from facts_damping.monitors import MONITORS
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.devices import Series as SeriesDevice
 from facts_damping.parameters.devices import Transmission
+from facts_damping.parameters.supervision import Supervision, watches
 from facts_damping.simulation.build import identifier_network
 
 if TYPE_CHECKING:
@@ -55,6 +64,9 @@ def tabs(case: Case, namespace: str = "/") -> list[Tab]:
     found = [_grid(case, full), _devices(case, full)]
     found += [_controller(case, c, full(str(address))) for c, address in enumerate(controllers)]
     found += [_identifier(case, c, full(str(address))) for c, address in identifiers.items()]
+    for c, address in supervisor_addresses(case).items():
+        spoken = {who: full(topic) for who, topic in _spoken(case, c).items()}
+        found += _supervisor(case, c, full(str(address)), spoken)
     found += [_link(case, full(link.namespace).rstrip("/"), str(link)) for link in link_addresses(case)]
     health = Panel("deadline misses", [Curve("/diagnostics", DEADLINE_MISSES, full("plant_sim").lstrip("/"))])
     found.append(Tab("health", [Panel("diagnostics", [Curve("/diagnostics", "", "")], DIAGNOSTICS), health]))
@@ -151,6 +163,37 @@ def _identifier(case: Case, c: int, here: str) -> Tab:
             *_learning(topic, signals, groups(identifier_network(controller))),
         ],
     )
+
+
+def _spoken(case: Case, c: int) -> dict[str, str]:
+    """Topics with setpoints of a supervised controller's devices, by who speaks."""
+    places, reserve = controller_addresses(case), reserves(case.run).get(c)
+    spoken = {"supervised": f"{supervisor_addresses(case)[c]}/{SUPERVISED}", "issued": f"{places[c]}/setpoints"}
+    return spoken | ({} if reserve is None else {"of the fallback": f"{places[reserve]}/setpoints"})
+
+
+def _supervisor(case: Case, c: int, here: str, spoken: dict[str, str]) -> list[Tab]:
+    """One supervisor: what it lets through, why; and for each group of monitors what they see beside their limits."""
+    topic, name = f"{here}/state", here.rpartition("/")[2]
+    words = [Curve(topic, field, field, number=False) for field in ("state", "cause", "refused")]
+    probe = {"probe_gain": "gain", "probe_phase_rad": "phase, rad", "probe_coherence": "coherence"}
+    worth = {"added_damping_per_s": "added damping, 1/s", "phase_margin_rad": "phase margin, rad"}
+    panels = [
+        Panel("state", words, STATES),
+        Panel("share of the newest change", [Curve(topic, "share", "share")]),
+        Panel("probe beside the known answer", [Curve(topic, field, label) for field, label in probe.items()]),
+        Panel("what the probe says of the controller", [Curve(topic, field, label) for field, label in worth.items()]),
+    ]
+    for device in case.controllers[c].devices:
+        path = f'setpoints[:]{{device=="{device}"}}.value_pu'
+        panels.append(Panel(f"{device}: setpoints, p.u.", [Curve(told, path, who) for who, told in spoken.items()]))
+    watched = watches(case.supervision or Supervision())
+    found: dict[str, list[Panel]] = {row.group: [] for row in MONITORS.values()}
+    for i, (monitor, row) in enumerate(MONITORS.items()):
+        if watched[monitor].follows:
+            pair = [Curve(topic, f"values[{i}]", monitor), Curve(topic, f"limits[{i}]", f"{monitor}: limit")]
+            found[row.group].append(Panel(f"{monitor}, {row.unit}", pair))
+    return [Tab(name, panels), *(Tab(f"{name}: {group}", own) for group, own in found.items())]
 
 
 def _learning(topic: str, outputs: Sequence[str], parts: Sequence[str]) -> list[Panel]:

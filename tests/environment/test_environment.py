@@ -259,6 +259,17 @@ def test_agents_among_other_controllers_have_the_place_of_theirs() -> None:
     assert len(rest.issued) == 30
 
 
+def test_an_agent_has_the_place_of_a_fallback() -> None:
+    rows = [{}, {"fallback_of": 0, "signals": ["power"]}]
+    env = WideAreaDamping(controllers=rows, controller=1, supervision="standard", arm_at=0.1, duration=1)
+    env.reset(seed=1)
+    for _ in range(30):
+        env.step(np.array([0.5]))
+    record = env.record()
+    assert {float(value) for value in record.issued["value"][record.issued["controller"] == 1]} == {0.05}
+    assert set(record.supervised["controller"]) == {0}
+
+
 @pytest.mark.parametrize("many", [False, True])
 def test_a_class_beside_the_agent_that_fails_is_named(tmp_path: Path, many: bool) -> None:
     step = "def step(self, t_s, y, age_s, fresh): return 1 / (t_s < 0.5)"

@@ -11,6 +11,7 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.monitors import CODES, MONITORS
 from facts_damping.recording import load
 from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
@@ -71,6 +72,21 @@ def test_estimates_and_learning_rates_are_there(record: Record) -> None:
     own = record.learning[(record.learning["identifier"] == 0) & (record.learning["group"] == 1)]
     assert record.arrays["learning.controller_0_HBsWC.controller.0.1.rate"].tobytes() == own["rate"].tobytes()
     assert "learning.controller_0_HBsWC.identifier.lyapunov" in record.arrays
+
+
+def test_what_supervisors_say_has_columns_by_monitor() -> None:
+    given = ["supervision=standard", "arm_at=0.5", "duration=2", "devices=[sssc,statcom]"]
+    record = loop.run(load_case(None, given))
+    arrays, place = record.arrays, "supervision.controller_0_LLC"
+    names = [name.removeprefix(f"{place}.") for name in arrays if name.startswith(place)]
+    assert names == ["state", "share", *MONITORS]
+    assert {name: record.units[f"{place}.{name}"] for name in MONITORS} == {n: row.unit for n, row in MONITORS.items()}
+    assert arrays[f"{place}.state"].tolist() == [1.0] * 30 + [2.0] * 90
+    assert arrays[f"{place}.share"][[29, 59, 119]] == pytest.approx([1.0, 0.5, 1.0])
+    assert arrays[f"{place}.frequency"].tobytes() == record.supervision["values"][:, CODES["frequency"]].tobytes()
+    said = arrays["supervised.controller_0_LLC.sssc_pu"]
+    assert not said[:30].any()
+    assert said[119] == arrays["issued.controller_0_LLC.sssc_pu"][119] != 0.0
 
 
 def test_frame_rate_is_told_by_the_ticks_where_nothing_else_tells(record: Record) -> None:

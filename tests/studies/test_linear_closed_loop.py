@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete
 
 from facts_damping.case.loading import load_case
+from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
 from facts_damping.signals import NANOSECONDS, to_ns
@@ -24,6 +25,7 @@ from facts_damping.studies.linear_closed_loop import (
     approximate,
     delayed_loop,
     eigen,
+    link_delays,
     pade,
     sampled,
     with_delay,
@@ -341,3 +343,22 @@ def test_links_keep_how_much_longer_they_are() -> None:
 def test_what_has_no_linear_margin_is_refused(sets: list[str], named: str) -> None:
     with pytest.raises(InputError, match=named):
         delayed_loop(load_case(None, sets))
+
+
+def test_supervisors_and_fallbacks_have_no_part_in_the_linear_loop() -> None:
+    """A fallback that adapts, by a link that is shorter: neither counts."""
+    plain = load_case("two_area_small", ["link=delay_100ms"])
+    reserve = "controllers.+={name: ANFTSC, scheme: direct, fallback_of: 0, signals: [power], link: ideal}"
+    guarded = load_case("two_area_small", ["link=delay_100ms", "supervision=standard", "arm_at=1", reserve])
+    assert len(guarded.controllers) == len(guarded.links) == 2
+    expected = eigen(delayed_loop(plain), sampled(delayed_loop(plain), 0.1))
+    found = eigen(delayed_loop(guarded), sampled(delayed_loop(guarded), 0.1))
+    assert found.values.tobytes() == expected.values.tobytes()
+    left = unsupervised(guarded)
+    assert (link_delays(left), left.run.supervision, left.supervision, left.run.arm_at) == (
+        link_delays(plain),
+        None,
+        None,
+        None,
+    )
+    assert unsupervised(plain) is plain

@@ -11,6 +11,7 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.monitors import MONITORS
 from facts_damping.nodes import graph
 from facts_damping.parameters.files import share_folder
 from facts_damping.recording import RecordingWriter, load
@@ -38,6 +39,12 @@ RUNS = {
     "two_area_small": [],
     "two_area_decentralised": [],
     "two_area_centralised": ["controllers.0.scheme=direct", "controllers.0.name=gaussian+fourier"],
+    "two_area_large": [
+        "supervision.monitors.powers=off",
+        "arm_at=0.5",
+        "controllers.0.namespace=area_1",
+        "controllers.+={fallback_of: 0, signals: [power]}",
+    ],
 }
 
 
@@ -109,6 +116,8 @@ BESIDE = {
     "parameter_norms": "parameter_groups",
     "prediction": "output_names",
     "error": "output_names",
+    "values": "monitors",
+    "limits": "monitors",
 }
 
 
@@ -153,8 +162,12 @@ def test_labels_of_tables_row_by_row(recorded: Recorded) -> None:
 
 
 def test_all_topics_but_setpoints_are_shown(recorded: Recorded) -> None:
-    """Not setpoints as such: what was asked for and what is in force are in the states. Nor what is told in words."""
+    """What was asked for and what is in force are in the states: setpoints as such beside a supervisor's alone.
+
+    Nor is shown what is told in words.
+    """
     shown = {re.split(r"[.\[]", path)[0] for _, path, _ in foxglove_paths(recorded.foxglove)}
+    shown = {topic for topic in shown if not topic.endswith("/setpoints")}
     assert {t for t in recorded.bag.types if not re.search("/setpoints(/delivered)?$|/refused$|^/run/", t)} == shown
 
 
@@ -205,6 +218,28 @@ def test_command_makes_layouts_of_a_recording_and_a_copy_by_simulated_time(recor
     assert (tmp_path / "plotjuggler.xml").read_text() == recorded.plotjuggler
     assert_same(load(tmp_path / "simulated_time"), load(recorded.folder))
     assert foxglove_faults(recorded.foxglove, read(tmp_path / "simulated_time")) == []
+
+
+@pytest.mark.parametrize("recorded", ["two_area_large"], indirect=True, scope="module")
+def test_a_supervisor_has_its_state_its_setpoints_and_all_that_it_watches(recorded: Recorded) -> None:
+    here, place = "/area_1/supervisor_0_LLC/state", '/setpoints[:]{device=="sssc"}.value_pu'
+    paths = {path: label for _, path, label in foxglove_paths(recorded.foxglove)}
+    assert {f"{here}.{field}" for field in ("state", "cause", "refused", "share")} <= set(paths)
+    watched = [name for name in MONITORS if name != "powers"]
+    assert [label for path, label in paths.items() if path.startswith(f"{here}.values")] == watched
+    assert [label for path, label in paths.items() if path.startswith(f"{here}.limits")] == [
+        f"{name}: limit" for name in watched
+    ]
+    said = {label: path for path, label in paths.items() if ".value_pu" in path}
+    assert said == {
+        "supervised": f"/area_1/supervisor_0_LLC/supervised.{place[1:]}",
+        "issued": f"/area_1/controller_0_LLC/setpoints.{place[1:]}",
+        "of the fallback": f"/controller_1_LLC/setpoints.{place[1:]}",
+    }
+    tabs = [one["title"] for one in json.loads(recorded.foxglove)["configById"]["Tab!tabs"]["tabs"]]
+    assert [f"supervisor_0_LLC{group}" for group in ("", ": data", ": controller", ": grid")] == [
+        title for title in tabs if title.startswith("supervisor")
+    ]
 
 
 @pytest.mark.parametrize("recorded", ["two_area_small"], indirect=True, scope="module")

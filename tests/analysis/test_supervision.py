@@ -1,0 +1,211 @@
+"""What supervisors did: changes with their cause, silence, refusals and probes, of made records and of runs."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from facts_damping.analysis.latency import hops_ms, latency, left_out
+from facts_damping.analysis.summary import summarise, table
+from facts_damping.analysis.supervision import history_text, limits, rows, supervision, tripped_texts
+from facts_damping.case.loading import load_case
+from facts_damping.monitors import (
+    ARMED,
+    BY_OPERATOR,
+    BY_SCHEDULE,
+    CODES,
+    DISARMED,
+    FALLBACK,
+    NO_CAUSE,
+    PROBE_GAIN,
+    PROBE_PHASE,
+    PROBE_WEAK,
+    SHADOW,
+    TRIPPED,
+)
+from facts_damping.signals import SUPERVISION
+from facts_damping.simulation import loop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from facts_damping.signals import Record
+
+SETTLED = ("supervision=standard", "arm_at=0.5")
+WRONG_SIGN = "controllers.0.faults=[{kind: wrong_sign, start: 2}]"
+
+
+def told(ticks: int, **changes: Any) -> Any:
+    """Rows of a supervisor in shadow that has found nothing."""
+    made = np.zeros(ticks, SUPERVISION)
+    made["tick"], made["state"], made["share"] = np.arange(ticks), SHADOW, 1.0
+    made["cause"] = made["refused"] = NO_CAUSE
+    for name in ("probe_gain", "probe_phase", "probe_coherence", "added_damping", "phase_margin"):
+        made[name] = np.nan
+    for name, value in changes.items():
+        made[name] = value
+    return made
+
+
+@pytest.fixture
+def watched(swing_record: Callable[..., Record]) -> Callable[[Any], dict[str, Any]]:
+    """What is told of the only supervisor of a record of 20 s, whose limits are the table's but for one."""
+
+    def find(own: Any) -> dict[str, Any]:
+        record = swing_record(supervision=own)
+        record.configuration["supervision"] = {"monitors": {"harm": {"limit": 0.05}, "jitter": None}}
+        (found,) = supervision(record, 0.5)
+        return found
+
+    return find
+
+
+def test_changes_have_time_cause_value_and_the_run_s_limit(watched: Callable[[Any], dict[str, Any]]) -> None:
+    own = told(1200)
+    own["state"][30:300], own["cause"][30:300] = ARMED, BY_SCHEDULE
+    own["state"][300:480], own["cause"][300:480], own["values"][300, CODES["stale"]] = FALLBACK, CODES["stale"], 0.41
+    own["state"][480:600], own["cause"][480:600] = ARMED, CODES["stale"]
+    own["state"][600:900], own["cause"][600:900], own["values"][600, CODES["harm"]] = TRIPPED, CODES["harm"], 0.21
+    own["state"][900:], own["cause"][900:] = DISARMED, BY_OPERATOR
+    found = watched(own)
+    assert [(row["time_s"], row["state"], row["cause"]) for row in found["changes"]] == [
+        (0.5, "armed", "schedule"),
+        (5.0, "fallback", "stale"),
+        (8.0, "armed", "stale"),
+        (10.0, "tripped", "harm"),
+        (15.0, "disarmed", "operator"),
+    ]
+    assert [row["value"] for row in found["changes"]] == [None, 0.41, None, 0.21, None]
+    assert (found["changes"][1]["limit"], found["changes"][1]["unit"]) == (0.4, "s")
+    assert found["changes"][3]["limit"] == 0.05
+    assert found["shares"] == pytest.approx(
+        {"disarmed": 0.25, "shadow": 0.025, "armed": 0.325, "fallback": 0.15, "tripped": 0.25}
+    )
+    assert (found["controller"], found["state"], found["trips"], found["probe"]) == (
+        "controller_0_LLC",
+        "disarmed",
+        1,
+        None,
+    )
+    assert history_text(found) == (
+        "armed at 0.50 s; fallback at 5.00 s: stale 0.41 s, more than 0.4; armed again at 8.00 s: stale is over; "
+        "tripped at 10.00 s: harm 0.21 1/s, more than 0.05; disarmed at 15.00 s: operator"
+    )
+    assert tripped_texts([found]) == [
+        "controller_0_LLC was tripped at 10.00 s: harm 0.21 1/s, more than 0.05",
+    ]
+
+
+def test_a_supervisor_that_never_arms_says_so(watched: Callable[[Any], dict[str, Any]]) -> None:
+    found = watched(told(1200))
+    assert (found["changes"], found["state"], tripped_texts([found])) == ([], "shadow", [])
+    assert history_text(found) == "shadow to the end"
+
+
+@pytest.mark.parametrize(
+    ("cause", "values", "text"),
+    [
+        (PROBE_WEAK, {"probe_coherence": 0.4}, "probe: coherence 0.4, less than 0.5"),
+        (PROBE_GAIN, {"probe_gain": 0.2}, "probe: gain 0.2, less than 0.333"),
+        (PROBE_GAIN, {"probe_gain": 4.0}, "probe: gain 4, more than 3"),
+        (PROBE_WEAK, {"probe_coherence": 0.9}, "probe: coherence"),  # told is another device's
+        (PROBE_GAIN, {"probe_gain": 1.2}, "probe: gain"),
+        (PROBE_PHASE, {"probe_phase": -math.pi / 2}, "probe: phase 90 deg, more than 60"),
+        (CODES["frequency"], {"values": 3.5}, "frequency 3.5 Hz, more than 3"),
+        (CODES["range"], {"values": math.inf}, "range"),
+    ],
+)
+def test_why_it_was_not_armed(
+    watched: Callable[[Any], dict[str, Any]], cause: int, values: dict[str, float], text: str
+) -> None:
+    own = told(1200)
+    for name, value in values.items():
+        own[name][119] = value  # what was known when it was asked for
+    own["refused"][120:] = cause
+    found = watched(own)
+    assert (len(found["refusals"]), found["refusals"][0]["time_s"]) == (1, 2.0)
+    assert history_text(found).startswith(f"not armed at 2.00 s: {text}; shadow to the end")
+
+
+def test_a_supervisor_that_fails_is_silent(watched: Callable[[Any], dict[str, Any]]) -> None:
+    """Single ticks that are missing are not: devices wait for 0.2 s."""
+    own = told(1200)
+    own["state"][60:] = ARMED
+    kept = np.delete(own, [*range(120, 180), 600, 601])[:-30]
+    found = watched(kept)
+    assert [(row["time_s"], row["state"]) for row in found["changes"]] == [
+        (1.0, "armed"),
+        (2.0, "silent"),
+        (3.0, "armed"),
+        (19.5, "silent"),
+    ]
+    assert found["state"] == "silent"
+    assert sum(found["shares"].values()) == pytest.approx(len(kept) / 1200)
+
+
+def test_the_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:
+    own = told(1200)
+    own["probe_gain"][60:], own["probe_gain"][600:] = 2.0, 1.1
+    own["probe_phase"][60:], own["probe_coherence"][60:] = 0.1, 0.9
+    own["added_damping"][60:], own["phase_margin"][60:] = 0.2, math.pi / 3
+    found = watched(own)["probe"]
+    assert found == pytest.approx(
+        {
+            "gain": 1.1,
+            "phase_deg": math.degrees(0.1),
+            "coherence": 0.9,
+            "added_damping_per_s": 0.2,
+            "phase_margin_deg": 60.0,
+            "delay_margin_ms": 1e3 / 3,  # of 0.5 Hz
+        }
+    )
+    texts = dict(rows([{"supervision": [watched(own)]}, {}]))
+    assert texts["controller_0_LLC"] == ["shadow to the end", "-"]
+    assert texts["controller_0_LLC probe"] == [
+        "1.10 times the known answer, +6 deg; coherence 0.90; adds 0.2 1/s of damping; phase margin 60 deg (333 ms)",
+        "-",
+    ]
+
+
+def test_many_changes_are_counted(watched: Callable[[Any], dict[str, Any]]) -> None:
+    own = told(1200)
+    own["state"] = np.where(np.arange(1200) // 60 % 2, ARMED, SHADOW)
+    own["cause"][60:] = BY_OPERATOR
+    text = history_text(watched(own))
+    assert text.count(";") == 5
+    assert text.startswith("armed at 1.00 s: operator; shadow at 2.00 s: operator; ")
+    assert text.endswith("; 14 more changes; armed again at 19.00 s: operator")
+
+
+def test_a_run_whose_controller_turns_its_sign_is_tripped_and_told() -> None:
+    record = loop.run(load_case("two_area_small", [*SETTLED, "duration=8", WRONG_SIGN]))
+    result = summarise(record)
+    (found,) = result["supervision"]
+    assert (found["state"], found["trips"], found["changes"][-1]["cause"]) == ("tripped", 1, "harm")
+    assert found["changes"][-1]["value"] > found["changes"][-1]["limit"] == 0.03
+    assert found["changes"][0]["time_s"] == 0.5
+    assert "tripped at 5.43 s: harm" in table([("it", result)])
+    assert limits(record)["harm"] == 0.03
+
+
+def test_without_a_supervisor_nothing_is_told(swing_record: Callable[..., Record]) -> None:
+    result = summarise(swing_record())
+    assert result["supervision"] == []
+    assert rows([result]) == []
+
+
+@pytest.mark.parametrize("rate", [60, 50, 7])
+def test_zeros_of_supervisors_have_no_latency(rate: int) -> None:
+    """In shadow a supervisor speaks once a tick, of no measurement: only what a controller said counts."""
+    given = [*SETTLED, "duration=3", f"frame_rate={rate}", "link={up: [{model: constant, delay: 0.1}]}"]
+    record = loop.run(load_case("two_area_small", given))
+    own = record.applied[record.applied["effective_ns"] > 700_000_000]
+    assert latency(record)["mean"] == pytest.approx(100.0, abs=0.01)
+    assert left_out(record) == 0
+    assert len(own) <= len(hops_ms(record)["whole"]["sssc"]) < len(record.applied)
+    in_shadow = loop.run(load_case("two_area_small", ["supervision=standard", "duration=1"]))
+    assert len(in_shadow.applied) > 0
+    assert latency(in_shadow)["mean"] is None
