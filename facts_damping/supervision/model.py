@@ -45,7 +45,7 @@ SETTINGS = np.dtype(
         ("fall_back_ramp", "f8"),
         ("recovery", "f8"),  # s
         ("rate", "f8"),  # p.u./s; inf: any
-        ("energy", "f8"),  # s of full output, squared, a minute; inf: any
+        ("energy", "f8"),  # s of full output, squared, at once, and as much again in a minute; inf: any
         ("nominal", "f8"),  # Hz
         ("sigma", "f8"),  # 1/s and rad/s: the watched mode's eigenvalue; omega 0: there is none
         ("omega", "f8"),
@@ -263,7 +263,7 @@ def _set(row: Any, one: Watched, given: Supervision, frame_rate: int, nominal: f
     row["ramp"], row["trip_ramp"], row["fall_back_ramp"] = arming.ramp, arming.trip_ramp, arming.fall_back_ramp
     row["recovery"] = arming.recovery
     row["rate"] = math.inf if given.authority.rate is None else given.authority.rate
-    row["energy"] = math.inf if given.authority.energy is None else given.authority.energy
+    row["energy"] = math.inf if given.authority.energy is None else given.authority.energy / 2.0
     row["sigma"], row["omega"] = one.eigenvalue.real, omega
     row["cycle"] = frame_rate if omega == 0.0 else max(2, round(TURN / omega * frame_rate))
     row["amplitude"], row["apart"] = probe.amplitude, probe.apart
