@@ -98,7 +98,8 @@ SUPERVISOR = np.dtype(
 # What it knows of a station.
 STATION = np.dtype(
     [
-        ("angle", "f8"),  # rad, of the newest frame, whole turns counted
+        ("measured_ns", "i8"),  # of the newest frame; UNSET: none yet
+        ("angle", "f8"),  # rad, of it, whole turns counted
         ("angle_at_start", "f8"),
         ("same_ns", "i8"),  # measurement since which values repeat
         ("turning", "f8"),  # Hz, frequency less the angle's change, over a tenth of a second
@@ -239,7 +240,7 @@ def begin(state: SupervisorState, s: int) -> None:
         station = state.stations[s, i]
         station.angle = station.angle_at_start = math.nan
         station.turning = station.slipping = station.early = 0.0
-        station.same_ns, station.status = UNSET, 0
+        station.measured_ns, station.same_ns, station.status = UNSET, UNSET, 0
     state.past[s], state.phasors[s], state.expected[s], state.sums[s] = 0.0, 0.0, 0.0, 0.0
     for m in range(row.values.size):
         row.values[m], row.over_ns[m] = 0.0, UNSET
