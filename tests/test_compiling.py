@@ -113,5 +113,5 @@ def test_a_function_for_compiled_callers_alone_says_so() -> None:
     limit: Any = bank._limit
     for _ in range(2):
         with pytest.raises(TypeError, match=r"bank\._limit: for compiled callers alone"):
-            limit(None, None, 0)
+            limit(None, None, 0, 0)
         loop.run(load_case(None, ["duration=0.1"]))  # compiled by then, and known to its callers

@@ -38,6 +38,13 @@ def read_supervision(run: Run, source: str, sets: dict[str, str] | None = None) 
         if own is not None and own.limit is not None and not row.low <= own.limit <= row.high:
             allowed = f"{row.low:g} to {row.high:g} {row.unit}"
             raise InputError(f"{field}.limit: {own.limit:g} given; allowed: {allowed}")
+    start = found.probe.start
+    if found.arming.probe and run.arm_at is not None and not (start is not None and start < run.arm_at):
+        begins = "none" if start is None else f"{start:g}"
+        raise InputError(
+            f"{origin('arm_at', source, sets)}: {run.arm_at:g} given, but supervision.arming.probe asks for a probe "
+            f"before, and supervision.probe.start is {begins}; allowed: arm_at after a probe"
+        )
     return found
 
 

@@ -172,6 +172,9 @@ class SupervisorNode:
             allowed = ", ".join(STATES[one] for one in FROM[code])
             response.message = f"{STATES[state]}; allowed: {name} while {allowed}"
             return response
+        if code == PROBE and not self.made.settings["omega"][self.own] > 0.0:
+            response.message = "not probed: the plant has no swing mode"
+            return response
         cause = self.refusal(self.made, self.state, self.own) if code == ARM else NO_CAUSE
         if cause != NO_CAUSE:
             self.told["refused"] = cause

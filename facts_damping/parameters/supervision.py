@@ -35,7 +35,7 @@ class Authority(ParameterModel):
     share: float = quantity(1.0, "-", "of the device's limit", gt=0, le=1)
     rate: float | None = quantity(None, "p.u./s", "largest rate of a setpoint; none: any", gt=0, le=1e6)
     energy: float | None = quantity(
-        None, "s", "full output, squared, that may be used in a minute; none: any", gt=0, le=60
+        None, "s", "full output, squared, that may be used in a minute, half of it at once; none: any", gt=0, le=60
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import importlib
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -171,7 +172,10 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
 
 
 def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Supervisors, SupervisorState]:
-    """The supervisors of a case; `plant`: its residues, where they are at hand."""
+    """The supervisors of a case; `plant`: its residues, where they are at hand.
+
+    Raises `InputError` where a probe is asked for that the plant has no mode for, or that is not over in time.
+    """
     if plant is None and case.supervision is not None:
         plant = plant_residues(case)
     reserve = reserves(case.run)
@@ -184,7 +188,29 @@ def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Superv
     stations, rate = [station.name for station in case.system.stations], case.run.frame_rate
     given = case.supervision or Supervision()
     known = given, case.system.signals, stations, limits, rate, case.system.frequency, ends(case.system)
-    return supervisors(watched, case.controllers, *known)
+    made, state = supervisors(watched, case.controllers, *known)
+    _check_probes(case, given, made, plant)
+    return made, state
+
+
+def _check_probes(case: Case, given: Supervision, made: Supervisors, plant: Residues | None) -> None:
+    """Refuse a probe without a mode, and one that is not over, of all devices, when a controller is to be armed."""
+    start = given.probe.start
+    if plant is None and made.settings.size and (given.arming.probe or start is not None):
+        field = "arming.probe: true" if given.arming.probe else f"probe.start: {start:g}"
+        raise InputError(f"supervision.{field} given; allowed: no probe, as the plant has no swing mode")
+    if start is None or not given.arming.probe or case.run.arm_at is None:
+        return
+    for own in made.settings:
+        devices, rate = len(case.controllers[own["controller"]].devices), case.run.frame_rate
+        over = math.ceil(start * rate) + devices * math.ceil(own["probe_s"] * rate - 1e-6)
+        if math.ceil(case.run.arm_at * rate) < over:
+            many = f" of {devices} devices" if devices > 1 else ""
+            least = math.ceil(over / rate * 1000.0) / 1000.0
+            raise InputError(
+                f"arm_at: {case.run.arm_at:g} given, but the probe{many} before it is not over then; "
+                f"allowed: from {least:g} on"
+            )
 
 
 def _watched(case: Case, c: int, reserve: int, plant: Residues | None) -> Watched:

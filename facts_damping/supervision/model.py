@@ -45,7 +45,7 @@ SETTINGS = np.dtype(
         ("fall_back_ramp", "f8"),
         ("recovery", "f8"),  # s
         ("rate", "f8"),  # p.u./s; inf: any
-        ("energy", "f8"),  # s of full output, squared, a minute; inf: any
+        ("energy", "f8"),  # s of full output, squared, at once, and as much again in a minute; inf: any
         ("nominal", "f8"),  # Hz
         ("sigma", "f8"),  # 1/s and rad/s: the watched mode's eigenvalue; omega 0: there is none
         ("omega", "f8"),
@@ -98,7 +98,8 @@ SUPERVISOR = np.dtype(
 # What it knows of a station.
 STATION = np.dtype(
     [
-        ("angle", "f8"),  # rad, of the newest frame, whole turns counted
+        ("measured_ns", "i8"),  # of the newest frame; UNSET: none yet
+        ("angle", "f8"),  # rad, of it, whole turns counted
         ("angle_at_start", "f8"),
         ("same_ns", "i8"),  # measurement since which values repeat
         ("turning", "f8"),  # Hz, frequency less the angle's change, over a tenth of a second
@@ -239,7 +240,7 @@ def begin(state: SupervisorState, s: int) -> None:
         station = state.stations[s, i]
         station.angle = station.angle_at_start = math.nan
         station.turning = station.slipping = station.early = 0.0
-        station.same_ns, station.status = UNSET, 0
+        station.measured_ns, station.same_ns, station.status = UNSET, UNSET, 0
     state.past[s], state.phasors[s], state.expected[s], state.sums[s] = 0.0, 0.0, 0.0, 0.0
     for m in range(row.values.size):
         row.values[m], row.over_ns[m] = 0.0, UNSET
@@ -263,7 +264,7 @@ def _set(row: Any, one: Watched, given: Supervision, frame_rate: int, nominal: f
     row["ramp"], row["trip_ramp"], row["fall_back_ramp"] = arming.ramp, arming.trip_ramp, arming.fall_back_ramp
     row["recovery"] = arming.recovery
     row["rate"] = math.inf if given.authority.rate is None else given.authority.rate
-    row["energy"] = math.inf if given.authority.energy is None else given.authority.energy
+    row["energy"] = math.inf if given.authority.energy is None else given.authority.energy / 2.0
     row["sigma"], row["omega"] = one.eigenvalue.real, omega
     row["cycle"] = frame_rate if omega == 0.0 else max(2, round(TURN / omega * frame_rate))
     row["amplitude"], row["apart"] = probe.amplitude, probe.apart

@@ -42,10 +42,12 @@ PHASOR = 0.25  # rate of the phasors, beside the mode's rad/s
 
 @inner
 def look(made: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
-    """What a newer frame says of its station."""
-    station, before_ns = state.stations[s, entry.station], state.held.entry_ns[s, entry.station]
+    """What a newer frame says of its station; of those that arrive together all are looked at, then the newest held."""
+    station = state.stations[s, entry.station]
+    before_ns = station.measured_ns
     if entry.measured_ns <= before_ns:
         return
+    station.measured_ns = entry.measured_ns
     values, before = entry.values, state.held.entry[s, entry.station]
     station.status = entry.status
     station.early = (entry.measured_ns - entry.arrival_ns) * 1e-9
@@ -187,24 +189,47 @@ def _count(past: NDArray[np.float64], tick: int, window: int, side: float) -> in
 
 @inner
 def grid(made: Supervisors, state: SupervisorState, s: int, devices: NDArray[Any]) -> None:
-    """Values of the monitors of the grid; of the oscillation only while data are sound, as they say what it is."""
-    value, held, own = state.rows[s].values, state.held, made.settings[s]
-    value[FREQUENCY] = value[DEVICE] = 0.0
-    low, high = math.inf, -math.inf
-    for i in range(held.entry_ns.shape[1]):
-        station = state.stations[s, i]
-        if made.inputs.uses[s, i] and held.entry_ns[s, i] != UNSET:
-            value[FREQUENCY] = max(value[FREQUENCY], abs(held.entry[s, i, _FREQUENCY] - own.nominal))
-            moved = station.angle - station.angle_at_start
-            low, high = min(low, moved), max(high, moved)
-    value[ISLANDING] = math.degrees(max(0.0, high - low))
+    """Values of the monitors of the grid; of what frames say of it only while they are sound."""
+    value, own = state.rows[s].values, made.settings[s]
+    value[DEVICE] = 0.0
     for d in range(made.devices.shape[1]):
         place = made.devices[s, d].place
         if place != UNSET and (devices[place].blocked > 0.0 or devices[place].released > 0.0):
             value[DEVICE] += 1.0
-    value[HARM] = value[GROWING] = math.nan
-    if own.omega > 0.0 and not unsound(made, state, s):
+    before = value[ISLANDING]
+    value[FREQUENCY] = value[ISLANDING] = value[HARM] = value[GROWING] = math.nan
+    if unsound(made, state, s):
+        return
+    if math.isnan(before):
+        _count_turns_anew(made, state, s)
+    value[FREQUENCY], value[ISLANDING] = _apart(made, state, s)
+    if own.omega > 0.0:
         value[HARM], value[GROWING] = _harm(made, state, s), _growth(made, state, s)
+
+
+@inner
+def _apart(made: Supervisors, state: SupervisorState, s: int) -> tuple[float, float]:
+    """Largest deviation of a frequency, Hz, and largest angle between stations, from that at the start, degrees."""
+    held, worst, low, high = state.held, 0.0, math.inf, -math.inf
+    for i in range(held.entry_ns.shape[1]):
+        station = state.stations[s, i]
+        if made.inputs.uses[s, i] and held.entry_ns[s, i] != UNSET:
+            worst = max(worst, abs(held.entry[s, i, _FREQUENCY] - made.settings[s].nominal))
+            moved = station.angle - station.angle_at_start
+            low, high = min(low, moved), max(high, moved)
+    return worst, math.degrees(max(0.0, high - low))
+
+
+@inner
+def _count_turns_anew(made: Supervisors, state: SupervisorState, s: int) -> None:
+    """After a time without sound data, in which nobody has counted: less than half a turn from the first station."""
+    held, first = state.held, math.nan
+    for i in range(held.entry_ns.shape[1]):
+        station = state.stations[s, i]
+        moved = station.angle - station.angle_at_start
+        if made.inputs.uses[s, i] and held.entry_ns[s, i] != UNSET and math.isfinite(moved):
+            first = moved if math.isnan(first) else first
+            station.angle -= TURN * math.floor((moved - first) / TURN + 0.5)
 
 
 @inner

@@ -273,10 +273,10 @@ def _write(
     out: NDArray[Any],
     first: int,
 ) -> None:
-    """A device's setpoint at a time: of who acts, within the authority."""
+    """A device's setpoint at a time: of who acts, within the authority, of which a ramp has its share."""
     row, own = state.rows[s], made.settings[s]
     device, b, limit = state.commanded[s, d], share(row, at_ns), made.devices[s, d].limit
-    v, before = device.given[_source(row.state)], device.output
+    v, before = min(max(device.given[_source(row.state)], -limit), limit), device.output
     if b < 1.0:
         v = (1.0 - b) * device.begun + b * v
     since = (at_ns - row.issued_ns) * 1e-9
@@ -285,7 +285,7 @@ def _write(
         row.issued_ns = at_ns
         row.since = since
     if row.spent >= own.energy:
-        limit *= math.sqrt(own.energy / MINUTE)
+        limit *= math.sqrt(own.energy / MINUTE / _commanded(made, s))
     v = min(max(v, -limit), limit)
     if math.isfinite(own.rate):
         reach = own.rate * row.since
@@ -306,6 +306,15 @@ def _spend(made: Supervisors, state: SupervisorState, s: int, since: float) -> N
             if made.devices[s, d].place != UNSET:
                 used += (state.commanded[s, d].output / made.devices[s, d].limit) ** 2
         row.spent = max(0.0, row.spent + (used - own.energy / MINUTE) * since)
+
+
+@inner
+def _commanded(made: Supervisors, s: int) -> int:
+    """How many devices a supervisor commands."""
+    found = 0
+    for d in range(made.devices.shape[1]):
+        found += made.devices[s, d].place != UNSET
+    return found
 
 
 @inner

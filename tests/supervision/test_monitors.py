@@ -1,0 +1,210 @@
+"""Each monitor of the table: a run with something that is its to see, and one with what it lets pass."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from facts_damping.case.loading import load_case
+from facts_damping.monitors import MONITORS, STATES, cause_name
+from facts_damping.simulation import loop
+from facts_damping.simulation.build import build_supervisors
+
+if TYPE_CHECKING:
+    from facts_damping.signals import Record
+
+AT = 3.0  # s, when things go wrong: 2 s after an event, while the grid swings
+
+
+def link(way: str, *stages: dict[str, Any]) -> str:
+    return f"link={json.dumps({way: [{'start': AT, **stage} for stage in stages]})}"
+
+
+def fault(kind: str, controller: int = 0, **more: Any) -> str:
+    return f"controllers.{controller}.faults={json.dumps([{'kind': kind, 'start': AT, **more}])}"
+
+
+def bad(kind: str, **more: Any) -> str:
+    return f"measurement.bad_data={json.dumps([{'kind': kind, 'start': AT, **more}])}"
+
+
+LOST = {"model": "bernoulli", "loss": 1.0}
+LARGE = "scenario=large"
+NETWORK = ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "controllers.0.profile=thesis"]
+RUNAWAY = ["controllers.0.name=ANFFsC", *NETWORK[1:], "controllers.0.parameters.eta=1", LARGE]
+CHATTERING = [f"supervision.monitors.{name}=off" for name in ("reversals", "harm")]
+BOTH_ENDS = [
+    *({"name": g, "machine": g} for g in ("G1", "G2", "G3", "G4")),
+    {"name": "WEST", "bus": "B7", "branches": ["line_1"]},
+    {"name": "EAST", "bus": "B8W", "branches": ["line_1"]},
+    {"name": "TIE", "bus": "B8W", "branches": ["sssc"]},
+]
+ENDS = f"system.stations={json.dumps(BOTH_ENDS)}"
+FALLBACK = [
+    {"name": "LLC"},
+    {"name": "LLC", "signals": ["power_rate"], "parameters": {"gain": 0.05}, "fallback_of": 0, "link": "ideal"},
+]
+RESERVE = f"controllers={json.dumps(FALLBACK)}"
+
+
+def later(*delays: float) -> str:
+    """Delays that are added one after the other, half a second apart."""
+    return link("up", *({"delay": delay, "start": AT + k / 2.0} for k, delay in enumerate(delays)))
+
+
+def in_turns(delay: float) -> str:
+    """A delay that comes and goes."""
+    return link("up", *({"delay": delay, "start": AT + k, "duration": 0.5} for k in range(6)))
+
+
+class Trial(NamedTuple):
+    """Runs of `two_area` with a lead-lag controller, armed from the start."""
+
+    wrong: list[str]  # in which the monitor acts
+    sound: list[str]  # in which it does not
+    beside: frozenset[str] = frozenset()  # what may act before it or with it
+
+
+def biased(channel: str, bias: float) -> list[str]:
+    return [link("up", {"model": "bias", "bias": bias, "measurement": channel, "channels": ["G1"]})]
+
+
+TRIALS = {
+    "missing": Trial([link("up", LOST)], [link("up", {**LOST, "duration": 0.1})]),
+    "stale": Trial([later(0.1, 0.1, 0.1, 0.1)], [later(0.1, 0.1, 0.1)], frozenset({"jitter"})),
+    "jitter": Trial([in_turns(0.13)], [in_turns(0.06)]),
+    "misaligned": Trial(
+        [link("up", {"delay": 0.12, "channels": ["G1"]})], [link("up", {"delay": 0.08, "channels": ["G1"]})]
+    ),
+    "stuck": Trial([LARGE, bad("stuck", stations=["G1"])], [LARGE, bad("stuck", stations=["G1"], duration=0.15)]),
+    "range": Trial(biased("speed_deviation", 0.5), biased("speed_deviation", 0.05)),
+    "angle": Trial(biased("frequency", 0.5), biased("frequency", 0.2)),
+    "speed": Trial(biased("speed_deviation", 0.02), biased("speed_deviation", 0.005)),
+    "powers": Trial([ENDS, bad("wrong_sign", stations=["EAST"])], [ENDS, LARGE]),
+    "status": Trial([bad("invalid", stations=["G1"])], [bad("invalid", stations=["G1"], duration=0.04)]),
+    "clock": Trial(
+        [link("up", {"model": "spoof", "offset": 0.01})], [link("up", {"model": "spoof", "offset": 0.0005})]
+    ),
+    "local": Trial(
+        [RESERVE, link("up", LOST), fault("hung", 1, start=4.0)],
+        [RESERVE, link("up", LOST), fault("hung", 1, start=4.0, duration=0.1)],
+        frozenset({"missing", "stale"}),
+    ),
+    "silent": Trial([fault("hung")], [fault("hung", duration=0.1)]),
+    "non_finite": Trial([fault("nan")], [LARGE, fault("gain", size=1000)]),
+    "saturated": Trial([LARGE, fault("gain", size=1000)], [LARGE, fault("gain", size=1000, duration=1.0)]),
+    "reversals": Trial([fault("bang_bang")], [fault("bang_bang", duration=0.1)]),
+    "weights": Trial([*NETWORK, fault("weights", size=50)], [*NETWORK, fault("weights", size=1)]),
+    "lyapunov": Trial([*RUNAWAY, *CHATTERING, "supervision.monitors.lyapunov.lasts=0.1"], [*NETWORK, LARGE]),
+    "harm": Trial([LARGE, fault("wrong_sign")], [LARGE]),
+    "growing": Trial([LARGE, fault("wrong_sign"), "supervision.monitors.harm=off"], [LARGE]),
+    "frequency": Trial([LARGE, "supervision.monitors.frequency.limit=0.3"], [LARGE]),
+    "islanding": Trial([LARGE, "supervision.monitors.islanding.limit=20"], [LARGE]),
+    "device": Trial([link("down", LOST)], [link("down", {**LOST, "duration": 0.15})]),
+}
+
+
+class Seen(NamedTuple):
+    """A run, and from when on each monitor has acted: has been beyond its limit for as long as it takes."""
+
+    record: Record
+    states: list[tuple[float, str, str]]  # time, s, state and cause, where that changes
+    acted: dict[str, float]  # s
+
+
+@cache
+def seen(*sets: str) -> Seen:
+    case = load_case(None, ["supervision=standard", "arm_at=0", "duration=9", *sets])
+    record, rows = loop.run(case), build_supervisors(case)[0].thresholds[0]
+    told, ends, acted = record.supervision, (record.ticks + 1.0) / record.frame_rate, dict[str, float]()
+    for m, name in enumerate(MONITORS):
+        since = np.inf
+        for end, value in zip(ends, told["values"][:, m], strict=True):
+            since = min(since, end) if value > rows["limit"][m] else np.inf
+            if rows["follows"][m] and end - since >= rows["lasts_ns"][m] * 1e-9 - 1e-9:
+                acted.setdefault(name, float(end))
+    states = [(float(ends[k]), STATES[row["state"]], cause_name(int(row["cause"]))) for k, row in enumerate(told)]
+    return Seen(record, [one for k, one in enumerate(states) if k == 0 or one[1] != states[k - 1][1]], acted)
+
+
+def test_every_monitor_has_a_trial() -> None:
+    assert list(TRIALS) == list(MONITORS)
+
+
+@pytest.mark.parametrize("name", MONITORS)
+def test_what_is_a_monitor_s_to_see_it_sees_first(name: str) -> None:
+    trial = TRIALS[name]
+    found = seen(*trial.wrong)
+    assert name in found.acted
+    by_then = {other for other, at in found.acted.items() if at <= found.acted[name]}
+    assert by_then <= {name} | trial.beside
+    assert found.acted[name] > (0.0 if LARGE in trial.wrong else AT)
+    if MONITORS[name].follows == "warn":
+        assert [state for _, state, _ in found.states] == ["armed"]
+    else:
+        at, state, cause = found.states[-1]
+        assert (state, cause) == ("tripped", name)
+        assert at == pytest.approx(found.acted[name], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", MONITORS)
+def test_what_is_not_a_monitor_s_to_see_it_lets_pass(name: str) -> None:
+    found = seen(*TRIALS[name].sound)
+    assert name not in found.acted
+    assert len(found.record.time_ns) == 540
+
+
+SOUND = [
+    *(["link=fibre"], ["link=pdci_100ms"], ["link=csg"], ["measurement=p_class", "controllers.0.signals=[frequency]"]),
+]
+
+
+@pytest.mark.parametrize("sets", SOUND, ids=str)
+@pytest.mark.parametrize("scenario", ["small", "large", "multiple"])
+def test_nothing_acts_in_a_sound_run(scenario: str, sets: list[str]) -> None:
+    found = seen(f"scenario={scenario}", *sets)
+    assert found.acted == {}
+    assert [state for _, state, _ in found.states] == ["armed"]
+
+
+def test_frames_that_arrive_together_are_compared_one_by_one() -> None:
+    """A link in order lets several frames of a station go at once: what they say of it is what they say one by one."""
+    for scenario in ("small", "large"):
+        for monitor in ("angle", "speed"):
+            one, other = (
+                seen(f"scenario={scenario}", how).record.supervision["values"][:, list(MONITORS).index(monitor)].max()
+                for how in ("link=fibre", "link=ideal")
+            )
+            assert one == pytest.approx(other, rel=0.05)
+
+
+def test_a_station_that_was_lost_for_long_is_no_island() -> None:
+    """While it is lost, and once it is back, with the grid off its frequency: its turns are counted anew."""
+    others = [f"supervision.monitors.{name}=off" for name in MONITORS if name not in ("misaligned", "islanding")]
+    lost = link("up", {**LOST, "channels": ["G1"], "duration": 5.0})
+    found = seen(RESERVE, *others, lost, "duration=14")
+    assert [(state, cause) for _, state, cause in found.states] == [
+        ("armed", "schedule"),
+        ("fallback", "misaligned"),
+        ("armed", "misaligned"),
+    ]
+    assert found.states[2][0] == pytest.approx(AT + 5.0 + 3.0, abs=0.2)  # recovery
+    off = abs(found.record.frames[-1, 0, 5] - 60.0)
+    assert off > 0.5  # Hz: in five seconds more than a turn
+    angle = found.record.supervision["values"][:, list(MONITORS).index("islanding")]
+    assert np.isnan(angle[int(4.0 * 60)])
+    assert np.nanmax(angle) < 45.0
+
+
+def test_a_fallback_takes_over_from_a_controller_whose_data_are_bad() -> None:
+    """Of the monitors of data; those of the controller and the grid trip with a fallback as without one."""
+    for name, trial in TRIALS.items():
+        if name == "local" or MONITORS[name].follows == "warn" or any("controllers" in text for text in trial.wrong):
+            continue
+        at, state, cause = seen(RESERVE, *trial.wrong).states[1]
+        assert (state, cause) == ("fallback" if MONITORS[name].follows == "fall_back" else "tripped", name)
+        assert at == pytest.approx(seen(*trial.wrong).states[1][0], abs=1e-9)
