@@ -41,8 +41,8 @@ def _data(description: str, unit: str, limit: float, low: float, high: float, la
 MONITORS = {
     "missing": _data(
         "since frames have come that its signals can be made of",
-        "s", 0.15, 0.01, 60.0, 0.0,
-        "nine frames of 60 a second: single losses and bursts of a tenth of a second pass",
+        "s", 0.16, 0.01, 60.0, 0.0,
+        "nine frames of 60 a second pass: single losses, and bursts of a tenth of a second",
     ),
     "stale": _data(
         "age of the oldest frame that its signals are made of",
@@ -101,13 +101,13 @@ MONITORS = {
     "local": Monitor(
         "data",
         "since the fallback has said something, while it acts",
-        "s", 0.15, 0.01, 60.0, 0.0, "s", "trip",
+        "s", 0.16, 0.01, 60.0, 0.0, "s", "trip",
         "as of remote frames; nothing is left to fall back on",
     ),
     "silent": Monitor(
         "controller",
         "since frames have come that the controller has not answered: it hangs, has died, or needs more than a frame",
-        "s", 0.15, 0.01, 60.0, 0.0, "s", FALLING_BACK,
+        "s", 0.16, 0.01, 60.0, 0.0, "s", FALLING_BACK,
         "less than the 0.2 s after which the device lets go by itself",
     ),
     "non_finite": Monitor(
