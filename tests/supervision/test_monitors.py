@@ -208,3 +208,13 @@ def test_a_fallback_takes_over_from_a_controller_whose_data_are_bad() -> None:
         at, state, cause = seen(RESERVE, *trial.wrong).states[1]
         assert (state, cause) == ("fallback" if MONITORS[name].follows == "fall_back" else "tripped", name)
         assert at == pytest.approx(seen(*trial.wrong).states[1][0], abs=1e-9)
+
+
+def test_an_oscillation_that_grows_by_itself_is_no_reason_not_to_damp_it() -> None:
+    """In shadow nothing acts: the plant, which is unstable by itself, is armed, and it grows no more."""
+    found = seen(LARGE, "arm_at=8", "duration=14")
+    assert [state for _, state, _ in found.states] == ["shadow", "armed"]
+    speeds = found.record.machines["speed_deviation"]
+    swing = [np.ptp(speeds[k : k + 96, 0] - speeds[k : k + 96, 2]) for k in (200, 380, 740)]
+    assert swing[1] > 1.1 * swing[0]
+    assert swing[2] < swing[1]
