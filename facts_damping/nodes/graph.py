@@ -277,7 +277,7 @@ def run(
     """Run a case as a graph of processes; the recording is `out / "recording"`.
 
     `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that stands in for plant and links.
-    In real time a run that is under way goes on without a link, a controller or an identifier that ends.
+    In real time a run that is under way goes on without a link, a controller, an identifier or a supervisor that ends.
 
     Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.
     """

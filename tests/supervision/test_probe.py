@@ -74,12 +74,16 @@ def test_what_the_way_down_multiplies_by_is_the_gain(system: str, factor: float)
 @pytest.mark.parametrize("system", HEARD)
 @pytest.mark.parametrize("delay", [0.05, 0.1, 0.25])
 def test_a_delay_that_is_not_known_turns_the_phase(system: str, delay: float) -> None:
-    """By omega tau, with a tenth for what the other modes answer; beyond the tolerance arming is refused."""
+    """By omega tau, with a tenth for what the other modes answer; beyond the tolerance arming is refused.
+
+    Also where the phase is within it, and control would take damping away.
+    """
     told, state, refused = probed(*HEARD[system], down(delay=delay, start=0.001))
     turned = omega(*HEARD[system]) * delay
     assert told["probe_phase"] == pytest.approx(-turned, rel=0.1)
-    refuses = turned > math.radians(60.0)
-    assert (state, refused) == (("shadow", "probe: phase") if refuses else ("armed", ""))
+    why = "probe: phase" if turned > math.radians(60.0) else "probe: damping" if told["added_damping"] < 0.0 else ""
+    assert (state, refused) == ("shadow" if why else "armed", why)
+    assert (told["added_damping"] < 0.0) == (told["phase_margin"] < 0.0)
 
 
 def test_noise_of_loads_lowers_the_coherence_until_arming_is_refused() -> None:
