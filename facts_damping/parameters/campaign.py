@@ -37,7 +37,7 @@ class Campaign(ParameterModel):
     graph_duration: float = quantity(8.0, "s", "simulated time of these", gt=0, le=1e3)
     beds: dict[Name, Bed] = Field(..., min_length=1, description="name: a run; each is drawn as often as the others")
     faults: dict[Name, float] = Field({}, description="fault: how often beside the others; none: all, equally often")
-    window: tuple[float, float] = Field((2.0, 8.0), description="s, between which a fault begins")
+    window: tuple[float, float] = Field((2.0, 8.0), strict=False, description="s, between which a fault begins")
     lasting: float = quantity(0.3, "-", "share of faults that last to the end", ge=0, le=1)
     unsupervised: bool = Field(False, description="each draw once more without supervision")
 
