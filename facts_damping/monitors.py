@@ -41,8 +41,8 @@ def _data(description: str, unit: str, limit: float, low: float, high: float, la
 MONITORS = {
     "missing": _data(
         "since frames have come that its signals can be made of",
-        "s", 0.15, 0.01, 60.0, 0.0,
-        "nine frames of 60 a second: single losses and bursts of a tenth of a second pass",
+        "s", 0.16, 0.01, 60.0, 0.0,
+        "nine frames of 60 a second pass: single losses, and bursts of a tenth of a second",
     ),
     "stale": _data(
         "age of the oldest frame that its signals are made of",
@@ -81,7 +81,7 @@ MONITORS = {
     "speed": _data(
         "a station's rotor speed beside its frequency, over a tenth of a second",
         "Hz", 0.5, 0.01, 30.0, 0.5,
-        "after a fault the two differ by up to 0.3 Hz for a second (`two_area_large`)",
+        "after a fault the two differ by up to 0.4 Hz (`two_area_large`)",
     ),
     "powers": _data(
         "sum of the powers that stations at both ends of a line measure into it, beside the larger one",
@@ -101,13 +101,13 @@ MONITORS = {
     "local": Monitor(
         "data",
         "since the fallback has said something, while it acts",
-        "s", 0.15, 0.01, 60.0, 0.0, "s", "trip",
+        "s", 0.16, 0.01, 60.0, 0.0, "s", "trip",
         "as of remote frames; nothing is left to fall back on",
     ),
     "silent": Monitor(
         "controller",
         "since frames have come that the controller has not answered: it hangs, has died, or needs more than a frame",
-        "s", 0.15, 0.01, 60.0, 0.0, "s", FALLING_BACK,
+        "s", 0.16, 0.01, 60.0, 0.0, "s", FALLING_BACK,
         "less than the 0.2 s after which the device lets go by itself",
     ),
     "non_finite": Monitor(
@@ -133,7 +133,8 @@ MONITORS = {
         "controller",
         "Euclidean norm of what a network has learnt, beside its norm at the start",
         "-", 10.0, 1.0, 1e9, 0.0, "s", "trip",
-        "none of the thesis's variants leaves 4 in its ensembles",
+        "in the scenarios of `two_area` the thesis's variants stay below 1.7; without guards one comes to 7 without "
+        "delay, and two to a thousand with that of the Pacific DC Intertie",
     ),
     "lyapunov": Monitor(
         "controller",

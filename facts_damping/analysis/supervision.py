@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 SILENT = "silent"  # in the place of a state: a supervisor that has failed
+DIGITS = range(3, 7)  # of a value and its limit: as few as tell the two apart
 MOST = 6  # changes that are told one by one in a table: the first ones, and the last
 _NAMES = list(MONITORS)
 
@@ -228,7 +229,11 @@ def cause_text(row: Mapping[str, Any]) -> str:
     if value is None:
         return f"{cause} is over" if cause in MONITORS and row.get("state") == STATES[ARMED] else str(cause)
     unit = "" if row["unit"] == "-" else f" {row['unit']}"
-    return f"{cause} {value:.3g}{unit}, {'more' if value > limit else 'less'} than {limit:.3g}"
+    for digits in DIGITS:
+        found, bound = (f"{number:.{digits}g}" for number in (value, limit))
+        if found != bound:
+            return f"{cause} {found}{unit}, {'more' if value > limit else 'less'} than {bound}"
+    return f"{cause} {value:.3g}{unit}, the limit"
 
 
 def probe_text(probe: Mapping[str, Any] | None) -> str:

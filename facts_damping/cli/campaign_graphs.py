@@ -138,7 +138,7 @@ def recorded(case: Case, struck: Struck, _computed: Record, _mode: str, kind: st
     return bool(whole) and not notes and struck.outcome.messages_lost == 0
 
 
-def same_bits(_case: Case, struck: Struck, computed: Record, mode: str, _kind: str) -> bool | None:
+def as_computed(_case: Case, struck: Struck, computed: Record, mode: str, _kind: str) -> bool | None:
     """In lockstep the recording is the run in process, bit for bit."""
     if mode != LOCKSTEP:
         return None
@@ -161,6 +161,6 @@ def nothing_forged_acts(_case: Case, struck: Struck, _computed: Record, _mode: s
 
 OF_GRAPHS: dict[str, Callable[[Case, Struck, Record, str, str], bool | None]] = {
     "recorded": recorded,
-    "same_bits": same_bits,
+    "as_computed": as_computed,
     "nothing_forged_acts": nothing_forged_acts,
 }  # by column: what must hold of graphs beside what must of records; None: not of this one

@@ -197,6 +197,15 @@ def _studies(add: Add) -> None:
     _check_step(command)
     command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose cluster makes the runs")
     _common(command)
+    text = "Draws of what may fail in a deployment: what holds for each; those for which it does not are run files."
+    command = add("campaign", "campaigns.campaign", text)
+    command.add_argument("campaign", metavar="CAMPAIGN", help="name under config/campaigns, or a YAML file")
+    command.add_argument("--draws", type=_whole(1, 1_000_000), metavar="N", help="how many; default: as its file says")
+    text = "how many are also made as real graphs, with real kills; default: as its file says"
+    command.add_argument("--graphs", type=_whole(0, 10_000), metavar="N", help=text)
+    _jobs(command)
+    command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose cluster makes the draws")
+    _common(command)
     text = (
         "What identifiers estimate of the plant's Jacobian beside the true one, over runs of a centralised controller."
     )

@@ -214,15 +214,20 @@ def _check_probes(case: Case, given: Supervision, made: Supervisors, plant: Resi
 
 
 def _watched(case: Case, c: int, reserve: int, plant: Residues | None) -> Watched:
-    """What the supervisor of controller c is made for: residues count from where a setpoint is issued."""
+    """What the supervisor of controller c is made for.
+
+    Residues count from where a setpoint is issued to where a frame says that it was measured: a PMU's filter is no
+    delay.
+    """
     controller, used = case.controllers[c], case.used_links[c]
     mode = 0j if plant is None else plant.eigenvalue
     residue = [0j for _ in controller.devices]
     if plant is not None:
-        row = plant.signals.index(controller.signals[0])
+        row, filtered = plant.signals.index(controller.signals[0]), plant.model.filtered
+        ahead = 0.0 if filtered is None else filtered.delay
         for d, device in enumerate(controller.devices):
             down = mean_delay(case.links[used].down, [device])
-            residue[d] = complex(plant.residue[row, plant.devices.index(device)] * cmath.exp(-mode * down))
+            residue[d] = complex(plant.residue[row, plant.devices.index(device)] * cmath.exp(mode * (ahead - down)))
     return Watched(c, reserve, used, case.run.arm_at, mode, residue)
 
 

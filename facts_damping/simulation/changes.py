@@ -122,7 +122,9 @@ def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[L
     at, what, value = tick_ns(change["tick"], loop.pmus.frame_rate), change["kind"], change["value"]
     index = change["index"]
     change_watch(now.run.devices, loop.plant_state.watch, change, at)
-    if what == "event":
+    if change["role"] == "supervisor":  # whose reset is not the plant's
+        ask(loop.supervisors, loop.supervisor_state, change)
+    elif what == "event":
         now = with_event(now, value, at)
         loop = loop._replace(plant=build_plant(now).plant)
     elif what == "reset":
@@ -140,8 +142,6 @@ def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[L
     elif what == "parameter" and change["role"] == "link":
         links, now = renumbered(loop.links, now, index, change["name"], float(value))
         loop = loop._replace(links=links)
-    elif change["role"] == "supervisor":
-        ask(loop.supervisors, loop.supervisor_state, change)
     elif what == "parameter":
         set_parameter(now, loop.bank, loop.identifiers, change)
     return loop, now

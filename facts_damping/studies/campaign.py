@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.analysis.summary import summarise
+from facts_damping.analysis.verdict import DAMPED
 from facts_damping.case.loading import changed_case, read_run
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
+from facts_damping.monitors import MONITORS
 from facts_damping.parameters.campaign import Campaign
 from facts_damping.parameters.files import find, new_folder, parse_set, read_table, read_value
 from facts_damping.parameters.validation import check
@@ -36,6 +39,8 @@ JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
 GRAPH_AFTER_S = 3.0  # a graph's fault begins at least so long before its end
 UNSUPERVISED: dict[str, Any] = {"supervision": None, "arm_at": None}
 UNCONTROLLED: dict[str, Any] = {"controllers": [], **UNSUPERVISED}
+
+NOTHING = "none"  # the fault that is none
 
 _uncontrolled: dict[str, Record] = {}
 
@@ -62,11 +67,12 @@ class Draw(NamedTuple):
     chosen: dict[str, str]
 
 
-def plan(name: str, sets: Sequence[str] = (), draws: int | None = None) -> Plan:
+def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: int | None = None) -> Plan:
     """Read a campaign by name or path, with `--set` applied to its runs. Raises `InputError`, also for first runs."""
     path = find("campaigns", name)
     campaign = check(Campaign, read_table(path), str(path))
-    campaign = campaign if draws is None else campaign.model_copy(update={"draws": draws})
+    asked = {"draws": draws, "graphs": graphs}
+    campaign = campaign.model_copy(update={name: count for name, count in asked.items() if count is not None})
     for fault in campaign.faults:
         check_known(f"{path}: faults", fault, list(FAULTS))
     contents = {bed: _content(one) for bed, one in campaign.beds.items()}
@@ -114,8 +120,11 @@ def _choose(bed: Bed, random: np.random.Generator) -> tuple[dict[str, Any], dict
 
 def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
     """How often each fault is drawn; those that are only real are drawn for graphs alone."""
-    given = campaign.faults or dict.fromkeys(FAULTS, 1.0)
-    return {name: weight for name, weight in given.items() if real or name not in ONLY_REAL}
+    given = campaign.faults or {name: 1.0 for name in FAULTS if name != NOTHING}
+    found = {name: weight for name, weight in given.items() if real or name not in ONLY_REAL}
+    failing = sum(weight for name, weight in found.items() if name != NOTHING)
+    healthy = campaign.healthy / (1.0 - campaign.healthy) * failing if campaign.healthy < 1.0 else 1.0
+    return {NOTHING: healthy, **({} if campaign.healthy == 1.0 else found)} if campaign.healthy else found
 
 
 def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
@@ -167,11 +176,14 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
         row |= identity(drawn)
         case = case_of(made, drawn)
         row |= {"controller": case.controllers[0].name, "scheme": case.controllers[0].scheme}
-        row |= judged(case, batch.closed_loop(case), uncontrolled(made, drawn), drawn)
+        reference = uncontrolled(made, drawn)
+        row |= judged(case, batch.closed_loop(case), reference, drawn)
         if made.campaign.unsupervised:
-            bare = batch.closed_loop(_case(made, drawn.bed, {**_bare(drawn.changes), **UNSUPERVISED}))
-            told = invariants.beside(bare, uncontrolled(made, drawn))
-            row |= {f"unsupervised_{name}": told[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
+            row |= unsupervised(
+                batch.closed_loop(_case(made, drawn.bed, {**_bare(drawn.changes), **UNSUPERVISED})), reference
+            )
+        if drawn.fault == NOTHING and made.campaign.unsupervised:
+            row["sound"] = bool(row["unsupervised_damped"] and row["reversals"] <= MONITORS["reversals"].limit)
     except FactsDampingError as error:
         row["error"] = one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a draw dies of, the others go on)
@@ -182,6 +194,14 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
 def _bare(changes: dict[str, Any]) -> dict[str, Any]:
     """Changes of a run that is not supervised: nothing below what it has not."""
     return {path: value for path, value in changes.items() if not path.startswith(("supervision", "arm_at"))}
+
+
+def unsupervised(record: Record, reference: Record) -> dict[str, Any]:
+    """Figures of a draw without supervision, beside no control; whether it is damped, and not worse for control."""
+    told = invariants.beside(record, reference)
+    found = {f"unsupervised_{name}": told[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
+    better = told["ratio"] is None or told["ratio"] <= 1.0
+    return found | {"unsupervised_damped": better and summarise(record, method=None)["verdict"] == DAMPED}
 
 
 def identity(drawn: Draw) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.oscillation import is_stable
-from facts_damping.monitors import ARMED, FALLBACK, TRIPPED, cause_name
+from facts_damping.monitors import ARMED, CODES, FALLBACK, TRIPPED, cause_name
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -163,6 +163,7 @@ def doings(record: Record, start_s: float) -> dict[str, Any]:
         "cause": cause_name(int(tripped["cause"][0])) if len(tripped) else None,
         "fallback_cause": cause_name(int(fallen["cause"][0])) if len(fallen) else None,
         "not_armed": cause_name(int(refused[0])) if len(refused) and first[ARMED] is None else None,
+        "reversals": float(own["values"][:, CODES["reversals"]].max(initial=0.0)),
         "early": any(t < start_s for t in left),
         "detected_s": min(after, default=None),
     }

@@ -76,6 +76,14 @@ def write(folder: Path, rows: Rows, margins: Rows, shares: Rows) -> list[Path]:
     return [*made, folder / "versions.json"]
 
 
+def tables(folder: Path, name: str, rows: Rows) -> list[Path]:
+    """Write rows as Parquet and CSV; the paths."""
+    whole = table(rows)
+    parquet.write_table(whole, folder / f"{name}.parquet")
+    csv.write_csv(whole, folder / f"{name}.csv")
+    return [folder / f"{name}.parquet", folder / f"{name}.csv"]
+
+
 def sweep_tables(rows: Rows, margins: Rows, shares: Rows, across: str = "scenario") -> list[str]:
     """What a terminal shows: counts, the margins, the shares of runs that fail."""
     failed = [row["error"] for row in rows if row["error"]]

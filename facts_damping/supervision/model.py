@@ -153,7 +153,7 @@ class SupervisorState(NamedTuple):
     held: Held
     stations: NDArray[Any]  # (supervisors, stations) of STATION
     commanded: NDArray[Any]  # (supervisors, most devices) of COMMANDED
-    past: NDArray[np.float64]  # (supervisors, ticks, 4): first signal, largest output, at which limit, reversals
+    past: NDArray[np.float64]  # (supervisors, ticks, 4): first signal, largest output that acts, which limit, reversals
     phasors: NDArray[np.float64]  # (supervisors, 1 + most devices, 3), of the first signal and of the outputs
     expected: NDArray[np.complex128]  # (supervisors, ticks), of a probe, the modal state
     sums: NDArray[

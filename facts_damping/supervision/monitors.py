@@ -102,7 +102,8 @@ def follow(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None
             continue
         acting = row.state in (ARMED, FALLBACK)
         u = device.output if acting else min(max(device.given[CONTROLLER], -limit), limit)
-        place[1] = max(place[1], abs(u) / limit)
+        if acting:
+            place[1] = max(place[1], abs(u) / limit)
         if abs(u) >= limit:
             place[2] = math.copysign(1.0, u)
         place[3] += _turn(device, u, REVERSAL * limit)

@@ -83,10 +83,10 @@ def supervise(
     _obey(made, state, s, start_ns)
     row.tick, row.start_ns, row.now_ns = tick, start_ns, end_ns
     first, lapses, answered = _pass_on(made, state, s, tick, issued, many, out, first)
+    if row.probe_ns != UNSET:  # what it says in this tick stands from its end on
+        probe.expect(made, state, s, tick, state.commanded[s, row.probed].output)
     if row.state not in (ARMED, FALLBACK):
         first = _say(made, state, s, tick, end_ns - 1, out, first)
-    if row.probe_ns != UNSET:
-        probe.expect(made, state, s, tick, state.commanded[s, row.probed].output)
     _hear(made, state, s, tick, delivered, count, answered)
     monitors.follow(made, state, s, tick)
     if row.probe_ns != UNSET and (end_ns - row.probe_ns) * 1e-9 >= own.probe_s:

@@ -115,6 +115,8 @@ def test_a_supervisor_that_never_arms_says_so(watched: Callable[[Any], dict[str,
         (PROBE_GAIN, {"probe_gain": 1.2}, "probe: gain"),
         (PROBE_PHASE, {"probe_phase": -math.pi / 2}, "probe: phase 90 deg, more than 60"),
         (CODES["frequency"], {"values": 3.5}, "frequency 3.5 Hz, more than 3"),
+        (CODES["missing"], {"values": 0.160004}, "missing 0.160004 s, more than 0.16"),
+        (CODES["missing"], {"values": np.nextafter(0.16, 1.0)}, "missing 0.16 s, the limit"),
         (CODES["range"], {"values": math.inf}, "range"),
     ],
 )

@@ -79,6 +79,7 @@ def assert_refused_in_one_line_or_built(content: Any) -> None:
         build.build_plant(case)
         build.build_links(case)
         build.build_control(case)
+        build.build_supervisors(case)
     except InputError as error:
         assert_one_line(error)
 
@@ -86,9 +87,15 @@ def assert_refused_in_one_line_or_built(content: Any) -> None:
 INLINE = load_case("two_area_multiple").document()
 NEURO = load_case("two_area_multiple", ["controllers.0.name=ANFTSC"]).document()
 NEURO["controllers"][0]["weights"] = {"name": "ANFTSC", "scheme": "indirect", "controller": [0.5] * 10}
+GUARDED = load_case("two_area_multiple", ["supervision=probed", "arm_at=20", "supervision.authority.rate=1"]).document()
+GUARDED["supervision"] |= {
+    "monitors": {"stale": {"limit": 0.5, "lasts": 0.1, "follows": "trip"}, "harm": None},
+    "fault": {"kind": "dead", "start": 1.0, "duration": 1.0},
+}
 OF_RUN = [(INLINE, path) for path in leaves(INLINE)]
 OF_NETWORK = [(NEURO, ("controllers", *path)) for path in leaves(NEURO["controllers"])]
-BASES = OF_RUN + 4 * OF_NETWORK
+OF_SUPERVISION = [(GUARDED, path) for path in leaves(GUARDED) if path[0] in ("supervision", "arm_at")]
+BASES = OF_RUN + 4 * OF_NETWORK + 4 * OF_SUPERVISION
 
 
 @settings(deadline=None, max_examples=250)
@@ -105,7 +112,9 @@ def test_random_mutation_is_refused_in_one_line_or_runs(base: Any, how: str, jun
 @pytest.mark.parametrize("extreme", [5e-324, 1e-160, 1e160, -1e-160], ids=str)
 def test_every_number_at_an_extreme_is_refused_in_one_line_or_runs(extreme: float) -> None:
     """Squares and quotients of what is let in do not overflow."""
-    numbers = [(base, path) for base, path in OF_RUN + OF_NETWORK if type(at(base, path)) in (int, float)]
+    numbers = [
+        (base, path) for base, path in OF_RUN + OF_NETWORK + OF_SUPERVISION if type(at(base, path)) in (int, float)
+    ]
     assert len(numbers) > 300
     for base, path in numbers:
         assert_refused_in_one_line_or_built(mutate(base, path, "replace", extreme))

@@ -32,7 +32,7 @@ def test_graphs_are_made_once_and_hold(tmp_path: Path, monkeypatch: pytest.Monke
     assert [(row["number"], row["graph"], row["error"]) for row in rows] == [(0, True, None), (1, True, None)]
     assert {row["fault"]: row["mode"] for row in rows} == {"biased": "lockstep", "hung": "realtime"}
     assert all(isinstance(row[name], bool) for row in rows for name in INVARIANTS)
-    assert {row["mode"]: row["same_bits"] for row in rows} == {"lockstep": True, "realtime": None}
+    assert {row["mode"]: row["as_computed"] for row in rows} == {"lockstep": True, "realtime": None}
     assert all(row["recorded"] and row["within_limits"] and row["lets_go"] for row in rows)
 
     def never(*_: object) -> None:

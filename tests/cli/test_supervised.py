@@ -86,13 +86,13 @@ def test_a_run_s_own_supervision_stays_unless_another_is_named(tmp_path: Path) -
 
 def test_a_preset_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "--supervised", "two_area_small"]) == 2
-    told = "supervision: 'two_area_small' given; allowed: probed, standard, or the path of a YAML file"
+    told = "supervision: 'two_area_small' given; allowed: probed, standard, strict, or the path of a YAML file"
     assert capsys.readouterr().err == f"facts-damping: {told}\n"
 
 
 def test_list_names_presets_and_monitors(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list", "supervision", "--json", "-"]) == 0
-    assert [row["name"] for row in json.loads(capsys.readouterr().out)] == ["probed", "standard"]
+    assert [row["name"] for row in json.loads(capsys.readouterr().out)] == ["probed", "standard", "strict"]
     assert main(["list", "monitors", "--json", "-"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [row["name"] for row in rows] == list(MONITORS)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 ARRAYS = (
     *("time_ns", "frames", "measured_ns", "status", "delivered", "issued", "applied"),
-    *("machines", "devices", "in_synchronism", "estimates", "learning"),
+    *("machines", "devices", "in_synchronism", "estimates", "learning", "supervised", "supervision"),
 )
 PATIENCE_S = 60.0
 LOADED_S = 20.0  # longest wait for a node where silence is not what is tested: two graphs may be on two cores

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
 
 BIN = Path(sys.executable).parent
-NODES = ("plant_sim", "wan_link", "controller", "identifier", "recorder", "live_view")
+NODES = ("plant_sim", "wan_link", "controller", "identifier", "supervisor", "recorder", "live_view")
 SOON_S = 10.0  # 2 s on a machine that does nothing else
 INDIRECT = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
 
@@ -84,7 +84,8 @@ def test_help_says_what_it_does_its_parameters_and_an_example(executable: str, d
 
 
 def identifies(executable: str) -> list[str]:
-    return ["--ros-args", "-p", f"set:={INDIRECT}"] if executable == "identifier" else []
+    own = {"identifier": INDIRECT, "supervisor": ["supervision=standard"]}.get(executable)
+    return ["--ros-args", "-p", f"set:={own}"] if own else []
 
 
 @pytest.mark.parametrize(

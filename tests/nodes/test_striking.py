@@ -30,7 +30,7 @@ def test_a_simulated_fault_gives_the_bits_of_the_in_process_run(domain: int, tmp
     case = load_case(RUN, ["duration=4", "controllers.0.faults=[{kind: wrong_sign, start: 1.5}]"])
     struck = strike(case, LOCKSTEP, tmp_path, NOTHING, domain)
     computed = loop.run(case)
-    assert campaign_graphs.same_bits(case, struck, computed, LOCKSTEP, "")
+    assert campaign_graphs.as_computed(case, struck, computed, LOCKSTEP, "")
     assert campaign_graphs.recorded(case, struck, computed, LOCKSTEP, "")
     assert (struck.struck_s, struck.forged) == (None, {})
 
@@ -53,7 +53,7 @@ def test_what_is_forged_with_the_graphs_key_changes_no_bit(domain: int, tmp_path
     case = load_case(RUN, ["duration=4", f"security.keys={keys}", "controllers.0.name=ANFLeC"])
     struck = strike(case, LOCKSTEP, tmp_path / "out", Blow("forge signed", 1.5, None), domain)
     computed = loop.run(case)
-    assert campaign_graphs.same_bits(case, struck, computed, LOCKSTEP, "forge")
+    assert campaign_graphs.as_computed(case, struck, computed, LOCKSTEP, "forge")
     assert campaign_graphs.nothing_forged_acts(case, struck, computed, LOCKSTEP, "forge")
     assert struck.forged["supervisor_0_ANFLeC/supervised"] == struck.forged["pmu/frames"] == 90
     assert nodes_left(tmp_path) == []

@@ -43,6 +43,7 @@ BOTH_ENDS = [
     {"name": "EAST", "bus": "B8W", "branches": ["line_1"]},
     {"name": "TIE", "bus": "B8W", "branches": ["sssc"]},
 ]
+SLOWLY = [LARGE, "supervision.monitors.growing.limit=0.03"]  # a swing as large as this is as fast as limits let it be
 ENDS = f"system.stations={json.dumps(BOTH_ENDS)}"
 FALLBACK = [
     {"name": "LLC"},
@@ -59,6 +60,12 @@ def later(*delays: float) -> str:
 def in_turns(delay: float) -> str:
     """A delay that comes and goes."""
     return link("up", *({"delay": delay, "start": AT + k, "duration": 0.5} for k in range(6)))
+
+
+def stays_at_a_limit(seconds: float) -> str:
+    """A controller whose gain takes it to a limit, where it stays for a while."""
+    wild = {"kind": "gain", "start": AT, "size": 1000}
+    return f"controllers.0.faults={json.dumps([wild, {'kind': 'stuck', 'start': AT + 0.2, 'duration': seconds}])}"
 
 
 class Trial(NamedTuple):
@@ -96,12 +103,12 @@ TRIALS = {
     ),
     "silent": Trial([fault("hung")], [fault("hung", duration=0.1)]),
     "non_finite": Trial([fault("nan")], [LARGE, fault("gain", size=1000)]),
-    "saturated": Trial([LARGE, fault("gain", size=1000)], [LARGE, fault("gain", size=1000, duration=1.0)]),
+    "saturated": Trial([LARGE, stays_at_a_limit(4.0)], [LARGE, stays_at_a_limit(1.0)]),
     "reversals": Trial([fault("bang_bang")], [fault("bang_bang", duration=0.1)]),
     "weights": Trial([*NETWORK, fault("weights", size=50)], [*NETWORK, fault("weights", size=1)]),
     "lyapunov": Trial([*RUNAWAY, *CHATTERING, "supervision.monitors.lyapunov.lasts=0.1"], [*NETWORK, LARGE]),
     "harm": Trial([LARGE, fault("wrong_sign")], [LARGE]),
-    "growing": Trial([LARGE, fault("wrong_sign"), "supervision.monitors.harm=off"], [LARGE]),
+    "growing": Trial([*SLOWLY, fault("wrong_sign"), "supervision.monitors.harm=off"], SLOWLY),
     "frequency": Trial([LARGE, "supervision.monitors.frequency.limit=0.3"], [LARGE]),
     "islanding": Trial([LARGE, "supervision.monitors.islanding.limit=20"], [LARGE]),
     "device": Trial([link("down", LOST)], [link("down", {**LOST, "duration": 0.15})]),
@@ -208,3 +215,13 @@ def test_a_fallback_takes_over_from_a_controller_whose_data_are_bad() -> None:
         at, state, cause = seen(RESERVE, *trial.wrong).states[1]
         assert (state, cause) == ("fallback" if MONITORS[name].follows == "fall_back" else "tripped", name)
         assert at == pytest.approx(seen(*trial.wrong).states[1][0], abs=1e-9)
+
+
+def test_an_oscillation_that_grows_by_itself_is_no_reason_not_to_damp_it() -> None:
+    """In shadow nothing acts: the plant, which is unstable by itself, is armed, and it grows no more."""
+    found = seen(LARGE, "arm_at=8", "duration=14")
+    assert [state for _, state, _ in found.states] == ["shadow", "armed"]
+    speeds = found.record.machines["speed_deviation"]
+    swing = [np.ptp(speeds[k : k + 96, 0] - speeds[k : k + 96, 2]) for k in (200, 380, 740)]
+    assert swing[1] > 1.1 * swing[0]
+    assert swing[2] < swing[1]

@@ -1,0 +1,53 @@
+"""What the command `campaign` does: draws of what may fail, in process and as graphs; what holds, as a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.cli.runs import say
+from facts_damping.errors import RunError
+from facts_damping.terminal import Progress, clean_up_first, write_json, write_whole
+
+if TYPE_CHECKING:
+    import argparse
+
+
+def campaign(arguments: argparse.Namespace) -> None:
+    """Draws of what may fail in a deployment: what holds for each; those for which it does not are run files."""
+    from facts_damping.studies import campaign as study
+    from facts_damping.studies import campaign_pages as pages
+    from facts_damping.studies import results
+
+    made = study.plan(arguments.campaign, arguments.set, arguments.draws, arguments.graphs)
+    folder = Path(arguments.out) if arguments.out is not None else Path("results") / made.name
+    progress = Progress(made.name, "draws")
+    clean_up_first()
+    graphs: list[dict[str, Any]] = []
+    try:
+        rows = study.run(made, folder, arguments.jobs, arguments.scheduler, progress)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+    finally:
+        progress.close()
+    text = pages.page(made, rows, graphs, command(arguments))
+    write_json(arguments.json, {"draws": rows, "graphs": graphs})
+    for line in pages.overview(rows, graphs):
+        say(arguments, line)
+    for name, own in (("draws", rows), ("graphs", graphs)):
+        for path in results.tables(folder, name, own) if own else ():
+            say(arguments, f"table: {path}")
+    write_whole(folder / "page.md", text)
+    say(arguments, f"page: {folder / 'page.md'}")
+    failed = [row for row in (*rows, *graphs) if not study.holds(row)]
+    if failed:
+        say(arguments, f"{len(failed)} for which something does not hold: {folder / study.FAILED}")
+    errors = [row for row in (*rows, *graphs) if row["error"] is not None]
+    if errors:
+        raise RunError(f"{len(errors)} draws could not be made, the first: {errors[0]['number']}: {errors[0]['error']}")
+
+
+def command(arguments: argparse.Namespace) -> str:
+    """The command that makes this page again."""
+    given = [f"--{name} {value}" for name in ("draws", "graphs") if (value := getattr(arguments, name)) is not None]
+    return " ".join(["facts-damping campaign", arguments.campaign, *given, *(f"--set {one}" for one in arguments.set)])

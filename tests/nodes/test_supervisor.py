@@ -1,0 +1,283 @@
+"""Supervisors as nodes: the bits of the in-process run, services and what they refuse, and what becomes of the dead."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from facts_damping_msgs.msg import SupervisorState
+from facts_damping_msgs.srv import Step
+from rcl_interfaces.msg import Log
+from rclpy.qos import qos_profile_rosout_default
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
+
+from facts_damping.analysis.summary import summarise
+from facts_damping.case.loading import load_case
+from facts_damping.monitors import MONITORS, STATES, cause_name
+from facts_damping.nodes import graph
+from facts_damping.parameters.security import add_key
+from facts_damping.recording.reader import load
+from facts_damping.simulation import loop, replay
+from facts_damping.simulation.changes import rerun
+from tests.nodes.graphs import (
+    LOADED_S,
+    PATIENCE_S,
+    assert_named,
+    assert_same,
+    payloads,
+    quiet,
+    run_graph,
+    somebody,
+    ticks,
+)
+from tests.nodes.test_joining import Graph, say, soon_forgotten
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from facts_damping.signals import Record
+
+OUTAGE = [{"delay": 0.02}, {"model": "bernoulli", "loss": 1.0, "start": 2.0, "duration": 0.6}]
+LOCAL = {"name": "LLC", "signals": ["power_rate"], "parameters": {"gain": 0.05}, "fallback_of": 0}
+ON = ["supervision=standard", "arm_at=0.5", "scenario=large", "duration=5"]
+FALLBACK = [f"controllers={json.dumps([{'name': 'LLC'}, {**LOCAL, 'link': 'csg'}])}", "supervision.arming.recovery=1"]
+NETWORKS: list[dict[str, object]] = [
+    {
+        "name": "HBsWC",
+        "scheme": "indirect",
+        "devices": ["statcom"],
+        "signals": ["speed", "power"],
+        "namespace": "area_1",
+    },
+    {"name": "ANFTSC", "scheme": "direct", "devices": ["sssc"], "link": "csg", "namespace": "tie"},
+]
+NETWORKS[1]["faults"] = [{"kind": "weights", "start": 1.5}, {"kind": "dead", "start": 2.0, "duration": 0.3}]
+GRAPHS = {
+    "fallback by a link of its own": [*FALLBACK, f"link={json.dumps({'up': OUTAGE})}"],
+    "two networks in namespaces": [
+        f"controllers={json.dumps(NETWORKS)}",
+        "devices=[sssc, statcom]",
+        "link=delay_100ms",
+    ],
+}
+
+
+def states(found: Record, controller: int = 0) -> list[tuple[str, str]]:
+    """States one after the other, and why."""
+    own = found.supervision[found.supervision["controller"] == controller]
+    told = [(STATES[row["state"]], cause_name(int(row["cause"]))) for row in own]
+    return [one for k, one in enumerate(told) if k == 0 or one != told[k - 1]]
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_a_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(
+    domain: int, tmp_path: Path, name: str
+) -> None:
+    """Signed in one of them; replayed in process and by nodes."""
+    sets = [*ON, *GRAPHS[name]]
+    if "networks" in name:
+        add_key(tmp_path / "keys.yaml")
+        sets.append(f"security.keys={tmp_path / 'keys.yaml'}")
+    case = load_case(None, sets)
+    recorded = run_graph(tmp_path / "it", sets)
+    assert_same(recorded, loop.run(case))
+    assert np.any(recorded.supervised["value"] != 0.0)
+    if "fallback" in name:
+        assert states(recorded)[2:] == [("fallback", "missing"), ("armed", "missing")]
+    mine = replay.case_of(recorded, "it", None, [])
+    part = replay.fitted(recorded, mine)
+    played = replay.play(mine, part)
+    assert replay.first_difference(part, played.issued) is None
+    assert replay.first_supervised(part, played) is None
+    bag = tmp_path / "it" / "recording"
+    graph.run(mine, "lockstep", tmp_path / "again", quiet, LOADED_S, replayed=bag)
+    again = load(tmp_path / "again" / "recording")
+    for table in ("issued", "supervised", "supervision", "estimates", "learning"):
+        assert getattr(again, table).tobytes() == getattr(recorded, table).tobytes(), table
+
+
+@pytest.mark.parametrize(
+    ("node", "number", "said"),
+    [
+        ("supervisor_0_LLC", signal.SIGKILL, "supervisor_0_LLC was killed by SIGKILL"),
+        ("supervisor_0_LLC", signal.SIGSTOP, "supervisor_0_LLC is silent"),
+        ("controller_0_LLC", signal.SIGSTOP, "controller_0_LLC is silent"),
+    ],
+)
+def test_a_dead_or_silent_node_of_a_supervised_graph_is_named(
+    domain: int, tmp_path: Path, started: dict[str, Any], node: str, number: int, said: str
+) -> None:
+    assert_named(["supervision=standard"], tmp_path, started, node, number, said)
+
+
+SERVED = [
+    *("supervision=probed", "supervision.probe={start: null, cycles: 2}", "scenario=[]", "duration=8"),
+    f"link={json.dumps({'up': [{'model': 'bernoulli', 'loss': 1.0, 'start': 5.0, 'duration': 0.5}]})}",
+]
+
+
+def test_services_do_what_an_operator_asks_for_or_say_why_not(
+    start: Callable[..., Any], client: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Refusals with reasons; what was done is told, recorded, and gives the same bits again."""
+    common = {"set": str(SERVED), "recorder": "true", "start_timeout": PATIENCE_S, "timeout": LOADED_S}
+    recorder = start("recorder", output=tmp_path / "recording", **common)
+    plant = start("plant_sim", **common)
+    assert client(Trigger, "/plant_sim/pause", Trigger.Request()).success
+    for name in ("wan_link", "controller", "supervisor"):
+        start(name, **common)
+
+    def step(count: int) -> None:
+        assert client(Step, "/plant_sim/step", Step.Request(ticks=count)).success
+        deadline = time.monotonic() + PATIENCE_S
+        while ", 0 to be stepped" not in client(Trigger, "/plant_sim/pause", Trigger.Request()).message:
+            assert time.monotonic() < deadline
+
+    def asked(name: str) -> tuple[bool, str]:
+        answer = client(Trigger, f"/supervisor/{name}", Trigger.Request())
+        return answer.success, answer.message
+
+    step(30)
+    assert asked("reset") == (False, "shadow; allowed: reset while disarmed, tripped")
+    assert asked("arm") == (False, "not armed: no probe; allowed: after ~/probe")
+    assert asked("probe")[0]
+    step(60)
+    assert asked("arm")[0] is False  # while it goes on
+    step(150)  # 4 s
+    assert asked("arm") == (True, "from tick 240 on")
+    step(20)
+    assert asked("arm") == (False, "armed; allowed: arm while shadow")
+    assert asked("probe") == (False, "armed; allowed: probe while shadow")
+    step(60)  # from 5 s on without frames: tripped
+    assert asked("arm") == (False, "tripped; allowed: arm while shadow")
+    assert asked("reset")[0]
+    step(2)
+    refused = asked("arm")
+    assert refused[0] is False
+    assert refused[1].startswith("not armed: missing (since frames have come that its signals can be made of): ")
+    assert refused[1].endswith(" s; allowed: 0.15")
+    assert asked("disarm")[0]
+    step(30)
+    assert asked("disarm") == (False, "disarmed; allowed: disarm while shadow, armed, fallback, tripped")
+    assert client(Trigger, "/plant_sim/resume", Trigger.Request()).success
+    plant.communicate(timeout=PATIENCE_S)
+    recorder.terminate()
+    recorder.communicate(timeout=PATIENCE_S)
+    record = load(tmp_path / "recording")
+    own = [(one["tick"], one["kind"]) for one in record.changes if one["role"] == "supervisor"]
+    assert own == [(30, "probe"), (240, "arm"), (320, "reset"), (322, "disarm")]
+    assert states(record) == [
+        ("shadow", ""),
+        ("armed", "operator"),
+        ("tripped", "missing"),
+        ("shadow", "operator"),
+        ("disarmed", "operator"),
+    ]
+    case = load_case(None, SERVED)
+    assert_same(record, rerun(case, record.changes))
+    part = replay.fitted(record, case)
+    assert replay.first_supervised(part, replay.play(case, part)) is None
+    assert_told(payloads(tmp_path), record)
+    said = words(3)
+    assert [(level, text.split(" at ")[0]) for level, text in said] == [
+        (20, "armed"),
+        (30, "tripped"),
+        (20, "disarmed"),
+    ]
+    assert "missing (since frames have come" in said[1][1]
+
+
+def assert_told(told: dict[str, list[bytes]], record: Record) -> None:
+    """What messages have of it: the state each tick, and levels of diagnostics."""
+    said = [deserialize_message(data, SupervisorState) for data in told["/supervisor_0_LLC/state"]]
+    assert [one.tick for one in said] == record.ticks.tolist()
+    assert list(said[0].monitors) == list(MONITORS)
+    for one, row in zip(said, record.supervision, strict=True):
+        assert (one.controller, one.state, one.cause) == (
+            "controller_0_LLC",
+            STATES[row["state"]],
+            cause_name(int(row["cause"])),
+        )
+        assert np.array(one.values).tobytes() == row["values"].tobytes()
+    assert list(said[0].limits) == [row.limit for row in MONITORS.values()]
+    health = [status for data in told["/diagnostics"] for status in deserialize_message(data, DiagnosticArray).status]
+    found = {status.message.split(":")[0]: status.level for status in health if status.name == "supervisor"}
+    levels = DiagnosticStatus.WARN, DiagnosticStatus.OK, DiagnosticStatus.WARN
+    assert found == dict(zip(("shadow", "armed", "disarmed"), levels, strict=True))
+
+
+def words(many: int) -> list[tuple[int, str]]:
+    """What supervisors that still run have said to people: level and text."""
+    came: list[Log] = []
+    with somebody("listener") as (node, executor):
+        node.create_subscription(Log, "/rosout", came.append, qos_profile_rosout_default)
+        deadline = time.monotonic() + PATIENCE_S
+        while (
+            len(own := [(one.level, one.msg) for one in came if one.name == "supervisor" and " at " in one.msg]) < many
+        ):
+            assert time.monotonic() < deadline, came
+            executor.spin_once(0.1)
+    return own
+
+
+def test_a_fallback_takes_over_from_a_controller_that_leaves_in_real_time(
+    domain: int, tmp_path: Path, started: dict[str, Any]
+) -> None:
+    def strike(done: int, _of: int) -> None:
+        if done > 120 and "controller_0_LLC" in started:
+            os.kill(started.pop("controller_0_LLC").process.pid, signal.SIGTERM)  # others need not wait for it
+
+    case = load_case(None, [*ON, *FALLBACK, "link=csg"])
+    outcome = graph.run(case, "realtime", tmp_path, strike, LOADED_S)
+    assert [text.split()[0] for text in outcome.fallen] == ["controller_0_LLC"]
+    record = load(outcome.recording)
+    assert states(record)[-1] == ("fallback", "silent")
+    assert len(record.time_ns) == 300
+    last = record.supervised[record.supervised["tick"] > 240]
+    assert np.any(last["value"] != 0.0)
+    assert record.devices["released"][-1] == 0.0
+
+
+def test_a_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_by_an_operator(
+    start: Callable[..., Any], client: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Its device lets go meanwhile; the run goes on."""
+    run = Graph(start, tmp_path, 10.0, set=str(["supervision=standard", "arm_at=0.5"]))
+    run.add("wan_link", join="true")
+    run.add("controller", join="true")
+    with soon_forgotten(tmp_path):
+        first = run.add("supervisor", join="true")
+    plant = run.add("plant_sim")
+    run.run_until(120)
+    first.send_signal(signal.SIGKILL)
+    killed = ticks(plant)
+    run.run_until(killed + 100)  # by then it is forgotten
+    second = run.add("supervisor", join="true")
+    run.run_until(killed + 220)
+    refused = client(Trigger, "/supervisor/arm", Trigger.Request())
+    assert refused.message.startswith("not armed: device (devices that are blocked, or released by their watchdog)")
+    assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
+    run.run_until(ticks(plant) + 10)
+    armed = client(Trigger, "/supervisor/arm", Trigger.Request())
+    assert armed.success, armed.message
+    record = run.finish()
+    assert say(second) == ""
+    own = [(one["kind"], one["tick"]) for one in record.changes if one["role"] == "supervisor"]
+    assert [kind for kind, _ in own] == ["start", "arm"]
+    began = own[0][1]
+    of_second = [(STATES[r["state"]], cause_name(int(r["cause"]))) for r in record.supervision if r["tick"] >= began]
+    assert of_second[0] == ("shadow", "")
+    assert ("armed", "operator") in of_second
+    release = summarise(record)["releases"][0]
+    assert killed / 60 < release["time_s"] < began / 60 + 0.3
+    acts, armed_s = record.devices["reference"][:, 0] != 0.0, own[1][1] / 60
+    assert not np.any(acts[(record.time_s > release["time_s"] + 0.6) & (record.time_s < armed_s)])
+    assert np.any(acts[record.time_s > armed_s])
