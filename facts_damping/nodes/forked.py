@@ -14,7 +14,7 @@ import os
 import signal
 import sys
 from multiprocessing import forkserver, resource_tracker, util
-from threading import Thread
+from threading import Lock, Thread
 from typing import TYPE_CHECKING
 
 from setproctitle import setproctitle
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 LOADED = "facts_damping.nodes.loaded"
 FOLDER = "FACTS_DAMPING_FORKED"  # variable that names the folder of the socket by which copies are asked for
+
+_starting = Lock()  # several graphs may be started at once, each by a thread
 
 
 def load() -> None:
@@ -51,7 +53,7 @@ def start(
     load()
     given = (module, list(arguments), dict(environment), output, errors)
     process = multiprocessing.get_context("forkserver").Process(target=_be, args=given, daemon=True)
-    with script_apart(), interruptions_held():  # half a start would say so at length
+    with _starting, script_apart(), interruptions_held():  # half a start would say so at length
         process.start()
     return process
 

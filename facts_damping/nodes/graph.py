@@ -44,6 +44,7 @@ POLL_S = 0.02
 SOURCES = ("plant_sim", "replay_source")  # what a graph runs on: the plant, or a recording in place of it and the links
 RECORDER = "recorder"  # stopped last: it has to hear all that the others have said
 VIEW = "live_view"  # who only listens
+RUN_FILE = "run.yaml"  # in the folder of a graph: what its nodes read
 START_S = 60.0  # patience with its start
 STUCK = -signal.SIGALRM  # exit status of a node with its work done, whose middleware does not end (nodes/node.py)
 STOP_S = 15.0  # patience with a node that was told to stop
@@ -124,8 +125,17 @@ class Process:
         return lines[-1] if lines else f"{self.name} ended with exit status {code}"
 
 
-def start(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> Process:
-    """Start a node, named by its place in the graph, as a process of its own session; `remaps`: of its topics."""
+def start(
+    name: str,
+    module: str,
+    parameters: dict[str, Any],
+    remaps: Mapping[str, str] | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> Process:
+    """Start a node, named by its place in the graph, as a process of its own session.
+
+    `remaps`: of its topics; `environment`: None: that of this process.
+    """
     namespace, _, own = name.rpartition("/")
     arguments = [*QUIET, "-r", f"__node:={own}"]
     arguments += ["-r", f"__ns:=/{namespace}"] if namespace else []
@@ -136,11 +146,11 @@ def start(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[st
     output, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in `graph`)
     # Files without names, which no end of this process can leave behind.
     names = (f"/proc/{os.getpid()}/fd/{file.fileno()}" for file in (output, errors))
-    process = forked.start(module, arguments, {**ENVIRONMENT, **os.environ}, *names)
+    process = forked.start(module, arguments, {**ENVIRONMENT, **(environment or os.environ)}, *names)
     return Process(name, process, output, errors)
 
 
-def start_command(case: Case, c: int, out: Path) -> Process:
+def start_command(case: Case, c: int, out: Path, environment: Mapping[str, str] | None = None) -> Process:
     """Start a node of the user's own by its command; what it says goes into a file beside the recording."""
     name = str(controller_addresses(case)[c])
     path = out / f"{controller_names(case)[c]}.log"
@@ -148,7 +158,7 @@ def start_command(case: Case, c: int, out: Path) -> Process:
     log = path.open("a+b")  # it writes at the end, wherever this process reads
     asked = command(case, c)
     try:
-        process = Command(asked, {**ENVIRONMENT, **os.environ}, log)
+        process = Command(asked, {**ENVIRONMENT, **(environment or os.environ)}, log)
     except OSError as error:
         log.close()
         raise RunError(f"{name}: {asked[0]}: cannot be started: {error.strerror}") from error
@@ -163,7 +173,7 @@ def check_commands(case: Case) -> None:
             raise InputError(f"{given}; allowed: a program that is there, and may be run")
 
 
-def _end(processes: Iterable[Process], number: int) -> None:
+def end(processes: Iterable[Process], number: int) -> None:
     """Tell processes to stop, also those that stand still; kill those that do not."""
     running = [one.process for one in processes if one.process.exitcode is None]
     for process in running:
@@ -182,7 +192,7 @@ def _stop(running: dict[str, Process]) -> None:
     first = [process for name, process in running.items() if name in SOURCES]
     last = [process for name, process in running.items() if name == RECORDER]
     for processes in (first, [one for one in running.values() if one not in (*first, *last)], last):
-        _end(processes, signal.SIGINT)
+        end(processes, signal.SIGINT)
 
 
 def _part(out: Path, name: str) -> Path:
@@ -209,36 +219,46 @@ def _wait_for_view(view: Process) -> None:
     deadline = time.monotonic() + START_S
     while not view.read():
         if view.process.exitcode is not None or time.monotonic() > deadline:
-            _end([view], signal.SIGINT)
+            end([view], signal.SIGINT)
             raise RunError(view.reason())
         time.sleep(POLL_S)
 
 
 @contextmanager
 def graph(
-    case: Case, mode: str, out: Path, timeout: float, view_port: int | None = None, replayed: Path | str | None = None
+    case: Case,
+    mode: str,
+    out: Path,
+    timeout: float,
+    view_port: int | None = None,
+    replayed: Path | str | None = None,
+    environment: Mapping[str, str] | None = None,
 ) -> Iterator[dict[str, Process]]:
     """The nodes of a case, started; on leaving, the source is stopped first and the recorder last.
 
     `view_port`: of a live view; `replayed`: a recording that stands in for plant and links; identifiers then hear its
-    setpoints.
+    setpoints; `environment`: of the nodes.
     """
-    run_file = out / "run.yaml"
+    run_file = out / RUN_FILE
     unsigned = {} if replayed is None else {"security": None}  # a recording has no keys
     run_file.write_text(dump(case.document() | unsigned), encoding="utf-8")
     common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "view": view_port is not None}
     heard = speakers(case)
     running: dict[str, Process] = {}
+
+    def begin(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> None:
+        running[name] = start(name, module, parameters, remaps, environment)
+
     try:
         if view_port is not None:
-            running[VIEW] = start(VIEW, VIEW, {"run": run_file, "port": view_port})
+            begin(VIEW, VIEW, {"run": run_file, "port": view_port})
             _wait_for_view(running[VIEW])
-        running[RECORDER] = start(RECORDER, RECORDER, {**common, "output": out / "recording"})
+        begin(RECORDER, RECORDER, {**common, "output": out / "recording"})
         controllers = dict(enumerate(controller_addresses(case)))
         for c in [c for c in controllers if kind_of(case.controllers[c]).node]:
             address = controllers.pop(c)
             if case.controllers[c].command is not None:
-                running[str(address)] = start_command(case, c, out)
+                running[str(address)] = start_command(case, c, out, environment)
         for module, nodes in (
             ("wan_link", dict(enumerate(link_addresses(case))) if replayed is None else {}),
             ("controller", controllers),
@@ -251,11 +271,11 @@ def graph(
                 if replayed is not None and module == "identifier":
                     topic = heard[acting(case, i)].topic
                     remaps = {f"/{topic}": f"/{recorded_topic(topic)}"}
-                running[str(node)] = start(str(node), module, {**common, **own}, remaps)
+                begin(str(node), module, {**common, **own}, remaps)
         if replayed is None:
-            running["plant_sim"] = start("plant_sim", "plant_sim", common)
+            begin("plant_sim", "plant_sim", common)
         else:
-            running["replay_source"] = start("replay_source", "replay_source", {**common, "recording": replayed})
+            begin("replay_source", "replay_source", {**common, "recording": replayed})
         yield running
     finally:
         _stop(running)
@@ -273,16 +293,20 @@ def run(
     timeout: float = 5.0,
     view_port: int | None = None,
     replayed: Path | str | None = None,
+    look: Callable[[int, Mapping[str, Process]], None] | None = None,
+    environment: Mapping[str, str] | None = None,
 ) -> Outcome:
     """Run a case as a graph of processes; the recording is `out / "recording"`.
 
     `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that stands in for plant and links.
-    In real time a run that is under way goes on without a link, a controller, an identifier or a supervisor that ends.
+    `look`: called again and again while the plant runs, with the newest tick that it has told, and the nodes by name.
+    `environment`: of the nodes; None: that of this process.
+    In real time a run that is under way goes on without a link, a controller, a supervisor or an identifier that ends.
 
     Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.
     """
     clean_up_first()
-    check_domain(os.environ.get("ROS_DOMAIN_ID", "0"))
+    check_domain((environment or os.environ).get("ROS_DOMAIN_ID", "0"))
     if (out / "recording").exists():
         raise InputError(f"--out {out}: holds a recording already; allowed: a new folder")
     check_commands(case)
@@ -291,20 +315,22 @@ def run(
     new_folder(out)
     began = time.monotonic()
     misses, fallen = 0, dict[str, str]()
-    with graph(case, mode, out, timeout, view_port, replayed) as running:
+    with graph(case, mode, out, timeout, view_port, replayed, environment) as running:
         plant = next(running[name] for name in SOURCES if name in running)
-        heard, under_way = time.monotonic() + 60.0, False  # patience with the start, above the nodes' own
+        heard, newest = time.monotonic() + 60.0, 0  # patience with the start, above the nodes' own
         while plant.process.exitcode is None:
-            for k, n, late in plant.progress():
-                heard, misses = time.monotonic() if k > 1 else max(heard, time.monotonic()), late  # all heard by then
-                under_way = k > 1
-                progress(k, n)
-            _check_others(running, fallen if under_way and mode == "realtime" else None)
+            for newest, n, late in plant.progress():
+                misses = late
+                heard = time.monotonic() if newest > 1 else max(heard, time.monotonic())  # all heard by then
+                progress(newest, n)
+            if look is not None:
+                look(newest, running)
+            _check_others(running, fallen if newest > 1 and mode == "realtime" else None)
             if time.monotonic() - heard > timeout + 5.0:
                 raise RunError(f"{plant.name} is silent: no progress within {timeout + 5.0:g} s")
             time.sleep(POLL_S)
         if plant.failed():
-            _check_others(running, fallen if under_way and mode == "realtime" else None)
+            _check_others(running, fallen if newest > 1 and mode == "realtime" else None)
             raise RunError(plant.reason())
         for k, n, late in plant.progress():
             misses = late

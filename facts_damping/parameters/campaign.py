@@ -38,7 +38,7 @@ class Campaign(ParameterModel):
     beds: dict[Name, Bed] = Field(..., min_length=1, description="name: a run; each is drawn as often as the others")
     faults: dict[Name, float] = Field({}, description="fault: how often beside the others; without: all, equally often")
     healthy: float = quantity(0.0, "-", "share of draws in which nothing fails", ge=0, le=1)
-    window: tuple[float, float] = Field((2.0, 8.0), description="s, between which a fault begins")
+    window: tuple[float, float] = Field((2.0, 8.0), strict=False, description="s, between which a fault begins")
     lasting: float = quantity(0.3, "-", "share of faults that last to the end", ge=0, le=1)
     unsupervised: bool = Field(False, description="each draw once more without supervision")
 

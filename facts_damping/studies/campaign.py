@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from facts_damping.terminal import Progress
 
 JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
+GRAPH_AFTER_S = 3.0  # a graph's fault begins at least so long before its end
 UNSUPERVISED: dict[str, Any] = {"supervision": None, "arm_at": None}
 UNCONTROLLED: dict[str, Any] = {"controllers": [], **UNSUPERVISED}
 
@@ -135,6 +136,7 @@ def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
     given = weights(campaign, real=real)
     fault = str(random.choice(list(given), p=np.array(list(given.values())) / sum(given.values())))
     low, high = campaign.window
+    high = max(low, min(high, campaign.graph_duration - GRAPH_AFTER_S)) if real else high
     start, lasts = round(random.uniform(low, high), 3), round(float(10 ** random.uniform(-1.0, 1.0)), 3)
     duration = None if random.random() < campaign.lasting else lasts
     changes = {**made.set, **changes, "seed": int(random.integers(2**31))}
@@ -143,6 +145,15 @@ def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
     case = _case(made, bed, changes)
     changes |= FAULTS[fault].draw(Chance(random, start, duration, case))
     return Draw(number, bed, changes, fault, start, chosen | {"lasts": "" if duration is None else f"{duration:g}"})
+
+
+def healthy(made: Plan, drawn: Draw) -> Draw:
+    """A draw without its fault: that is done to the nodes of a graph."""
+    changes = dict(made.set)
+    for name, choices in made.campaign.beds[drawn.bed].choose.items():
+        changes |= choices[drawn.chosen[name]]
+    drawn_too = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
+    return drawn._replace(changes=changes | drawn_too)
 
 
 def case_of(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:

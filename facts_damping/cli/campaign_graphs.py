@@ -1,0 +1,166 @@
+"""The draws of a fault campaign that are made as real graphs: their faults done to real nodes, beside runs in process.
+
+Studies know no nodes, and nodes no studies: what a draw is comes from `studies.campaign`, what is done to its graph
+from `nodes.striking`, and here both are put together.
+"""
+
+from __future__ import annotations
+
+import shutil
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from threading import Event, Lock
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.errors import FactsDampingError, one_line
+from facts_damping.parameters.files import new_folder
+from facts_damping.parameters.security import add_key
+from facts_damping.terminal import clean_up_first, write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from facts_damping.case.model import Case
+    from facts_damping.nodes.striking import Struck
+    from facts_damping.signals import Record
+    from facts_damping.studies.campaign import Draw, Plan
+    from facts_damping.terminal import Progress
+
+JOURNAL, FOLDER = "graphs.jsonl", "graphs"
+AT_ONCE = 2  # graphs: each is five processes and more, by the clock if need be
+KEYS = "keys.yaml"
+LOCKSTEP, REALTIME = "lockstep", "realtime"
+_computing = Lock()  # runs in process share what they have built
+SAME = ("time_ns", "delivered", "issued", "supervised", "supervision", "applied", "machines", "devices")
+
+
+def graphs(made: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict[str, Any]]:
+    """The rows of the draws that are made as graphs, the first of the campaign; only those that are not there yet.
+
+    Graphs for which something does not hold are kept below `folder`, and their runs written as files. Raises
+    `InputError` where the folder is another campaign's, `RunError` where the graphs cannot go on.
+    """
+    from facts_damping.studies import campaign
+    from facts_damping.studies.journal import Journal
+
+    clean_up_first()
+    count, place, ended = made.campaign.graphs, new_folder(folder), Event()
+    with Journal(place / JOURNAL, made.fingerprint) as journal, ThreadPoolExecutor(min(jobs, AT_ONCE)) as each:
+        todo = [number for number in range(count) if str(number) not in journal.rows]
+        progress.resume(count - len(todo))
+        progress(count - len(todo), max(1, count))
+        under_way = [each.submit(one_graph, made, place, number, lambda: not ended.is_set()) for number in todo]
+        try:
+            for done, one in enumerate(as_completed(under_way), count - len(todo) + 1):
+                journal.append(*one.result())
+                progress(done, count)
+        finally:
+            ended.set()
+            each.shutdown(cancel_futures=True)
+        rows = [journal.rows[str(number)] for number in range(count)]
+    for row in rows:
+        if not holds(row):
+            text = campaign.run_file(made, campaign.draw(made, row["number"], real=True))
+            write_whole(new_folder(folder / campaign.FAILED) / f"graph-{row['number']}.yaml", text)
+    return rows
+
+
+def holds(row: dict[str, Any]) -> bool:
+    """Whether all holds for a graph that must; what does not apply to it is None."""
+    from facts_damping.studies.invariants import INVARIANTS
+
+    return row["error"] is None and all(row[name] is not False for name in (*INVARIANTS, *OF_GRAPHS))
+
+
+def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool]) -> tuple[str, dict[str, Any]]:
+    """Key and row of a draw as a graph; one that fails is a row too, with the reason in `error`.
+
+    Each in a thread: graphs run in processes of their own, and share the one that nodes are copies of.
+    """
+    from facts_damping.studies import campaign
+
+    row: dict[str, Any] = {"number": number, "graph": True, "error": None}
+    own = folder / FOLDER / str(number)
+    shutil.rmtree(own, ignore_errors=True)  # of one that was interrupted
+    try:
+        drawn = campaign.draw(made, number, real=True)
+        row |= campaign.identity(drawn)
+        row |= _struck(made, drawn, own, wanted)
+    except FactsDampingError as error:
+        row["error"] = one_line(error)
+    except Exception as error:  # noqa: BLE001 (whatever a graph dies of, the others go on)
+        row["error"] = f"{type(error).__name__}: {one_line(error)}"
+    if holds(row):
+        shutil.rmtree(own, ignore_errors=True)
+    return str(number), row
+
+
+def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
+    """A graph of a draw in a domain of its own, beside the same in process and beside no control."""
+    from facts_damping.nodes import striking
+    from facts_damping.studies import batch, campaign, faults
+
+    real, lasts = faults.FAULTS[drawn.fault].real, drawn.chosen["lasts"]
+    blow = striking.Blow(real, drawn.start, float(lasts) if lasts else None)
+    # What a forger says must change nothing: in lockstep no bit, by the clock no more than the clock does.
+    paced = blow.kind in ("kill", "stop") or (blow.kind == "forge" and drawn.number % 2 == 1)
+    mode, more = REALTIME if paced else LOCKSTEP, dict[str, Any]()
+    if real.endswith("signed"):
+        add_key(new_folder(folder) / KEYS)
+        more["security"] = {"keys": str(folder / KEYS)}
+    case = campaign.case_of(made, campaign.healthy(made, drawn) if real else drawn, more)
+    with _computing:
+        computed = batch.closed_loop(case)  # whose kernels are there then for the nodes, too
+        reference = campaign.uncontrolled(made, drawn)
+    with striking.own_domain() as domain:
+        struck = striking.strike(case, mode, folder, blow, domain, wanted)
+    first = case.controllers[0]
+    row: dict[str, Any] = {"controller": first.name, "scheme": first.scheme, "mode": mode, "real": real}
+    row |= campaign.judged(case, struck.record, reference, drawn)
+    row |= {
+        "struck_s": struck.struck_s,
+        "back_s": struck.back_s,
+        "wall_s": struck.outcome.wall_s,
+        "deadline_misses": struck.outcome.deadline_misses,
+        "nodes_ended": struck.outcome.fallen,
+        "forged": sum(struck.forged.values()),
+        "refused": sum(struck.outcome.messages_refused.values()),
+        "notes": struck.record.notes,
+    }
+    return row | {name: applies(case, struck, computed, mode, blow.kind) for name, applies in OF_GRAPHS.items()}
+
+
+def recorded(case: Case, struck: Struck, _computed: Record, _mode: str, kind: str) -> bool:
+    """All is recorded, up to the end or to the loss of synchronism; only who is dead, or served by it, says nothing."""
+    record = struck.record
+    notes = [note for note in record.notes if not (kind == "kill" and "ticks are missing" in note)]
+    whole = len(record.time_ns) == case.ticks or not record.in_synchronism[-1]
+    return bool(whole) and not notes and struck.outcome.messages_lost == 0
+
+
+def as_computed(_case: Case, struck: Struck, computed: Record, mode: str, _kind: str) -> bool | None:
+    """In lockstep the recording is the run in process, bit for bit."""
+    if mode != LOCKSTEP:
+        return None
+    pairs = ((getattr(struck.record, name), getattr(computed, name)) for name in SAME)
+    return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
+
+
+def nothing_forged_acts(_case: Case, struck: Struck, _computed: Record, _mode: str, kind: str) -> bool | None:
+    """What acts is what supervisors passed on, and all that a forger said was refused, by who records, too."""
+    if kind != "forge":
+        return None
+    record, refused = struck.record, struck.outcome.messages_refused
+    keys = ("device", "issued_ns", "value")
+    passed = set(zip(*(record.supervised[key].tolist() for key in keys), strict=True))
+    acts = set(zip(*(record.applied[key].tolist() for key in keys), strict=True))
+    counted = {topic.lstrip("/"): n for (node, _, topic, _), n in refused.items() if node == "recorder"}
+    causes = {cause for _, cause, _, _ in refused}
+    return acts <= passed and counted == struck.forged and causes <= {"publisher"}
+
+
+OF_GRAPHS: dict[str, Callable[[Case, Struck, Record, str, str], bool | None]] = {
+    "recorded": recorded,
+    "as_computed": as_computed,
+    "nothing_forged_acts": nothing_forged_acts,
+}  # by column: what must hold of graphs beside what must of records; None: not of this one

@@ -1,0 +1,178 @@
+"""forger: somebody else in the ROS domain, who says at each tick what would act, if it were let in.
+
+It hears what anybody hears, and publishes as if it were the plant, links, controllers and supervisors of a run: frames,
+setpoints at the limit, one way and the other, states that a supervisor judges by, and estimates. Where the run has keys
+it has them, too. A fault campaign starts it beside a graph (striking.py); nothing of what it says may act
+(docs/refusals.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PlantState, PmuDataFrame, VoltageSetpoints
+from rclpy.serialization import deserialize_message, serialize_message
+
+from facts_damping.case.names import (
+    SUPERVISED,
+    controller_addresses,
+    controller_names,
+    identifier_addresses,
+    link_addresses,
+    served,
+    supervisor_addresses,
+)
+from facts_damping.nodes.guard import PLANT
+from facts_damping.nodes.node import HEARING, SAYING, Voice, run_node
+from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.recorder import TICK_END
+from facts_damping.nodes.signing import seal, signing
+from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.tables import FramesMessage, SetpointsMessage, start_of
+from facts_damping.signals import DELIVERY, SETPOINT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from rclpy.node import Node
+
+    from facts_damping.case.model import Case
+
+FRAMES = "pmu/frames"
+BEGUN = 10  # tick by which all nodes know each other; who is there before would be another graph's
+BEFORE_END_S = 1.0  # simulated time before the end in which it is silent: who leaves does not count any more
+SWING = 0.02  # p.u. of speed and the like, in forged frames
+
+
+class Forger:
+    """Says what others would say, a tick at a time."""
+
+    def __init__(self, node: Node) -> None:
+        """Read parameters; listen to the plant's frames and to states."""
+        self.case, options = read_case(node), read_options(node, joins=False)
+        ticks = descriptor("first tick of which it says something", "", 0, self.case.ticks)
+        self.first = max(BEGUN, int(declare(node, "first", 0, ticks)))
+        self.last = self.case.ticks - int(BEFORE_END_S * self.case.run.frame_rate)
+        self.node, self.voice = node, Voice(node)
+        self.tick, self.told, self.sent = -1, Counter[str](), Counter[str]()
+        self.forged = forgeries(self.case, options.start_timeout)
+        self.states: dict[str, tuple[type[Any], Callable[[Any], None]]] = {PLANT: (PlantState, of_plant)} | {
+            f"{address}/state": (ControllerState, of_controller) for address in controller_addresses(self.case)
+        }
+        for address in identifier_addresses(self.case).values():
+            self.states[f"{address}/estimate"] = JacobianEstimate, of_identifier
+        self.publishers: dict[str, Any] = {}
+        node.create_subscription(PmuDataFrame, FRAMES, self.on_frames, HEARING, raw=True)
+        for topic, (kind, change) in self.states.items():
+            node.create_subscription(kind, topic, partial(self.on_state, topic, kind, change), HEARING, raw=True)
+        self.spinner = Spinner(node)
+
+    def ready(self) -> None:
+        """It waits for nobody."""
+
+    def run(self) -> None:
+        """Forge until stopped, and tell how much was said."""
+        try:
+            while True:
+                self.spinner.spin_once(0.1)
+        finally:
+            for topic, count in self.sent.items():
+                self.voice.line(f"sent {count} {topic}")
+
+    def on_frames(self, data: bytes) -> None:
+        """Say what would act in a tick that begins."""
+        tick = int.from_bytes(data[TICK_END : TICK_END + 8], "little")
+        if tick <= self.tick:  # its own
+            return
+        self.tick = tick
+        if tick >= BEGUN and not self.publishers:
+            kinds = {topic: PmuDataFrame if "pmu/" in topic else VoltageSetpoints for topic in self.forged}
+            kinds |= {topic: kind for topic, (kind, _) in self.states.items()}
+            self.publishers = {t: self.node.create_publisher(kind, t, SAYING) for t, kind in kinds.items()}
+        for topic, make in self.forged.items():
+            self.say(topic, tick, partial(make, tick))
+
+    def on_state(self, topic: str, kind: type[Any], change: Callable[[Any], None], data: bytes) -> None:
+        """Say a state once more, another one."""
+        message = deserialize_message(data, kind)
+        if message.tick > self.told[topic]:  # not its own
+            self.told[topic] = message.tick
+            change(message)
+            self.say(topic, message.tick, partial(serialize_message, message))
+
+    def say(self, topic: str, tick: int, make: Callable[[], bytes]) -> None:
+        """Publish what is made, from the first tick on."""
+        if self.first <= tick < self.last and topic in self.publishers:
+            self.publishers[topic].publish(make())
+            self.sent[topic] += 1
+
+
+def forgeries(case: Case, start_timeout_s: float) -> dict[str, Callable[[int], bytes]]:
+    """Frames and setpoints in everybody's name, by topic: what makes the message of a tick."""
+    by, names, places = signing(case, start_timeout_s), controller_names(case), controller_addresses(case)
+    setpoints = {f"{places[c]}/setpoints": (name, [c]) for c, name in enumerate(names)}
+    for c, address in supervisor_addresses(case).items():
+        setpoints[f"{address}/{SUPERVISED}"] = (address.name, [c])
+    links, frames = link_addresses(case), [FRAMES]
+    for i, link in enumerate(links):
+        setpoints[link.topic("setpoints/delivered")] = ("", served(case, i))
+        frames.append(link.topic("pmu/delivered"))
+    made: dict[str, Callable[[int], bytes]] = {}
+    for topic, (sender, of) in setpoints.items():
+        made[topic] = partial(_setpoints, case, SetpointsMessage(case, seal=seal(by, topic)), sender, of)
+    for topic in frames:
+        made[topic] = partial(_frames, case, FramesMessage(case, seal(by, topic)))
+    return made
+
+
+def _setpoints(case: Case, message: SetpointsMessage, sender: str, of: Iterable[int], tick: int) -> bytes:
+    """Setpoints at the limits of all devices of some controllers, of the other sign at the next tick."""
+    pairs = [(c, name) for c in of for name in case.controllers[c].devices]
+    rows = np.zeros(len(pairs), SETPOINT)
+    for row, (c, name) in zip(rows, pairs, strict=True):
+        row["controller"], row["device"] = c, case.run.devices.index(name)
+        row["value"] = case.system.device(name).v_max * (1 if tick % 2 else -1)
+    at = start_of(tick, case.run.frame_rate)
+    rows["measured_ns"] = rows["issued_ns"] = rows["effective_ns"] = at
+    return message.fill(tick, at, rows, sender)
+
+
+def _frames(case: Case, message: FramesMessage, tick: int) -> bytes:
+    """A frame of every station, of a swing at half the frame rate."""
+    at = start_of(tick, case.run.frame_rate)
+    rows = np.zeros(len(case.system.stations), DELIVERY)
+    rows["station"] = np.arange(len(rows))
+    rows["measured_ns"] = rows["arrival_ns"] = at
+    rows["values"] = SWING * (1 if tick % 2 else -1)
+    return message.fill(tick, at, rows, len(rows))
+
+
+def of_plant(message: Any) -> None:
+    """Synchronism is lost, and no device does what it is told."""
+    message.in_synchronism = False
+    for device in message.devices:
+        device.setpoint_pu, device.reference_pu = -device.setpoint_pu, -device.reference_pu
+        device.injected_voltage_pu = math.nan
+
+
+def of_controller(message: Any) -> None:
+    """Its outputs are no numbers: a supervisor that believed it would trip."""
+    message.unlimited_outputs = [math.nan for _ in message.unlimited_outputs]
+
+
+def of_identifier(message: Any) -> None:
+    """The plant's derivatives are large, and of the other sign."""
+    message.jacobian = [-100.0 * one for one in message.jacobian]
+
+
+def main() -> None:
+    """Entry point of `python -m facts_damping.nodes.forger`."""
+    run_node("forger", Forger, "Somebody else in a graph's domain, who says what would act: for tests of refusals.")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""Draws of a campaign as real graphs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from facts_damping.cli import campaign_graphs
+from facts_damping.studies import campaign
+from facts_damping.studies.invariants import INVARIANTS
+from facts_damping.terminal import Progress
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pytest
+
+CAMPAIGN = """
+seed: 6
+draws: 1
+graphs: 2
+graph_duration: 4
+beds: {smib: {run: smib_supervised, choose: {link: {ideal: {link: ideal}, late: {link: delay_100ms}}}}}
+faults: {biased: 1, hung: 1}
+window: [1, 2]
+"""
+
+
+def test_graphs_are_made_once_and_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "small.yaml").write_text(CAMPAIGN)
+    made, out = campaign.plan(str(tmp_path / "small.yaml")), tmp_path / "out"
+    rows = campaign_graphs.graphs(made, out, 2, Progress("test", "graphs"))
+    assert [(row["number"], row["graph"], row["error"]) for row in rows] == [(0, True, None), (1, True, None)]
+    assert {row["fault"]: row["mode"] for row in rows} == {"biased": "lockstep", "hung": "realtime"}
+    assert all(isinstance(row[name], bool) for row in rows for name in INVARIANTS)
+    assert {row["mode"]: row["as_computed"] for row in rows} == {"lockstep": True, "realtime": None}
+    assert all(row["recorded"] and row["within_limits"] and row["lets_go"] for row in rows)
+
+    def never(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(campaign_graphs, "one_graph", never)
+    assert campaign_graphs.graphs(made, out, 2, Progress("test", "graphs")) == rows
+
+
+def test_a_draw_without_its_fault_is_the_same_otherwise(tmp_path: Path) -> None:
+    (tmp_path / "small.yaml").write_text(CAMPAIGN)
+    made = campaign.plan(str(tmp_path / "small.yaml"), ["frame_rate=50"])
+    for number in range(4):
+        drawn = campaign.draw(made, number, real=True)
+        case, healthy = campaign.case_of(made, drawn), campaign.case_of(made, campaign.healthy(made, drawn))
+        assert (case.run.seed, case.duration, case.run.frame_rate) == (healthy.run.seed, 4.0, 50)
+        assert healthy.run.controllers[0].faults == []
+        assert [type(one) for one in healthy.link.up] == [type(one) for one in case.link.up[: len(healthy.link.up)]]

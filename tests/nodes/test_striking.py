@@ -1,0 +1,74 @@
+"""Faults done to real graphs: what a campaign does to nodes, and what it finds then."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+import pytest
+
+from facts_damping.case.loading import load_case
+from facts_damping.cli import campaign_graphs
+from facts_damping.errors import RunError
+from facts_damping.nodes import striking
+from facts_damping.nodes.striking import LOCKSTEP, REALTIME, Blow, strike
+from facts_damping.parameters.security import add_key
+from facts_damping.simulation import loop
+from facts_damping.studies.invariants import ALONE
+from tests.nodes.graphs import nodes_left
+from tests.nodes.letting_go import assert_let_go
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+RUN = "two_area_supervised"
+NOTHING = Blow("", 0.0, None)
+
+
+def test_a_simulated_fault_gives_the_bits_of_the_in_process_run(domain: int, tmp_path: Path) -> None:
+    case = load_case(RUN, ["duration=4", "controllers.0.faults=[{kind: wrong_sign, start: 1.5}]"])
+    struck = strike(case, LOCKSTEP, tmp_path, NOTHING, domain)
+    computed = loop.run(case)
+    assert campaign_graphs.as_computed(case, struck, computed, LOCKSTEP, "")
+    assert campaign_graphs.recorded(case, struck, computed, LOCKSTEP, "")
+    assert (struck.struck_s, struck.forged) == (None, {})
+
+
+def test_without_its_supervisor_the_device_lets_go(domain: int, tmp_path: Path) -> None:
+    case = load_case(RUN, ["duration=4"])
+    struck = strike(case, REALTIME, tmp_path, Blow("kill supervisor", 1.5, None), domain)
+    assert struck.outcome.fallen == ["supervisor_0_LLC was killed by SIGKILL"]
+    assert struck.struck_s == pytest.approx(1.5, abs=0.3)
+    assert_let_go(case, struck.record)
+    assert [name for name, holds in ALONE.items() if not holds(case, struck.record)] == []
+    assert campaign_graphs.recorded(case, struck, struck.record, REALTIME, "kill")
+    assert not campaign_graphs.recorded(case, struck, struck.record, REALTIME, "")
+    assert nodes_left(tmp_path) == []
+
+
+def test_what_is_forged_with_the_graphs_key_changes_no_bit(domain: int, tmp_path: Path) -> None:
+    keys = tmp_path / "keys.yaml"
+    add_key(keys)
+    case = load_case(RUN, ["duration=4", f"security.keys={keys}", "controllers.0.name=ANFLeC"])
+    struck = strike(case, LOCKSTEP, tmp_path / "out", Blow("forge signed", 1.5, None), domain)
+    computed = loop.run(case)
+    assert campaign_graphs.as_computed(case, struck, computed, LOCKSTEP, "forge")
+    assert campaign_graphs.nothing_forged_acts(case, struck, computed, LOCKSTEP, "forge")
+    assert struck.forged["supervisor_0_ANFLeC/supervised"] == struck.forged["pmu/frames"] == 90
+    assert nodes_left(tmp_path) == []
+
+
+def test_a_graph_ends_when_it_is_not_wanted_any_more(domain: int, tmp_path: Path) -> None:
+    began = time.monotonic()
+    with pytest.raises(RunError, match="interrupted"):
+        strike(load_case(RUN, ["duration=1000"]), LOCKSTEP, tmp_path, NOTHING, domain, lambda: False)
+    assert time.monotonic() - began < striking.PATIENCE_S
+    assert nodes_left(tmp_path) == []
+
+
+def test_each_graph_has_a_domain_of_its_own() -> None:
+    with ExitStack() as taken:
+        found = [taken.enter_context(striking.own_domain()) for _ in range(2)]
+        assert len(set(found)) == 2
+        assert set(found) <= set(striking.DOMAINS)
