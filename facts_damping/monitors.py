@@ -119,8 +119,9 @@ MONITORS = {
     "saturated": Monitor(
         "controller",
         "share of the last 2 s in which an output is at the same limit",
-        "-", 0.8, 0.01, 1.0, 0.5, "s", "trip",
-        "who damps changes sides with each half cycle, a second at most of a mode of 0.5 Hz; who stays is lost",
+        "-", 0.95, 0.01, 1.0, 2.0, "s", "trip",
+        "who damps changes sides with each half cycle, a second of a mode of 0.5 Hz, and may hold one for two after an "
+        "event; who stays for four is lost",
     ),
     "reversals": Monitor(
         "controller",

@@ -103,7 +103,7 @@ TRIALS = {
     ),
     "silent": Trial([fault("hung")], [fault("hung", duration=0.1)]),
     "non_finite": Trial([fault("nan")], [LARGE, fault("gain", size=1000)]),
-    "saturated": Trial([LARGE, stays_at_a_limit(4.0)], [LARGE, stays_at_a_limit(1.0)]),
+    "saturated": Trial([LARGE, stays_at_a_limit(6.0)], [LARGE, stays_at_a_limit(1.0)]),
     "reversals": Trial([fault("bang_bang")], [fault("bang_bang", duration=0.1)]),
     "weights": Trial([*NETWORK, fault("weights", size=50)], [*NETWORK, fault("weights", size=1)]),
     "lyapunov": Trial([*RUNAWAY, *CHATTERING, "supervision.monitors.lyapunov.lasts=0.1"], [*NETWORK, LARGE]),
