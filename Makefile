@@ -74,6 +74,8 @@ pages: demo
 	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --out $(PAGES)/large
 	$(BIN)/facts-damping analyze $(PAGES)/large/recording --spwvd w12 --windows inf,0 --out $(PAGES)/wvd
 	for study in $(QUOTED); do $(BIN)/facts-damping sweep $$study --out $(PAGES)/$$study || exit 1; done
+	$(BIN)/facts-damping campaign do_no_harm --out $(PAGES)/do_no_harm
+	cp $(PAGES)/do_no_harm/page.md docs/do_no_harm.md
 	$(BIN)/facts-damping reproduce --out $(PAGES)/reproduction
 	cd docs/images && for picture in */*; do cp ../../$(PAGES)/$$picture $$picture || exit 1; done
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from scipy import stats
 
+from facts_damping.case.loading import load_case
 from facts_damping.link.chain import DirectionSpec
 from facts_damping.link.transfer import Links, changed, downlink, links, uplink
 from facts_damping.parameters.link import Link, Stage
@@ -315,6 +316,32 @@ def added(stages: Sequence[dict[str, Any]], ticks: int, seed: int = 0) -> NDArra
         assert count == STATIONS
         found[k, own.up.out[0, :count]["station"]] = own.up.out[0, :count]["values"]
     return found
+
+
+def test_flipped_bits_are_one_of_an_entry_and_as_many_as_is_said() -> None:
+    n, share = 4000, 0.1
+    series = added([{"model": "flip", "probability": share}], n)
+    words = series.view(np.int64)
+    turned = np.array([int(word).bit_count() for word in np.abs(words.ravel())]).reshape(words.shape)
+    negative = words < 0  # of zero the sign's bit alone
+    entries = ((turned > 0) | negative).sum(axis=2)
+    assert set(np.unique(entries)) == {0, 1}
+    assert abs(entries.mean() - share) < 4.0 * math.sqrt(share * (1.0 - share) / entries.size)
+    bits = np.unique(words)
+    assert {int(word) & (2**64 - 1) for word in bits} <= {0, *(1 << k for k in range(64))}
+    assert len(bits) > 60
+    one = added([{"model": "flip", "probability": 1.0, "measurement": "frequency"}], 50)
+    assert set(np.flatnonzero((one.view(np.int64) != 0).any(axis=(0, 1)))) == {list(CHANNELS).index("frequency")}
+
+
+def test_where_messages_are_signed_a_flipped_one_is_lost() -> None:
+    flip = "link={up: [{model: flip, probability: 0.3}], down: [{model: flip, probability: 0.2, start: 1}]}"
+    case = load_case(None, [flip, "security={keys: any.yaml}"])
+    assert [(stage.model, stage.loss, stage.start) for stage in (*case.links[0].up, *case.links[0].down)] == [
+        ("bernoulli", 0.3, 0.0),
+        ("bernoulli", 0.2, 1.0),
+    ]
+    assert case.link.up[0].model == "flip"  # as the user wrote it
 
 
 def test_noise_is_normal_white_and_apart_in_every_value() -> None:

@@ -1,0 +1,44 @@
+"""What supervision costs: time per tick beside the same run without, and the setpoints while it is armed.
+
+20 s of `two_area_large` and of `smib` over `pdci`, armed from the beginning, with a lead-lag and with a network.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+
+from facts_damping.case.loading import load_case
+from facts_damping.simulation import loop
+
+RUNS = 9
+SYSTEMS = {"two_area_large": [], "smib nominal": ["system=smib", "scenario=nominal", "duration=20"]}
+CONTROLLERS = {"LLC": [], "HBsWC": ["controllers.0.name=HBsWC"]}
+SUPERVISED = ["supervision=standard", "arm_at=0", "supervision.arming.ramp=0"]
+
+
+def tick_us(sets: list[str]) -> tuple[float, bytes]:
+    """Median time of a tick of the compiled loop, us, and all that reached the device."""
+    case, times = load_case(None, sets), []
+    for _ in range(RUNS):
+        made = loop.build_loop(case)
+        began = time.perf_counter()
+        loop.run_loop(made)
+        times.append(time.perf_counter() - began)
+    record = loop.run(case)
+    return 1e6 * statistics.median(times) / len(record.time_ns), record.applied["value"].tobytes()
+
+
+def main() -> None:
+    """A row a run."""
+    print("| run | tick [us] | supervised [us] | of it | setpoints |\n| --- | --: | --: | --: | --- |")
+    for name, system in SYSTEMS.items():
+        for controller, own in CONTROLLERS.items():
+            sets = [*(system or ["scenario=large"]), *own, "link=pdci"]
+            (bare, said), (guarded, passed) = tick_us(sets), tick_us([*sets, *SUPERVISED])
+            same = "the same bits" if said == passed else "others"
+            print(f"| {name}, {controller} | {bare:.1f} | {guarded:.1f} | {guarded - bare:.1f} | {same} |")
+
+
+if __name__ == "__main__":
+    main()

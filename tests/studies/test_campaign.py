@@ -1,0 +1,181 @@
+"""Fault campaigns: draws by seed, what must hold, failing draws as run files, resumption, bad input."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
+from facts_damping.errors import InputError
+from facts_damping.parameters.campaign import Campaign
+from facts_damping.parameters.files import shipped
+from facts_damping.simulation import loop
+from facts_damping.studies import campaign, campaign_pages, invariants
+from facts_damping.studies.faults import FAULTS, ONLY_REAL
+from facts_damping.terminal import Progress
+from tests.commands import assert_one_line
+
+SMALL = """\
+description: a few seconds of two_area
+seed: 5
+draws: 6
+window: [0.8, 1.2]
+beds:
+  two_area:
+    run: two_area_supervised
+    set: {duration: 3, arm_at: 0.2, supervision.arming.ramp: 0.1}
+    choose:
+      controller:
+        LLC: {controllers.0.name: LLC}
+        HBsWC: {controllers.0.name: HBsWC}
+      link: {ideal: {link: ideal}, pdci: {link: pdci}}
+"""
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    path = tmp_path / "small.yaml"
+    path.write_text(SMALL)
+    return path
+
+
+def carried_out(path: Path, folder: Path, **more: Any) -> list[dict[str, Any]]:
+    progress = Progress("test", "draws")
+    try:
+        return campaign.run(campaign.plan(str(path), **more), folder, 1, None, progress)
+    finally:
+        progress.close()
+
+
+@pytest.mark.parametrize("name", shipped("campaigns"))
+def test_shipped_campaigns_can_be_drawn_from(name: str) -> None:
+    made = campaign.plan(name)
+    drawn = {campaign.draw(made, number).fault for number in range(40)}
+    assert drawn <= set(campaign.weights(made.campaign))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_every_fault_makes_a_run(fault: str, small: Path) -> None:
+    """Drawn a few times: what it changes can be run, and is not nothing, but where it is only done to real graphs."""
+    small.write_text(SMALL + f"faults: {{{fault}: 1}}\n" + ("healthy: 1.0\n" if fault == "none" else ""))
+    made = campaign.plan(str(small))
+    for number in range(4):
+        drawn = campaign.draw(made, number, real=True)
+        assert drawn.fault == fault
+        case = campaign.case_of(made, drawn)
+        sound = campaign.case_of(made, campaign.healthy(made, drawn))
+        assert (case.document() == sound.document()) == (fault in ("none", *ONLY_REAL))
+
+
+def test_a_draw_is_its_number_s_whatever_was_drawn_before(small: Path) -> None:
+    made = campaign.plan(str(small))
+    first = [campaign.draw(made, number) for number in range(6)]
+    assert [campaign.draw(made, number) for number in reversed(range(6))] == first[::-1]
+    assert campaign.plan(str(small), draws=100).fingerprint == made.fingerprint  # more draws: the same ones, and more
+    other = made._replace(campaign=made.campaign.model_copy(update={"seed": 6}))
+    assert [campaign.draw(other, number) for number in range(6)] != first
+
+
+def test_a_draw_that_fails_is_a_run_file_that_runs_again_bit_for_bit(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(invariants.ALONE, "within_limits", lambda *_: False)
+    rows = carried_out(small, tmp_path / "out", draws=2)
+    assert [campaign.holds(row) for row in rows] == [False, False]
+    made = campaign.plan(str(small))
+    for number in (0, 1):
+        again = loop.run(load_case(str(tmp_path / "out" / "failed" / f"{number}.yaml")))
+        once = loop.run(campaign.case_of(made, campaign.draw(made, number)))
+        for name in ("issued", "supervised", "supervision", "applied", "machines"):
+            assert getattr(again, name).tobytes() == getattr(once, name).tobytes()
+
+
+def test_an_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = carried_out(small, tmp_path / "out", draws=3)
+    asked: list[int] = []
+    one_draw = campaign.one_draw
+    monkeypatch.setattr(campaign, "one_draw", lambda made, number: (asked.append(number), one_draw(made, number))[1])
+    rows = carried_out(small, tmp_path / "out")
+    assert asked == [3, 4, 5]
+    assert rows[:3] == first
+    assert rows == carried_out(small, tmp_path / "other")
+
+
+def test_invariants_notice_what_does_not_hold() -> None:
+    """Each is false for a record in which just that was broken."""
+    sets = ["duration=4", "scenario=large", "supervision=standard", "arm_at=0", "watchdog.timeout=0.1"]
+    sets += ["controllers.0.faults=[{kind: nan, start: 2.0}]", "supervision.arming.trip_ramp=0.1"]
+    case = load_case(None, sets)
+    sound = loop.run(case)
+    assert all(holds(case, sound) for holds in invariants.ALONE.values())
+    told, said, devices = (np.copy(a) for a in (sound.supervision, sound.supervised, sound.devices))
+    said["value"][50] = 0.2
+    assert not invariants.limits(case, replace(sound, supervised=said))
+    devices["reference"][200:] = 0.05
+    assert not invariants.device_at_zero(case, replace(sound, devices=devices))
+    said = np.copy(sound.supervised)
+    said["value"][-1] = 1e-6
+    assert not invariants.zero_after_trip(case, replace(sound, supervised=said))
+    told["cause"][told["state"] == 4] = -1
+    assert not invariants.causes(case, replace(sound, supervision=told))
+    cut = sound.applied[sound.applied["tick"] < 60]
+    devices = np.copy(sound.devices)
+    devices["reference"][:] = 0.01
+    assert not invariants.lets_go(case, replace(sound, applied=cut, devices=devices))
+
+
+def test_a_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, told = tmp_path / "out", tmp_path / "told.json"
+    given = ["campaign", str(small), "--set", "seed=1", "--out", str(folder), "--jobs", "1", "--json", str(told)]
+    assert main(given) == 0
+    text, rows = (folder / "page.md").read_text(), json.loads(told.read_text())["draws"]
+    assert "{{" not in text
+    assert all(words in text for name, words in campaign_pages.WORDS.items() if name in invariants.INVARIANTS)
+    assert len(rows) == 6
+    assert "6 draws" in capsys.readouterr().out
+    assert (folder / "draws.parquet").is_file()
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (("seed: 5", "seed: -1"), "seed: -1 given"),
+        (("draws: 6", "draws: 0"), "draws: 0 given"),
+        (("window: [0.8, 1.2]", "window: [2, 1]"), "window: 2 to 1 s given"),
+        (("window: [0.8, 1.2]", "faults: {thunder: 1}"), "faults: 'thunder' given; allowed: none, lost"),
+        (("window: [0.8, 1.2]", "faults: {lost: -1}"), "faults.lost: -1 given"),
+        (("run: two_area_supervised", "run: two_area_small"), "beds.two_area: a run without supervision given"),
+        (("link: {ideal", "link: {}\n      other: {ideal"), "choose.link: none given"),
+        (("{controllers.0.name: HBsWC}", "{controllers.0.nam: HBsWC}"), "controllers.0.nam"),
+    ],
+)
+def test_what_is_wrong_with_a_campaign_is_one_line(
+    small: Path, change: tuple[str, str], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small.write_text(SMALL.replace(*change))
+    if "nam:" in change[1]:  # a choice that is not the first is found when it is drawn
+        made = campaign.plan(str(small))
+        errors = {campaign.one_draw(made, number)[1]["error"] for number in range(12)}
+        assert any(named in str(error) for error in errors)
+        return
+    assert_one_line(2, ["campaign", str(small)], named, capsys)
+
+
+def test_another_campaign_s_folder_is_refused(small: Path, tmp_path: Path) -> None:
+    carried_out(small, tmp_path / "out", draws=1)
+    small.write_text(SMALL.replace("seed: 5", "seed: 6"))
+    with pytest.raises(InputError, match="holds runs of another study"):
+        carried_out(small, tmp_path / "out", draws=1)
+
+
+def test_healthy_is_the_share_in_which_nothing_fails() -> None:
+    beds = {"it": {"run": "two_area_supervised"}}
+    for share in (0.0, 0.25, 1.0):
+        own = campaign.weights(Campaign.model_validate({"draws": 1, "beds": beds, "healthy": share}))
+        assert own.get("none", 0.0) / sum(own.values()) == pytest.approx(share)
