@@ -66,10 +66,10 @@ def graphs(made: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict
 
 
 def holds(row: dict[str, Any]) -> bool:
-    """Whether all holds for a graph that must; what does not apply to it is None."""
-    from facts_damping.studies.invariants import INVARIANTS
+    """Whether all holds for a graph that must."""
+    from facts_damping.studies import campaign_pages
 
-    return row["error"] is None and all(row[name] is not False for name in (*INVARIANTS, *OF_GRAPHS))
+    return campaign_pages.holds(row)
 
 
 def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool]) -> tuple[str, dict[str, Any]]:

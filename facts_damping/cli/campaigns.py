@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from facts_damping.terminal import Progress, clean_up_first, write_json, write_w
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Callable
 
 
 def campaign(arguments: argparse.Namespace) -> None:
@@ -21,15 +23,13 @@ def campaign(arguments: argparse.Namespace) -> None:
 
     made = study.plan(arguments.campaign, arguments.set, arguments.draws, arguments.graphs)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / made.name
-    progress = Progress(made.name, "draws")
     clean_up_first()
+    rows = _carried_out("draws", folder, partial(study.run, made, folder, arguments.jobs, arguments.scheduler))
     graphs: list[dict[str, Any]] = []
-    try:
-        rows = study.run(made, folder, arguments.jobs, arguments.scheduler, progress)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
-    finally:
-        progress.close()
+    if made.campaign.graphs:
+        from facts_damping.cli.campaign_graphs import graphs as as_graphs
+
+        graphs = _carried_out("graphs", folder, partial(as_graphs, made, folder, arguments.jobs))
     text = pages.page(made, rows, graphs, command(arguments))
     write_json(arguments.json, {"draws": rows, "graphs": graphs})
     for line in pages.overview(rows, graphs):
@@ -39,12 +39,23 @@ def campaign(arguments: argparse.Namespace) -> None:
             say(arguments, f"table: {path}")
     write_whole(folder / "page.md", text)
     say(arguments, f"page: {folder / 'page.md'}")
-    failed = [row for row in (*rows, *graphs) if not study.holds(row)]
+    failed = [row for row in (*rows, *graphs) if not pages.holds(row)]
     if failed:
         say(arguments, f"{len(failed)} for which something does not hold: {folder / study.FAILED}")
     errors = [row for row in (*rows, *graphs) if row["error"] is not None]
     if errors:
         raise RunError(f"{len(errors)} draws could not be made, the first: {errors[0]['number']}: {errors[0]['error']}")
+
+
+def _carried_out(what: str, folder: Path, make: Callable[[Progress], list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """What a part of a campaign has found, with its progress shown."""
+    progress = Progress("campaign", what)
+    try:
+        return make(progress)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+    finally:
+        progress.close()
 
 
 def command(arguments: argparse.Namespace) -> str:

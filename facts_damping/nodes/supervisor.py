@@ -49,7 +49,8 @@ from facts_damping.simulation.build import build_supervisors
 from facts_damping.simulation.loop import setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.supervision.reasons import reason_of
-from facts_damping.supervision.step import refusal, supervise, tell
+from facts_damping.supervision.states import refusal
+from facts_damping.supervision.step import supervise, tell
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,6 +9,7 @@ import numpy as np
 
 from facts_damping.monitors import MONITORS
 from facts_damping.parameters.files import share_folder
+from facts_damping.studies import campaign as study
 from facts_damping.studies.faults import FAULTS
 from facts_damping.studies.invariants import HARM, INVARIANTS
 from facts_damping.studies.margins import share
@@ -157,6 +158,11 @@ def page(made: Plan, rows: Rows, graphs: Rows, command: str) -> str:
     return text
 
 
+def holds(row: dict[str, Any]) -> bool:
+    """Whether all holds for a draw, or a graph, that must."""
+    return study.holds(row, tuple(WORDS))
+
+
 def overview(rows: Rows, graphs: Rows) -> list[str]:
     """What is told on a terminal."""
     found = sections(rows, graphs)
@@ -176,9 +182,8 @@ def sections(rows: Rows, graphs: Rows) -> dict[str, list[str]]:
         "cost": cost_table(good),
         "grid": grid_table(good) if any("unsupervised_ratio" in row for row in good) else [],
     }
-    names = [*INVARIANTS, "recorded", "as_computed", "nothing_forged_acts"]
     told = [row for row in graphs if row["error"] is None]
-    found["graphs"] = invariant_table(told, names) if told else []
+    found["graphs"] = invariant_table(told, tuple(WORDS)) if told else []
     return found
 
 

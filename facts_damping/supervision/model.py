@@ -289,5 +289,5 @@ def _thresholds(rows: NDArray[Any], given: Supervision, settings: Any) -> None:
         seconds = monitor.lasts if lasts is None else lasts
         if monitor.lasts_unit == CYCLES:
             seconds *= float(settings["cycle"]) / float(settings["frame_rate"])
-        row["lasts_ns"] = round(seconds * NANOSECONDS)
+        row["lasts_ns"] = max(0, round(seconds * NANOSECONDS) - 1)  # ticks are rounded down to a nanosecond
         row["follows"] = CONSEQUENCES[follows or monitor.follows]

@@ -1,0 +1,160 @@
+"""What a supervisor says: setpoints of whoever acts, within its authority, or zero; compiled.
+
+Whoever takes over from whom: v = (1 - b) v_0 + b u, v_0 what was said last before the change, u the newcomer's setpoint
+(0: nobody's), b from 0 to 1 in the time of a ramp.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.compiling import inner
+from facts_damping.control.inputs import UNSET
+from facts_damping.monitors import ARMED, FALLBACK
+from facts_damping.supervision import probe
+from facts_damping.supervision.model import CONTROLLER, NOBODY, RESERVE
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.supervision.model import Supervisors, SupervisorState
+
+
+MINUTE = 60.0  # s
+
+
+@inner
+def source_of(state: int) -> int:
+    """Whose setpoints act in a state."""
+    return CONTROLLER if state == ARMED else RESERVE if state == FALLBACK else NOBODY
+
+
+@inner
+def pass_on(
+    made: Supervisors,
+    state: SupervisorState,
+    s: int,
+    tick: int,
+    issued: NDArray[Any],
+    many: int,
+    out: NDArray[Any],
+    first: int,
+) -> tuple[int, int, bool]:
+    """Take the setpoints of controller and fallback, by time; whoever acts has them passed on.
+
+    Index after the last that is said; how many were not finite; whether the controller has said something.
+    """
+    row, own = state.rows[s], made.settings[s]
+    lapses, answered, acts = 0, False, source_of(row.state)
+    a, b = _next(issued, many, 0, own.controller), _next(issued, many, 0, own.reserve)
+    while a < many or b < many:
+        of_controller = b >= many or (a < many and issued[a].issued_ns <= issued[b].issued_ns)
+        i, source = (a, CONTROLLER) if of_controller else (b, RESERVE)
+        given = issued[i]
+        if of_controller:
+            answered, a = True, _next(issued, many, a + 1, own.controller)
+        else:
+            row.reserve_ns, b = given.issued_ns, _next(issued, many, b + 1, own.reserve)
+        d = _place(made, s, given.device)
+        if d == UNSET:
+            continue
+        if math.isfinite(given.value):
+            state.commanded[s, d].given[source] = given.value
+        elif of_controller or source == acts:
+            lapses += 1
+        if source == acts:
+            _write(made, state, s, d, tick, given.issued_ns, given.measured_ns, out, first)
+            first += 1
+    return first, lapses, answered
+
+
+@inner
+def _next(issued: NDArray[Any], many: int, i: int, controller: int) -> int:
+    """Index from i on of the next setpoint of a controller."""
+    while i < many and issued[i].controller != controller:
+        i += 1
+    return i
+
+
+@inner
+def _place(made: Supervisors, s: int, device: int) -> int:
+    """Place of a device among a supervisor's."""
+    for d in range(made.devices.shape[1]):
+        if made.devices[s, d].place == device:
+            return d
+    return UNSET
+
+
+@inner
+def say(made: Supervisors, state: SupervisorState, s: int, tick: int, at_ns: int, out: NDArray[Any], first: int) -> int:
+    """Zero, or what is left of a ramp, or a probe's tones; they rest on no measurement but that of the time."""
+    for d in range(made.devices.shape[1]):
+        if made.devices[s, d].place != UNSET:
+            state.commanded[s, d].given[NOBODY] = probe.tones(made, state, s, d, at_ns)
+            _write(made, state, s, d, tick, at_ns, at_ns, out, first)
+            first += 1
+    return first
+
+
+@inner
+def _write(
+    made: Supervisors,
+    state: SupervisorState,
+    s: int,
+    d: int,
+    tick: int,
+    at_ns: int,
+    measured_ns: int,
+    out: NDArray[Any],
+    first: int,
+) -> None:
+    """A device's setpoint at a time: of who acts, within the authority, of which a ramp has its share."""
+    row, own = state.rows[s], made.settings[s]
+    device, b, limit = state.commanded[s, d], share(row, at_ns), made.devices[s, d].limit
+    v, before = min(max(device.given[source_of(row.state)], -limit), limit), device.output
+    if b < 1.0:
+        v = (1.0 - b) * device.begun + b * v
+    since = (at_ns - row.issued_ns) * 1e-9
+    if d == 0 or since > 0.0:
+        _spend(made, state, s, since)
+        row.issued_ns = at_ns
+        row.since = since
+    if row.spent >= own.energy:
+        limit *= math.sqrt(own.energy / MINUTE / _commanded(made, s))
+    v = min(max(v, -limit), limit)
+    if math.isfinite(own.rate):
+        reach = own.rate * row.since
+        v = min(max(v, before - reach), before + reach)
+    device.output = v
+    said = out[first]
+    said.tick, said.controller, said.device = tick, own.controller, made.devices[s, d].place
+    said.measured_ns, said.issued_ns, said.effective_ns, said.value = measured_ns, at_ns, at_ns, v
+
+
+@inner
+def _spend(made: Supervisors, state: SupervisorState, s: int, since: float) -> None:
+    """Full output, squared, that was used; what may be used in a minute comes back."""
+    row, own = state.rows[s], made.settings[s]
+    if math.isfinite(own.energy):
+        used = 0.0
+        for d in range(made.devices.shape[1]):
+            if made.devices[s, d].place != UNSET:
+                used += (state.commanded[s, d].output / made.devices[s, d].limit) ** 2
+        row.spent = max(0.0, row.spent + (used - own.energy / MINUTE) * since)
+
+
+@inner
+def _commanded(made: Supervisors, s: int) -> int:
+    """How many devices a supervisor commands."""
+    found = 0
+    for d in range(made.devices.shape[1]):
+        found += made.devices[s, d].place != UNSET
+    return found
+
+
+@inner
+def share(row: Any, at_ns: int) -> float:
+    """How far the newest change of whose setpoints act has come, 0 to 1."""
+    since = (at_ns - row.begun_ns) * 1e-9
+    return 1.0 if since >= row.ramp else max(0.0, since / row.ramp)
