@@ -131,9 +131,12 @@ def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -
 
 
 def recorded(case: Case, struck: Struck, _computed: Record, _mode: str, kind: str) -> bool:
-    """All is recorded, up to the end or to the loss of synchronism; only who is dead, or served by it, says nothing."""
-    record = struck.record
-    notes = [note for note in record.notes if not (kind == "kill" and "ticks are missing" in note)]
+    """All is recorded, up to the end or to the loss of synchronism; who does not come back may say nothing.
+
+    Nor may those that it serves.
+    """
+    record, away = struck.record, kind in ("kill", "stop") and struck.back_s is None
+    notes = [note for note in record.notes if not (away and "ticks are missing" in note)]
     whole = len(record.time_ns) == case.ticks or not record.in_synchronism[-1]
     return bool(whole) and not notes and struck.outcome.messages_lost == 0
 

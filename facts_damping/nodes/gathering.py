@@ -14,11 +14,15 @@ if TYPE_CHECKING:
     from facts_damping.nodes.parameters import Options
     from facts_damping.nodes.spinning import Spinner
 
+AWAITED = 3  # ticks: by the clock, who has said nothing for longer is not waited for until it speaks again
 PATIENCE = 0.9  # share of the time-out: after those who wait for others, before those who wait for this node
 
 
 class Gathering:
-    """Ticks in turn: in lockstep when all have spoken; by the clock at the latest when the next frames come."""
+    """Ticks in turn: in lockstep when all have spoken; by the clock at the latest when the next frames come.
+
+    That is a tick late. By the clock nobody waits for who is silent by now: what stands in for it is in time.
+    """
 
     def __init__(
         self, options: Options, senders: Mapping[str, str], step: Callable[[int, dict[str, Any]], None]
@@ -51,8 +55,12 @@ class Gathering:
         self._proceed()
 
     def _proceed(self) -> None:
-        while self._frames and min(self._newest.values()) >= self._frames[0][0]:
+        while self._frames and all(self._done(newest, self._frames[0][0]) for newest in self._newest.values()):
             self._go_on()
+
+    def _done(self, newest: int, tick: int) -> bool:
+        """Whether a sender, whose newest tick is given, has spoken in a tick, or is not waited for."""
+        return newest >= tick or (self._options.paced and newest < tick - AWAITED)
 
     def _go_on(self) -> None:
         tick, content = self._frames.pop(0)

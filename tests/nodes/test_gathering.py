@@ -1,0 +1,52 @@
+"""What several others say of a tick, put together: when a tick is over."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from facts_damping.nodes.gathering import AWAITED, Gathering
+from facts_damping.nodes.parameters import Options
+
+
+def gathering(mode: str) -> tuple[Gathering, list[tuple[int, dict[str, Any]]]]:
+    """One of two senders, and the ticks that it has called for."""
+    done: list[tuple[int, dict[str, Any]]] = []
+    options = Options(mode, 5.0, 30.0, recorder=False, view=False)
+    return Gathering(options, {"a": "node_a", "b": "node_b"}, lambda tick, parts: done.append((tick, parts))), done
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_a_tick_is_over_when_all_have_spoken(mode: str) -> None:
+    one, done = gathering(mode)
+    one.taking("a")(0, "a0")
+    one.frames(0, "f0")
+    assert done == []
+    one.taking("b")(0, "b0")
+    assert done == [(0, {"frames": "f0", "a": ["a0"], "b": ["b0"]})]
+
+
+def test_in_lockstep_who_is_silent_is_waited_for() -> None:
+    one, done = gathering("lockstep")
+    for tick in range(3 * AWAITED):
+        one.frames(tick, "")
+        one.taking("a")(tick, "")
+    assert done == []
+
+
+def test_by_the_clock_who_is_silent_is_waited_for_a_few_ticks_and_again_once_it_speaks() -> None:
+    one, done = gathering("realtime")
+    for tick in range(10):
+        one.frames(tick, "")
+        one.taking("a")(tick, "")
+        if tick == 0:
+            one.taking("b")(0, "")
+        late = 0 < tick <= AWAITED  # over when the next frames come
+        assert [at for at, _ in done] == list(range(tick + 1 - late))
+    one.taking("b")(9, "b9")
+    one.frames(10, "")
+    one.taking("a")(10, "")
+    assert done[-1][0] == 9
+    one.taking("b")(10, "b10")
+    assert done[-1] == (10, {"frames": "", "a": [""], "b": ["b9", "b10"]})
