@@ -84,6 +84,28 @@ def grid_table(rows: Rows) -> list[str]:
     return table(heads, lines, 1, markdown=True)
 
 
+def place_table(rows: Rows) -> list[str]:
+    """By system and scenario: how often ITAE is above that without control, and before or without any fault."""
+    lines = []
+    for place in sorted({(row["bed"], row.get("scenario", "")) for row in rows}):
+        own = [row for row in rows if (row["bed"], row.get("scenario", "")) == place]
+        above = [row for row in own if not row["does_no_harm"]]
+        calm = sum(row["early"] or row["fault"] == "none" for row in above)
+        bare = [row for row in own if row.get("unsupervised_does_no_harm") is False]
+        plain = [row["uncontrolled_ITAE"] for row in own if row["uncontrolled_ITAE"] is not None]
+        without = f"{median(plain):.3g}" if plain else "synchronism lost"
+        lines.append([" ".join(place), str(len(own)), without, str(len(above)), str(calm), str(len(bare))])
+    heads = [
+        "system, scenario",
+        "draws",
+        "ITAE without control",
+        f"above {HARM:g}",
+        "of it before a fault",
+        "unsupervised",
+    ]
+    return table(heads, lines, 1, markdown=True)
+
+
 def cost_table(rows: Rows) -> list[str]:
     """What supervision costs where nothing fails: false trips, and damping."""
     healthy = [row for row in rows if row["fault"] == "none"]
@@ -128,6 +150,10 @@ GENERIC = """# {name}
 ## By fault
 
 {{{{faults}}}}
+
+## By system and scenario
+
+{{{{places}}}}
 
 ## By controller
 
@@ -179,6 +205,7 @@ def sections(rows: Rows, graphs: Rows) -> dict[str, list[str]]:
         "wrong": invariant_table(wrong, ("does_no_harm",)),
         "faults": fault_table(good),
         "controllers": controller_table(good),
+        "places": place_table(good),
         "cost": cost_table(good),
         "grid": grid_table(good) if any("unsupervised_ratio" in row for row in good) else [],
     }

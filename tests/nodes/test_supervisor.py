@@ -163,7 +163,7 @@ def test_services_do_what_an_operator_asks_for_or_say_why_not(
     refused = asked("arm")
     assert refused[0] is False
     assert refused[1].startswith("not armed: missing (since frames have come that its signals can be made of): ")
-    assert refused[1].endswith(" s; allowed: 0.15")
+    assert refused[1].endswith(" s; allowed: 0.16")
     assert asked("disarm")[0]
     step(30)
     assert asked("disarm") == (False, "disarmed; allowed: disarm while shadow, armed, fallback, tripped")
