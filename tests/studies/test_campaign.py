@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -20,6 +19,9 @@ from facts_damping.studies import campaign, campaign_pages, invariants
 from facts_damping.studies.faults import FAULTS, ONLY_REAL
 from facts_damping.terminal import Progress
 from tests.commands import assert_one_line
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 SMALL = """\
 description: a few seconds of two_area
