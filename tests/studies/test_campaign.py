@@ -102,7 +102,12 @@ def test_an_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatc
     first = carried_out(small, tmp_path / "out", draws=3)
     asked: list[int] = []
     one_draw = campaign.one_draw
-    monkeypatch.setattr(campaign, "one_draw", lambda made, number: (asked.append(number), one_draw(made, number))[1])
+
+    def noted(made: campaign.Plan, number: int) -> tuple[str, dict[str, Any]]:
+        asked.append(number)
+        return one_draw(made, number)
+
+    monkeypatch.setattr(campaign, "one_draw", noted)
     rows = carried_out(small, tmp_path / "out")
     assert asked == [3, 4, 5]
     assert rows[:3] == first
