@@ -14,7 +14,16 @@ import facts_damping
 ROOT = Path(__file__).parents[1]
 PARTS = ["facts_damping", "msg_defs", "ros_package", "config", "launch", "resource"]
 FILES = ["package.xml", "setup.py", "setup.cfg", "pyproject.toml", "colcon.pkg"]
-EXECUTABLES = ["controller", "facts-damping", "identifier", "live_view", "plant_sim", "recorder", "wan_link"]
+EXECUTABLES = [
+    "controller",
+    "facts-damping",
+    "identifier",
+    "live_view",
+    "plant_sim",
+    "recorder",
+    "supervisor",
+    "wan_link",
+]
 PACKAGES = ["facts_damping", "facts_damping_msgs"]
 
 

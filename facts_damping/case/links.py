@@ -43,16 +43,16 @@ def mean_delays(controller: Controller, system: System, link: Link) -> tuple[flo
 
     The devices' dead times are part of both: it ends where a setpoint acts.
     """
-    signals = [name for name in controller.signals if name in system.signals]
+    signals = [name for name in controller.signals if name in system.signals]  # others, and devices, are refused later
     stations = {station for name in signals for station in system.signals[name].weights}
     groups = {s: {s, *(n for n, signal in system.signals.items() if s in signal.weights)} for s in stations}
     dead = {device.name: device.dead_time for device in system.devices}
     whole = [
-        mean_delay([*link.up, *link.down], [*groups[s], device]) + dead[device]
+        mean_delay([*link.up, *link.down], [*groups[s], device]) + dead.get(device, 0.0)
         for s in sorted(stations)
         for device in controller.devices
     ]
-    down = [mean_delay(link.down, [device]) + dead[device] for device in controller.devices]
+    down = [mean_delay(link.down, [device]) + dead.get(device, 0.0) for device in controller.devices]
     return max(whole, default=0.0), max(down, default=0.0)
 
 

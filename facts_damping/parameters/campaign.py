@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from facts_damping.parameters.base import Name, ParameterModel, quantity
 from facts_damping.parameters.study import FieldPath
 
+EARLIEST_S = 0.1  # begin of a fault: some need what was before
 Choices = dict[str, dict[FieldPath, Any]]  # label: what it sets in the run
 
 
@@ -45,8 +46,9 @@ class Campaign(ParameterModel):
     @model_validator(mode="after")
     def _ordered(self) -> Campaign:
         low, high = self.window
-        if not 0.0 <= low <= high:
-            raise ValueError(f"window: {low:g} to {high:g} s given; allowed: from 0 on, the first not after the second")
+        if not EARLIEST_S <= low <= high:
+            allowed = f"from {EARLIEST_S:g} on, the first not after the second"
+            raise ValueError(f"window: {low:g} to {high:g} s given; allowed: {allowed}")
         odd = next((name for name, weight in self.faults.items() if not 0.0 <= weight <= 1e6), None)
         if odd is not None:
             raise ValueError(f"faults.{odd}: {self.faults[odd]:g} given; allowed: 0 to 1e+06")

@@ -90,10 +90,12 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
 
 
 def _check(made: Plan, bed: str) -> None:
-    """Raise `InputError` where a bed's first run cannot be made, or has no supervision."""
-    first, _ = _choose(made.campaign.beds[bed], np.random.default_rng(0))
-    if _case(made, bed, {**made.set, **first}).supervision is None:
-        raise InputError(f"beds.{bed}: a run without supervision given; allowed: one with `supervision`")
+    """Raise `InputError` where a bed's run cannot be made, with any of its choices beside the first of all others."""
+    lists = made.campaign.beds[bed].choose
+    first = {name: next(iter(choices)) for name, choices in lists.items()}
+    for chosen in [first, *(first | {name: label} for name, choices in lists.items() for label in choices)]:
+        if _case(made, bed, {**made.set, **_chosen(made.campaign.beds[bed], chosen)}).supervision is None:
+            raise InputError(f"beds.{bed}: a run without supervision given; allowed: one with `supervision`")
 
 
 def _content(bed: Bed) -> tuple[dict[str, Any], str]:
@@ -108,14 +110,9 @@ def _case(made: Plan, bed: str, changes: dict[str, Any]) -> Case:
     return changed_case(content, source, {**made.campaign.beds[bed].set, **changes})
 
 
-def _choose(bed: Bed, random: np.random.Generator) -> tuple[dict[str, Any], dict[str, str]]:
-    """What a draw sets of a run beside its fault, and the labels of that."""
-    changes: dict[str, Any] = {}
-    labels = {}
-    for name, choices in bed.choose.items():
-        labels[name] = list(choices)[int(random.integers(len(choices)))]
-        changes |= choices[labels[name]]
-    return changes, labels
+def _chosen(bed: Bed, labels: dict[str, str]) -> dict[str, Any]:
+    """What labels set in a run, one of each list."""
+    return {path: value for name, choices in bed.choose.items() for path, value in choices[labels[name]].items()}
 
 
 def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
@@ -132,7 +129,9 @@ def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
     campaign = made.campaign
     random = np.random.default_rng((campaign.seed, number))
     bed = list(campaign.beds)[int(random.integers(len(campaign.beds)))]
-    changes, chosen = _choose(campaign.beds[bed], random)
+    lists = campaign.beds[bed].choose
+    chosen = {name: list(choices)[int(random.integers(len(choices)))] for name, choices in lists.items()}
+    changes = _chosen(campaign.beds[bed], chosen)
     given = weights(campaign, real=real)
     fault = str(random.choice(list(given), p=np.array(list(given.values())) / sum(given.values())))
     low, high = campaign.window
@@ -149,11 +148,9 @@ def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
 
 def healthy(made: Plan, drawn: Draw) -> Draw:
     """A draw without its fault: that is done to the nodes of a graph."""
-    changes = dict(made.set)
-    for name, choices in made.campaign.beds[drawn.bed].choose.items():
-        changes |= choices[drawn.chosen[name]]
-    drawn_too = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
-    return drawn._replace(changes=changes | drawn_too)
+    drawn_too: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
+    chosen = _chosen(made.campaign.beds[drawn.bed], drawn.chosen)
+    return drawn._replace(changes={**made.set, **chosen, **drawn_too})
 
 
 def case_of(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:

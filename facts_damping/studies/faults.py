@@ -85,6 +85,11 @@ def _of_limit(size: Callable[[Chance], float]) -> Callable[[Chance], float]:
     return lambda chance: size(chance) * chance.limit
 
 
+def _before(chance: Chance) -> float:
+    """A window of 1 to 2 s that has been by then."""
+    return round(min(chance.between(1.0, 2.0), chance.start), 9)
+
+
 def _channel(chance: Chance) -> str:
     return chance.channel
 
@@ -160,8 +165,8 @@ FAULTS = {
                             {"model": "uniform", "low": 0.0, "high": 0.3})),
     "flipped_up": Fault("path", True, "a bit is turned over in 0.1 to 20 % of the frames", _path("up", _FLIP)),
     "flipped_down": Fault("path", True, "a bit is turned over in 0.1 to 20 % of the setpoints", _path("down", _FLIP)),
-    "replayed": Fault("path", True, "frames say what they said 1 to 2 s before, again and again",
-                      _path("up", {"model": "replay", "window": _between(1.0, 2.0)})),
+    "replayed": Fault("path", True, "frames say what they said up to 2 s before, again and again",
+                      _path("up", {"model": "replay", "window": _before})),
     "frozen": Fault("path", True, "frames say what they said at the start of it", _path("up", {"model": "freeze"})),
     "biased": Fault("path", True, "one station's values are off, of speed by 12 uHz to 1.2 Hz",
                     _path("up", {"model": "bias", "bias": _of_channel(_either(2e-7, 0.02)), **_ONE})),

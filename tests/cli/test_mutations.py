@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.cli.main import BAD_INPUT, DEGRADED, DONE, main
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import shipped
-from facts_damping.studies import sweep
+from facts_damping.studies import campaign, sweep
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,8 +45,10 @@ COMMANDS: dict[str, Callable[[str], list[str]]] = {
     "scenarios": lambda file: ["simulate", "--set", f"scenario={file}", *SHORT],
     "links": lambda file: ["simulate", "--set", f"link={file}", *SHORT],
     "runs": lambda file: ["simulate", file, *SHORT],
+    "supervision": lambda file: ["simulate", "--supervised", file, *SHORT],
 }
-KINDS = (*COMMANDS, "studies")
+PLANS: dict[str, Callable[[str], Any]] = {"studies": lambda file: sweep.plan(file, []), "campaigns": campaign.plan}
+KINDS = (*COMMANDS, *PLANS)
 
 
 def mutated(text: str, dice: random.Random) -> bytes:
@@ -80,12 +82,12 @@ def mutated(text: str, dice: random.Random) -> bytes:
 
 
 def said(capsys: Any, kind: str, file: Path) -> tuple[int, str]:
-    """Exit status and errors of a command; a study's runs are planned and not made."""
-    if kind != "studies":
+    """Exit status and errors of a command; runs of a study or a campaign are planned and not made."""
+    if kind in COMMANDS:
         status = main(COMMANDS[kind](str(file)))
         return status, capsys.readouterr().err
     try:
-        sweep.plan(str(file), [])
+        PLANS[kind](str(file))
     except InputError as error:
         return BAD_INPUT, f"{error}\n"
     return DONE, ""
