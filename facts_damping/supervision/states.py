@@ -86,6 +86,13 @@ def conclude(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -> N
     row.probe_ns = at_ns if more else UNSET
 
 
+@inner
+def _due(made: Supervisors, state: SupervisorState, s: int, m: int) -> bool:
+    """Whether a monitor has been beyond its limit for as long as it takes."""
+    row = state.rows[s]
+    return bool(row.over_ns[m] != UNSET and row.now_ns - row.over_ns[m] >= made.thresholds[s, m].lasts_ns)
+
+
 @compiled
 def refusal(made: Supervisors, state: SupervisorState, s: int) -> int:
     """Why a supervisor cannot be armed now: a monitor's code, or another cause; NO_CAUSE: it can."""
@@ -94,7 +101,7 @@ def refusal(made: Supervisors, state: SupervisorState, s: int) -> int:
         return NOT_IN_SHADOW if row.state != SHADOW else NOT_PROBED
     for m in range(row.values.size):
         watched = made.thresholds[s, m]
-        if watched.follows >= FALL_BACK and row.values[m] > watched.limit:
+        if watched.follows >= FALL_BACK and _due(made, state, s, m):
             return m
     added, probed = 0.0, False
     for d in range(made.devices.shape[1]):
@@ -137,7 +144,7 @@ def judge(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> Non
             row.sound_ns = end_ns
         if row.over_ns[m] == UNSET:
             row.over_ns[m] = end_ns
-        if end_ns - row.over_ns[m] >= watched.lasts_ns and watched.follows > worst:
+        if _due(made, state, s, m) and watched.follows > worst:
             worst, cause = watched.follows, m
     if row.state == ARMED and worst == FALL_BACK and reserve_is_there(made, state, s, end_ns):
         change(state, s, FALLBACK, cause, end_ns, own.fall_back_ramp)

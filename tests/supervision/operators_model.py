@@ -82,8 +82,8 @@ class Model:
         return times[-1] if times else float("-inf")
 
     def _arm(self, by: str, start: float) -> None:
-        beyond = self.history[-1] if self.history else set()
-        severe = [m for m in MONITORS if m in beyond and SEVERE[self.given.follows[m]] > 1]
+        severe = [m for m in MONITORS if m in self.given.follows and SEVERE[self.given.follows[m]] > 1]
+        severe = [m for m in severe if self._lasts(m)]  # what would trip it, or have it fall back
         self.refused = "not in shadow" if self.state != "shadow" else severe[0] if severe else ""
         if not self.refused:
             self._enter("armed", by, start)
