@@ -258,22 +258,24 @@ def _harm(made: Supervisors, state: SupervisorState, s: int) -> float:
 def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
     """The least growth rate of three cycles, ln of the signal's range beside that of the cycle before, 1/s.
 
-    Less the rate at which the mode grows, or fades, without control; 0 where nothing acts.
+    Less the rate at which the mode grows, or fades, without control; 0 unless the output works in each of the three:
+    what follows an event in a quiet grid is not its doing.
     """
     past, own, size = state.past[s], made.settings[s], state.past.shape[1]
     tick, cycle = state.rows[s].tick, own.cycle
     if tick + 1 < CYCLES_KEPT * cycle:
         return 0.0
-    least, later, acts = math.inf, 0.0, False
+    least, later = math.inf, 0.0
     for k in range(CYCLES_KEPT):
-        low, high = math.inf, -math.inf
+        low, high, most = math.inf, -math.inf, 0.0
         for i in range(k * cycle, (k + 1) * cycle):
             place = past[(tick - i) % size]
-            low, high = min(low, place[0]), max(high, place[0])
-            acts = acts or (k == 0 and place[1] > WORKS)
+            low, high, most = min(low, place[0]), max(high, place[0]), max(most, place[1])
+        if k < CYCLES_KEPT - 1 and most <= WORKS:
+            return 0.0
         if k > 0:
             least = min(least, later / (high - low) if high > low else math.inf)
         later = high - low
-    if not acts or not 0.0 < least < math.inf:
+    if not 0.0 < least < math.inf:
         return 0.0
     return float(math.log(least) * own.frame_rate / cycle - own.sigma)
