@@ -21,7 +21,7 @@ from facts_damping_msgs.msg import (
     SupervisorState,
 )
 
-from facts_damping.case.names import controller_names, identifier_names, supervisor_names
+from facts_damping.case.names import controller_names, identifier_names
 from facts_damping.control.bank import controller_network
 from facts_damping.monitors import MONITORS, OFF, STATES, cause_name
 from facts_damping.neurofuzzy.start import groups
@@ -29,7 +29,7 @@ from facts_damping.nodes.cdr import Field, Refused, Template, content
 from facts_damping.nodes.stamps import epoch_ns
 from facts_damping.nodes.tables import start_of
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, truth_field
-from facts_damping.simulation.build import build_supervisors, identifier_network
+from facts_damping.simulation.build import identifier_network
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
@@ -163,11 +163,10 @@ class ControllerStateMessage:
 class SupervisorStateMessage:
     """What a supervisor of a case tells of itself."""
 
-    def __init__(self, case: Case, s: int) -> None:
-        """`s`: which of the supervisors."""
-        self._controller = controller_names(case)[list(supervisor_names(case))[s]]
-        rows = build_supervisors(case)[0].thresholds[s]
-        self._limits = np.where(rows["follows"] == OFF, np.nan, rows["limit"])
+    def __init__(self, controller: str, thresholds: NDArray[Any]) -> None:
+        """`controller`: its name; `thresholds`: what the supervisor's monitors are set to."""
+        self._controller = controller
+        self._limits = np.where(thresholds["follows"] == OFF, np.nan, thresholds["limit"])
         self._templates: dict[tuple[int, int, int], tuple[Template, Field, Field]] = {}
 
     def fill(self, tick: int, start_ns: int, told: Any) -> bytes:

@@ -57,6 +57,8 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
+    from facts_damping.nodes.signing import Signing
+
 LEVELS = {ARMED: DiagnosticStatus.OK, TRIPPED: DiagnosticStatus.ERROR}  # of others: WARN
 FROM = {ARM: (SHADOW,), DISARM: (SHADOW, ARMED, FALLBACK, TRIPPED), RESET: (DISARMED, TRIPPED), PROBE: (SHADOW,)}
 
@@ -75,13 +77,14 @@ class SupervisorNode:
         graph, hardware = graph_prefix(node, address), ", ".join(controller.devices)
         self.member = Member(node, self.case, self.options, SUPERVISOR, self.index, graph=graph, hardware=hardware)
         self.name, self.told, self.before = address.name, np.zeros(1, SUPERVISION), -1
-        by = signing(self.case, self.options.start_timeout)
+        own_reserves, by = reserves(self.case.run), signing(self.case, self.options.start_timeout)
+        self.heard = [c for c in (self.index, own_reserves.get(self.index)) if c is not None]
         self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/{SUPERVISED}"))
-        self.says = SupervisorStateMessage(self.case, self.own)
+        self.says = SupervisorStateMessage(controller_names(self.case)[self.index], self.made.thresholds[self.own])
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/{SUPERVISED}", SAYING)
         self.to_recorder = node.create_publisher(SupervisorState, f"{self.name}/state", SAYING)
         self.devices = np.zeros(len(self.case.run.devices), DEVICE_TRUTH)
-        self.gathering, self.publishers = self.wire(node, graph)
+        self.gathering, self.publishers = self.wire(node, graph, by)
         table, row = np.zeros(0, SETPOINT), self.told[0]
         parts = self.made, self.state, self.own
         self.supervise = specialised(
@@ -93,11 +96,10 @@ class SupervisorNode:
         self.member.guard.hear_run()
         self.spinner = self.member.spin()
 
-    def wire(self, node: Node, graph: str) -> tuple[Gathering, dict[str, Callable[[], int]]]:
+    def wire(self, node: Node, graph: str, by: Signing | None) -> tuple[Gathering, dict[str, Callable[[], int]]]:
         """Hear the link, the plant, the controller, and its fallback."""
-        case, guard, by = self.case, self.member.guard, signing(self.case, self.options.start_timeout)
+        case, guard, heard = self.case, self.member.guard, self.heard
         places, names = controller_addresses(case), controller_names(case)
-        heard = [self.index, *([reserves(case.run)[self.index]] if self.index in reserves(case.run) else [])]
         senders = {f"setpoints {c}": str(places[c]) for c in heard} | {"plant": "plant_sim"}
         topics = {f"setpoints {c}": f"{graph}{places[c]}/setpoints" for c in heard}
         topics["plant"] = f"{graph}{PLANT_STATE}"
@@ -120,8 +122,7 @@ class SupervisorNode:
     def ready(self) -> None:
         """Wait for its link, its controller and fallback, the identifier, and the recorder."""
         extra = int(self.options.recorder)
-        hears = [self.index, *([reserves(self.case.run)[self.index]] if self.index in reserves(self.case.run) else [])]
-        identified = sum(c in identifier_names(self.case) for c in hears)
+        identified = sum(c in identifier_names(self.case) for c in self.heard)
         self.member.wait({self.to_link: 1 + identified + extra, self.to_recorder: extra}, self.spinner)
 
     def run(self) -> None:

@@ -20,7 +20,7 @@ from facts_damping.parameters.files import find, new_folder, parse_set, read_tab
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.studies import batch, invariants
-from facts_damping.studies.faults import FAULTS, ONLY_REAL, Chance
+from facts_damping.studies.faults import FAULTS, NOTHING, ONLY_REAL, Chance
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.pool import workers
 from facts_damping.terminal import write_whole
@@ -39,8 +39,6 @@ JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
 GRAPH_AFTER_S = 3.0  # a graph's fault begins at least so long before its end
 UNSUPERVISED: dict[str, Any] = {"supervision": None, "arm_at": None}
 UNCONTROLLED: dict[str, Any] = {"controllers": [], **UNSUPERVISED}
-
-NOTHING = "none"  # the fault that is none
 
 _uncontrolled: dict[str, Record] = {}
 
@@ -215,11 +213,11 @@ def judged(case: Case, record: Record, reference: Record, drawn: Draw) -> dict[s
     return row | {name: holds(case, record) for name, holds in invariants.ALONE.items()}
 
 
-def uncontrolled(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Record:
+def uncontrolled(made: Plan, drawn: Draw) -> Record:
     """The same without control: the plant and its events count, no measurement, link or controller."""
     plain = {path: value for path, value in drawn.changes.items() if _of_plant(path)}
-    key = json.dumps([drawn.bed, plain, more], default=str, sort_keys=True)
-    changes = {"link": "ideal", "measurement": "ideal", **plain, **(more or {}), **UNCONTROLLED}
+    key = json.dumps([drawn.bed, plain], default=str, sort_keys=True)
+    changes = {"link": "ideal", "measurement": "ideal", **plain, **UNCONTROLLED}
     return batch.shared(_uncontrolled, key, lambda: batch.closed_loop(_case(made, drawn.bed, changes)))
 
 

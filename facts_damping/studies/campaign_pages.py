@@ -10,7 +10,7 @@ import numpy as np
 from facts_damping.monitors import MONITORS
 from facts_damping.parameters.files import share_folder
 from facts_damping.studies import campaign as study
-from facts_damping.studies.faults import FAULTS
+from facts_damping.studies.faults import FAULTS, NOTHING
 from facts_damping.studies.invariants import HARM, INVARIANTS
 from facts_damping.studies.margins import share
 from facts_damping.terminal import table
@@ -71,7 +71,7 @@ def grid_table(rows: Rows) -> list[str]:
         for fault, row in FAULTS.items()
         if row.wrong
     }
-    groups["nothing fails, the network chatters"] = lambda row: row["fault"] == "none" and row["reversals"] > CHATTER
+    groups["nothing fails, the network chatters"] = lambda row: row["fault"] == NOTHING and row["reversals"] > CHATTER
     for name, fits in groups.items():
         own = [row for row in rows if fits(row) and row["unsupervised_keeps_synchronism"] is not None]
         if own:
@@ -90,7 +90,7 @@ def place_table(rows: Rows) -> list[str]:
     for place in sorted({(row["bed"], row.get("scenario", "")) for row in rows}):
         own = [row for row in rows if (row["bed"], row.get("scenario", "")) == place]
         above = [row for row in own if not row["does_no_harm"]]
-        calm = sum(row["early"] or row["fault"] == "none" for row in above)
+        calm = sum(row["early"] or row["fault"] == NOTHING for row in above)
         bare = [row for row in own if row.get("unsupervised_does_no_harm") is False]
         plain = [row["uncontrolled_ITAE"] for row in own if row["uncontrolled_ITAE"] is not None]
         without = f"{median(plain):.3g}" if plain else "synchronism lost"
@@ -108,7 +108,7 @@ def place_table(rows: Rows) -> list[str]:
 
 def cost_table(rows: Rows) -> list[str]:
     """What supervision costs where nothing fails: false trips, and damping."""
-    healthy = [row for row in rows if row["fault"] == "none"]
+    healthy = [row for row in rows if row["fault"] == NOTHING]
     sound = [row for row in healthy if row.get("sound")]
     false = [row for row in sound if row["tripped_s"] is not None or row["fallback_s"] is not None]
     interval = share(len(false), len(sound)) if sound else {"low": 0.0, "high": 1.0}
@@ -127,7 +127,7 @@ def controller_table(rows: Rows) -> list[str]:
     lines = []
     for name in dict.fromkeys((row["controller"], row["scheme"]) for row in rows):
         own = [row for row in rows if (row["controller"], row["scheme"]) == name]
-        calm = [row for row in own if row["fault"] == "none" and row["armed_s"] is not None]
+        calm = [row for row in own if row["fault"] == NOTHING and row["armed_s"] is not None]
         tripped = sum(row["tripped_s"] is not None for row in calm)
         harmful = sum(not row["does_no_harm"] for row in own)
         kept = sum(not row["keeps_synchronism"] for row in own)

@@ -144,8 +144,10 @@ _CUT = {"model": "bernoulli", "loss": 1.0}
 _FLIP = {"model": "flip", "probability": _between(0.001, 0.2)}
 _ONE = {"measurement": _channel, "channels": _station}
 
+NOTHING = "none"  # the fault that is none
+
 FAULTS = {
-    "none": Fault("none", False, "nothing fails", _nothing),
+    NOTHING: Fault("none", False, "nothing fails", _nothing),
     # On the way.
     "lost": Fault("path", False, "frames are lost, each by itself: 5 to 70 %",
                   _path("up", {"model": "bernoulli", "loss": _between(0.05, 0.7)})),

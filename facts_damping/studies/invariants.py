@@ -9,7 +9,7 @@ import numpy as np
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.analysis.oscillation import is_stable
-from facts_damping.monitors import ARMED, CODES, FALLBACK, TRIPPED, cause_name
+from facts_damping.monitors import ARMED, CODES, FALLBACK, NO_CAUSE, TRIPPED, cause_name
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def doings(record: Record, start_s: float) -> dict[str, Any]:
     left = [t for t in (first[FALLBACK], first[TRIPPED]) if t is not None]
     after = [t - start_s for t in left if t >= start_s]
     fallen = own[own["state"] == FALLBACK]
-    refused = own["refused"][own["refused"] != -1]
+    refused = own["refused"][own["refused"] != NO_CAUSE]
     return {
         "armed_s": first[ARMED],
         "fallback_s": first[FALLBACK],

@@ -10,6 +10,7 @@ import numpy as np
 from facts_damping.compiling import compiled
 from facts_damping.control.inputs import TURN, UNSET, Held, Inputs, inputs
 from facts_damping.monitors import CONSEQUENCES, CYCLES, MONITORS, NO_CAUSE, OFF, PLAUSIBLE, SHADOW
+from facts_damping.parameters.supervision import watches
 from facts_damping.signals import CHANNELS, NANOSECONDS, to_ns
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ THRESHOLD = np.dtype([("limit", "f8"), ("lasts_ns", "i8"), ("follows", "i8")])
 SUPERVISOR = np.dtype(
     [
         ("state", "i8"),
-        ("cause", "i8"),  # why it is in it: `table.cause_name`
+        ("cause", "i8"),  # why it is in it: `monitors.cause_name`
         ("refused", "i8"),  # why it was not armed, when that was asked for last
         ("asked", "i8"),  # what an operator asks for from the next tick on
         ("tick", "i8"),  # the newest
@@ -279,15 +280,8 @@ def _set(row: Any, one: Watched, given: Supervision, frame_rate: int, nominal: f
 
 def _thresholds(rows: NDArray[Any], given: Supervision, settings: Any) -> None:
     """What a supervisor's monitors are set to."""
-    for row, (name, monitor) in zip(rows, MONITORS.items(), strict=True):
-        own = given.monitors.get(name)
-        if name in given.monitors and own is None:
-            row["limit"], row["follows"] = math.inf, OFF
-            continue
-        limit, lasts, follows = (getattr(own, part, None) for part in ("limit", "lasts", "follows"))
-        row["limit"] = monitor.limit if limit is None else limit
-        seconds = monitor.lasts if lasts is None else lasts
-        if monitor.lasts_unit == CYCLES:
-            seconds *= float(settings["cycle"]) / float(settings["frame_rate"])
+    cycle_s = float(settings["cycle"]) / float(settings["frame_rate"])
+    for row, (name, watch) in zip(rows, watches(given).items(), strict=True):
+        seconds = watch.lasts * (cycle_s if MONITORS[name].lasts_unit == CYCLES else 1.0)
+        row["limit"], row["follows"] = watch.limit, CONSEQUENCES.get(watch.follows, OFF)
         row["lasts_ns"] = max(0, round(seconds * NANOSECONDS) - 1)  # ticks are rounded down to a nanosecond
-        row["follows"] = CONSEQUENCES[follows or monitor.follows]
