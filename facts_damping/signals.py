@@ -112,6 +112,7 @@ SUPERVISION = np.dtype(
         ("probe_coherence", "f8"),
         ("added_damping", "f8"),  # 1/s, what the probe says that the controller takes from the mode's growth rate
         ("phase_margin", "f8"),  # rad, by which it may be late or early until it adds none
+        ("gain_margin", "f8"),  # of its gain: the factor at which the mode neither fades nor grows; NaN: none
     ]
 )
 

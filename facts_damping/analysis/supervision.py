@@ -186,6 +186,7 @@ def _probe(rows: NDArray[Any], mode_hz: float | None) -> dict[str, Any] | None:
         "added_damping_per_s": row["added_damping"],
         "phase_margin_deg": margin,
         "delay_margin_ms": delay,
+        "gain_margin": row["gain_margin"],
     }
     return {name: float(value) if math.isfinite(value) else None for name, value in told.items()}
 
@@ -247,6 +248,8 @@ def probe_text(probe: Mapping[str, Any] | None) -> str:
     if probe["phase_margin_deg"] is not None:
         delay = "" if probe["delay_margin_ms"] is None else f" ({probe['delay_margin_ms']:.0f} ms)"
         texts.append(f"phase margin {probe['phase_margin_deg']:.0f} deg{delay}")
+    if probe["gain_margin"] is not None:
+        texts.append(f"gain margin {probe['gain_margin']:.2g}")
     return "; ".join(texts)
 
 

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 JOURNAL, FOLDER = "graphs.jsonl", "graphs"
 AT_ONCE = 2  # graphs: each is five processes and more, by the clock if need be
 KEYS = "keys.yaml"
-LOCKSTEP, REALTIME = "lockstep", "realtime"
 _computing = Lock()  # runs in process share what they have built
 SAME = ("time_ns", "delivered", "issued", "supervised", "supervision", "applied", "machines", "devices")
 
@@ -104,7 +103,7 @@ def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -
     blow = striking.Blow(real, drawn.start, float(lasts) if lasts else None)
     # What a forger says must change nothing: in lockstep no bit, by the clock no more than the clock does.
     paced = blow.kind in ("kill", "stop") or (blow.kind == "forge" and drawn.number % 2 == 1)
-    mode, more = REALTIME if paced else LOCKSTEP, dict[str, Any]()
+    mode, more = striking.REALTIME if paced else striking.LOCKSTEP, dict[str, Any]()
     if real.endswith("signed"):
         add_key(new_folder(folder) / KEYS)
         more["security"] = {"keys": str(folder / KEYS)}
@@ -127,10 +126,10 @@ def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -
         "refused": sum(struck.outcome.messages_refused.values()),
         "notes": struck.record.notes,
     }
-    return row | {name: applies(case, struck, computed, mode, blow.kind) for name, applies in OF_GRAPHS.items()}
+    return row | {name: applies(case, struck, computed, paced, blow.kind) for name, applies in OF_GRAPHS.items()}
 
 
-def recorded(case: Case, struck: Struck, _computed: Record, _mode: str, kind: str) -> bool:
+def recorded(case: Case, struck: Struck, _computed: Record, _paced: bool, kind: str) -> bool:
     """All is recorded, up to the end or to the loss of synchronism; who does not come back may say nothing.
 
     Nor may those that it serves.
@@ -141,15 +140,15 @@ def recorded(case: Case, struck: Struck, _computed: Record, _mode: str, kind: st
     return bool(whole) and not notes and struck.outcome.messages_lost == 0
 
 
-def as_computed(_case: Case, struck: Struck, computed: Record, mode: str, _kind: str) -> bool | None:
+def as_computed(_case: Case, struck: Struck, computed: Record, paced: bool, _kind: str) -> bool | None:
     """In lockstep the recording is the run in process, bit for bit."""
-    if mode != LOCKSTEP:
+    if paced:
         return None
     pairs = ((getattr(struck.record, name), getattr(computed, name)) for name in SAME)
     return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
 
 
-def nothing_forged_acts(_case: Case, struck: Struck, _computed: Record, _mode: str, kind: str) -> bool | None:
+def nothing_forged_acts(_case: Case, struck: Struck, _computed: Record, _paced: bool, kind: str) -> bool | None:
     """What acts is what supervisors passed on, and all that a forger said was refused, by who records, too."""
     if kind != "forge":
         return None
@@ -162,7 +161,7 @@ def nothing_forged_acts(_case: Case, struck: Struck, _computed: Record, _mode: s
     return acts <= passed and counted == struck.forged and causes <= {"publisher"}
 
 
-OF_GRAPHS: dict[str, Callable[[Case, Struck, Record, str, str], bool | None]] = {
+OF_GRAPHS: dict[str, Callable[[Case, Struck, Record, bool, str], bool | None]] = {
     "recorded": recorded,
     "as_computed": as_computed,
     "nothing_forged_acts": nothing_forged_acts,

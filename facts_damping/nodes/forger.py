@@ -26,9 +26,9 @@ from facts_damping.case.names import (
     served,
     supervisor_addresses,
 )
-from facts_damping.nodes.guard import PLANT
 from facts_damping.nodes.node import HEARING, SAYING, Voice, run_node
 from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.publishers import PLANT
 from facts_damping.nodes.recorder import TICK_END
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Spinner

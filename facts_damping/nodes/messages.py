@@ -48,6 +48,7 @@ TOLD = {
     "probe_coherence": "probe_coherence",
     "added_damping_per_s": "added_damping",
     "phase_margin_rad": "phase_margin",
+    "gain_margin": "gain_margin",
 }
 
 

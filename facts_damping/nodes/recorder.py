@@ -21,12 +21,12 @@ from facts_damping.case.names import (
 )
 from facts_damping.control.table import kind_of
 from facts_damping.nodes.cdr import Refused
-from facts_damping.nodes.guard import PLANT
 from facts_damping.nodes.member import RECORDER, Member
 from facts_damping.nodes.messages import Health, run_state
 from facts_damping.nodes.node import CHANGES, HEARING, HEARING_LATE, STATE, run_node
 from facts_damping.nodes.node import TOPIC as REFUSED
 from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.publishers import PLANT
 from facts_damping.nodes.spinning import HEARD_S, BeginAgain, told_to_stop
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.simulated import stamp_ns
@@ -124,7 +124,7 @@ class Recorder:
             begins = begins_a_run if waited and not unticked else None
             qos = HEARING_LATE if topic in LATE else HEARING
             self.guard.subscribe(kind, topic, partial(self.on_message, name), begins=begins, common=unticked, qos=qos)
-        self.guard.know_plant()
+        self.guard.who.know_plant()
         self.written = 0
         self.spinner = self.member.spin()
 
@@ -145,7 +145,7 @@ class Recorder:
         self.taken.append((information["source_timestamp"], sequence, topic, data))
         if topic == self.clock and len(data) >= STAMP_END:
             self.member.at_ns = stamp_ns(data)
-        if topic == self.run_state and self.guard.is_plant(information["publisher_gid"]["data"]):
+        if topic == self.run_state and self.guard.who.is_plant(information["publisher_gid"]["data"]):
             with suppress(Refused):
                 self.guard.on_run(*run_state(data))
 

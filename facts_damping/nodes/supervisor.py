@@ -37,11 +37,11 @@ from facts_damping.monitors import (
     cause_name,
 )
 from facts_damping.nodes.gathering import Gathering
-from facts_damping.nodes.guard import PLANT as PLANT_STATE
 from facts_damping.nodes.member import SUPERVISOR, Member
 from facts_damping.nodes.messages import ControllerStateMessage, Health, PlantStateMessage, SupervisorStateMessage
 from facts_damping.nodes.node import SAYING, graph_prefix, run_node
 from facts_damping.nodes.parameters import read_case, read_index, read_options
+from facts_damping.nodes.publishers import PLANT as PLANT_STATE
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import DELIVERY, DEVICE_TRUTH, NANOSECONDS, SETPOINT, SUPERVISION

@@ -34,7 +34,7 @@ class Campaign(ParameterModel):
     description: str = ""
     seed: int = quantity(0, "-", "seed of all draws", ge=0, le=2**31 - 1)
     draws: int = quantity(..., "-", "how many", ge=1, le=1_000_000)
-    graphs: int = quantity(0, "-", "how many draws are also made as real graphs", ge=0, le=10_000)
+    graphs: int = quantity(0, "-", "how many more draws are made as real graphs", ge=0, le=10_000)
     graph_duration: float = quantity(8.0, "s", "simulated time of these", gt=0, le=1e3)
     beds: dict[Name, Bed] = Field(..., min_length=1, description="name: a run; each is drawn as often as the others")
     faults: dict[Name, float] = Field({}, description="fault: how often beside the others; without: all, equally often")

@@ -241,6 +241,7 @@ def supervision(sources: Sequence[Series], controllers: Sequence[str]) -> NDArra
                     probe_coherence=message.probe_coherence,
                     added_damping=message.added_damping_per_s,
                     phase_margin=message.phase_margin_rad,
+                    gain_margin=message.gain_margin,
                 )
             )
     table = _joined(parts, SUPERVISION)

@@ -50,6 +50,7 @@ FIELDS: dict[str, dict[str, str]] = {
             "probe_coherence",
             "added_damping_per_s",
             "phase_margin_rad",
+            "gain_margin",
         ),
         "float64",
     ),

@@ -132,11 +132,12 @@ def fresh_loop(case: Case, *, outside: bool = False) -> loop.Loop:
 
 def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
     """What is kept under a key, made if it is not there; the oldest goes when there are too many."""
-    if key not in kept:
+    found = kept.get(key)
+    if found is None:
         if len(kept) >= MOST_SHARED:
             kept.pop(next(iter(kept)), None)
-        kept[key] = make()
-    return kept[key]
+        found = kept[key] = make()
+    return found
 
 
 def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:

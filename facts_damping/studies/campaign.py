@@ -114,9 +114,14 @@ def _chosen(bed: Bed, labels: dict[str, str]) -> dict[str, Any]:
 
 
 def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
-    """How often each fault is drawn; those that are only real are drawn for graphs alone."""
+    """How often each fault is drawn; for `real` graphs those that are done to nodes as often as all others together."""
     given = campaign.faults or {name: 1.0 for name in FAULTS if name != NOTHING}
     found = {name: weight for name, weight in given.items() if real or name not in ONLY_REAL}
+    if real:
+        done = sum(weight for name, weight in found.items() if FAULTS[name].real)
+        others = sum(found.values()) - done
+        more = max(1.0, others / done) if done else 1.0
+        found = {name: weight * (more if FAULTS[name].real else 1.0) for name, weight in found.items()}
     failing = sum(weight for name, weight in found.items() if name != NOTHING)
     healthy = campaign.healthy / (1.0 - campaign.healthy) * failing if campaign.healthy < 1.0 else 1.0
     return {NOTHING: healthy, **({} if campaign.healthy == 1.0 else found)} if campaign.healthy else found

@@ -110,7 +110,7 @@ def tell(made: Supervisors, state: SupervisorState, s: int, tick: int, told: Any
     for m in range(row.values.size):
         told.values[m] = row.values[m]
     told.probe_gain = told.probe_phase = told.probe_coherence = math.nan
-    told.added_damping = told.phase_margin = math.nan
+    told.added_damping = told.phase_margin = told.gain_margin = math.nan
     added, worst = 0j, -1.0
     for d in range(made.devices.shape[1]):
         found = state.commanded[s, d]
@@ -124,4 +124,5 @@ def tell(made: Supervisors, state: SupervisorState, s: int, tick: int, told: Any
     if worst >= 0.0:
         told.added_damping = -added.real
         told.phase_margin = math.pi / 2.0 - abs(cmath.phase(-added)) if abs(added) > 0.0 else math.nan
+        told.gain_margin = -own.sigma / added.real if added.real * own.sigma < 0.0 else math.nan
     return True

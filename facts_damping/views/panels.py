@@ -177,7 +177,11 @@ def _supervisor(case: Case, c: int, here: str, spoken: dict[str, str]) -> list[T
     topic, name = f"{here}/state", here.rpartition("/")[2]
     words = [Curve(topic, field, field, number=False) for field in ("state", "cause", "refused")]
     probe = {"probe_gain": "gain", "probe_phase_rad": "phase, rad", "probe_coherence": "coherence"}
-    worth = {"added_damping_per_s": "added damping, 1/s", "phase_margin_rad": "phase margin, rad"}
+    worth = {
+        "added_damping_per_s": "added damping, 1/s",
+        "phase_margin_rad": "phase margin, rad",
+        "gain_margin": "gain margin, a factor",
+    }
     panels = [
         Panel("state", words, STATES),
         Panel("share of the newest change", [Curve(topic, "share", "share")]),

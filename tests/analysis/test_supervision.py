@@ -43,7 +43,7 @@ def told(ticks: int, **changes: Any) -> Any:
     made = np.zeros(ticks, SUPERVISION)
     made["tick"], made["state"], made["share"] = np.arange(ticks), SHADOW, 1.0
     made["cause"] = made["refused"] = NO_CAUSE
-    for name in ("probe_gain", "probe_phase", "probe_coherence", "added_damping", "phase_margin"):
+    for name in ("probe_gain", "probe_phase", "probe_coherence", "added_damping", "phase_margin", "gain_margin"):
         made[name] = np.nan
     for name, value in changes.items():
         made[name] = value
@@ -152,7 +152,7 @@ def test_the_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:
     own = told(1200)
     own["probe_gain"][60:], own["probe_gain"][600:] = 2.0, 1.1
     own["probe_phase"][60:], own["probe_coherence"][60:] = 0.1, 0.9
-    own["added_damping"][60:], own["phase_margin"][60:] = 0.2, math.pi / 3
+    own["added_damping"][60:], own["phase_margin"][60:], own["gain_margin"][60:] = 0.2, math.pi / 3, 0.25
     found = watched(own)["probe"]
     assert found == pytest.approx(
         {
@@ -162,12 +162,16 @@ def test_the_newest_probe(watched: Callable[[Any], dict[str, Any]]) -> None:
             "added_damping_per_s": 0.2,
             "phase_margin_deg": 60.0,
             "delay_margin_ms": 1e3 / 3,  # of 0.5 Hz
+            "gain_margin": 0.25,
         }
     )
     texts = dict(rows([{"supervision": [watched(own)]}, {}]))
     assert texts["controller_0_LLC"] == ["shadow to the end", "-"]
     assert texts["controller_0_LLC probe"] == [
-        "1.10 times the known answer, +6 deg; coherence 0.90; adds 0.2 1/s of damping; phase margin 60 deg (333 ms)",
+        (
+            "1.10 times the known answer, +6 deg; coherence 0.90; adds 0.2 1/s of damping; "
+            "phase margin 60 deg (333 ms); gain margin 0.25"
+        ),
         "-",
     ]
 

@@ -26,10 +26,11 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import DEGRADED
 from facts_damping.nodes import graph, recorder
 from facts_damping.nodes.cdr import Refused
-from facts_damping.nodes.guard import KNOW_S, Guard
+from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.messages import Estimates, state_message
 from facts_damping.nodes.node import HEARING, HEARING_LATE
 from facts_damping.nodes.parameters import Options
+from facts_damping.nodes.publishers import KNOW_S
 from facts_damping.nodes.refusals import MOST, TELL_S
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
@@ -87,7 +88,7 @@ class Listener:
         self.told: list[bytes] = []
         self.guard = Guard(node, CASE, options(realtime), say=self.told.append)
         self.guard.subscribe(PmuDataFrame, "topic", lambda *message: self.came.append(message), read, newest)
-        (self.heard,) = self.guard._topics
+        (self.heard,) = self.guard.who.topics
         self.heard.publisher = OWN
         self.sent = 0
 
@@ -169,8 +170,8 @@ def test_the_place_of_one_that_has_left_is_free_in_real_time(
 ) -> None:
     one = Listener(node, sound, realtime)
     one.guard.hear_run()
-    one.guard._topics[1].publisher = PLANT
-    one.guard._publishers = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
+    one.guard.who.topics[1].publisher = PLANT
+    one.guard.who.of = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
     assert one.send(b"0")
     assert not one.send(b"odd", FOREIGN)
     time.sleep(2 * KNOW_S)
@@ -185,9 +186,9 @@ def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Nod
     one = Listener(node, ticks, realtime=True)
     said: list[bytes] = []
     one.guard.subscribe(DiagnosticArray, "/diagnostics", lambda data, _: said.append(data), common=True)
-    heard = one.guard._topics[1]
+    heard = one.guard.who.topics[1]
     for there, data in (([OWN], b"a"), ([FOREIGN], b"b")):
-        one.guard._publishers = lambda _, there=there: there  # type: ignore[method-assign, misc]
+        one.guard.who.of = lambda _, there=there: there  # type: ignore[method-assign, misc]
         one.guard.take(heard, data, information(FOREIGN[:12] + bytes(4), len(said) + 1))
         time.sleep(2 * KNOW_S)
     assert said == [b"b"]
@@ -196,8 +197,8 @@ def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Nod
 def test_nobody_succeeds_the_plant(node: Node) -> None:
     one = Listener(node, ticks, realtime=True)
     one.guard.hear_run()
-    one.guard._topics[1].publisher = OWN[:12] + bytes(4)
-    one.guard._publishers = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
+    one.guard.who.topics[1].publisher = OWN[:12] + bytes(4)
+    one.guard.who.of = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
     assert one.send(b"0")
     assert not one.send(b"1", FOREIGN)
 
@@ -205,7 +206,7 @@ def test_nobody_succeeds_the_plant(node: Node) -> None:
 def test_what_others_than_the_plant_say_of_errors_is_passed_over(node: Node, capsys: Any) -> None:
     one = Listener(node, ticks)
     one.guard.hear_run()
-    _, plant, heard = one.guard._topics
+    _, plant, heard = one.guard.who.topics
     plant.publisher = PLANT
     said = serialize_message(state_message(RunState.ENDED, 300, 5 * 10**9, "synchronism lost at 5.000 s", False))
     for publisher, let in ((FOREIGN, False), (PLANT[:12] + bytes(4), True)):

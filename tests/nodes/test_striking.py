@@ -30,8 +30,8 @@ def test_a_simulated_fault_gives_the_bits_of_the_in_process_run(domain: int, tmp
     case = load_case(RUN, ["duration=4", "controllers.0.faults=[{kind: wrong_sign, start: 1.5}]"])
     struck = strike(case, LOCKSTEP, tmp_path, NOTHING, domain)
     computed = loop.run(case)
-    assert campaign_graphs.as_computed(case, struck, computed, LOCKSTEP, "")
-    assert campaign_graphs.recorded(case, struck, computed, LOCKSTEP, "")
+    assert campaign_graphs.as_computed(case, struck, computed, False, "")
+    assert campaign_graphs.recorded(case, struck, computed, False, "")
     assert (struck.struck_s, struck.forged) == (None, {})
 
 
@@ -42,8 +42,8 @@ def test_without_its_supervisor_the_device_lets_go(domain: int, tmp_path: Path) 
     assert struck.struck_s == pytest.approx(1.5, abs=0.3)
     assert_let_go(case, struck.record)
     assert [name for name, holds in ALONE.items() if not holds(case, struck.record)] == []
-    assert campaign_graphs.recorded(case, struck, struck.record, REALTIME, "kill")
-    assert not campaign_graphs.recorded(case, struck, struck.record, REALTIME, "")
+    assert campaign_graphs.recorded(case, struck, struck.record, True, "kill")
+    assert not campaign_graphs.recorded(case, struck, struck.record, True, "")
     assert nodes_left(tmp_path) == []
 
 
@@ -53,8 +53,8 @@ def test_what_is_forged_with_the_graphs_key_changes_no_bit(domain: int, tmp_path
     case = load_case(RUN, ["duration=4", f"security.keys={keys}", "controllers.0.name=ANFLeC"])
     struck = strike(case, LOCKSTEP, tmp_path / "out", Blow("forge signed", 1.5, None), domain)
     computed = loop.run(case)
-    assert campaign_graphs.as_computed(case, struck, computed, LOCKSTEP, "forge")
-    assert campaign_graphs.nothing_forged_acts(case, struck, computed, LOCKSTEP, "forge")
+    assert campaign_graphs.as_computed(case, struck, computed, False, "forge")
+    assert campaign_graphs.nothing_forged_acts(case, struck, computed, False, "forge")
     assert struck.forged["supervisor_0_ANFLeC/supervised"] == struck.forged["pmu/frames"] == 90
     assert nodes_left(tmp_path) == []
 

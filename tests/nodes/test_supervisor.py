@@ -246,6 +246,17 @@ def test_a_fallback_takes_over_from_a_controller_that_leaves_in_real_time(
     assert record.devices["released"][-1] == 0.0
 
 
+def _arm_again(run: Graph, plant: Any, client: Callable[..., Any]) -> None:
+    """As an operator does; on a loaded machine a device may let go once more in between."""
+    while True:
+        assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
+        run.run_until(ticks(plant) + 10)
+        armed = client(Trigger, "/supervisor/arm", Trigger.Request())
+        if armed.success:
+            return
+        assert armed.message.startswith("not armed: device "), armed.message
+
+
 def test_a_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_by_an_operator(
     start: Callable[..., Any], client: Callable[..., Any], tmp_path: Path
 ) -> None:
@@ -264,10 +275,7 @@ def test_a_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_b
     run.run_until(killed + 220)
     refused = client(Trigger, "/supervisor/arm", Trigger.Request())
     assert refused.message.startswith("not armed: device (devices that are blocked, or released by their watchdog)")
-    assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success
-    run.run_until(ticks(plant) + 10)
-    armed = client(Trigger, "/supervisor/arm", Trigger.Request())
-    assert armed.success, armed.message
+    _arm_again(run, plant, client)
     record = run.finish()
     assert say(second) == ""
     own = [(one["kind"], one["tick"]) for one in record.changes if one["role"] == "supervisor"]

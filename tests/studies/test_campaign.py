@@ -186,3 +186,22 @@ def test_healthy_is_the_share_in_which_nothing_fails() -> None:
     for share in (0.0, 0.25, 1.0):
         own = campaign.weights(Campaign.model_validate({"draws": 1, "beds": beds, "healthy": share}))
         assert own.get("none", 0.0) / sum(own.values()) == pytest.approx(share)
+
+
+def test_of_graphs_one_fault_in_two_is_done_to_a_node(small: Path) -> None:
+    """Those that only say something forged, too; of a campaign that has such faults."""
+    own = campaign.weights(campaign.plan(str(small)).campaign, real=True)
+    assert set(ONLY_REAL) < set(own)
+    assert sum(weight for name, weight in own.items() if FAULTS[name].real) == pytest.approx(sum(own.values()) / 2)
+    small.write_text(SMALL + "faults: {biased: 1, hung: 3}")
+    assert campaign.weights(campaign.plan(str(small)).campaign, real=True) == {"biased": 1.0, "hung": 3.0}
+
+
+def test_a_dask_cluster_makes_the_same_draws(small: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0") as cluster:
+        out = str(tmp_path / "dask")
+        assert main(["campaign", str(small), "--scheduler", cluster.scheduler_address, "--out", out]) == 0
+    lines = [json.loads(line) for line in (tmp_path / "dask" / campaign.JOURNAL).read_text().splitlines()[1:]]
+    made = sorted((line["row"] for line in lines), key=lambda row: row["number"])
+    assert made == carried_out(small, tmp_path / "here")

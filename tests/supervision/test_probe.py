@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 from facts_damping.case.loading import load_case
 from facts_damping.monitors import STATES, cause_name
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import plant_residues
+from facts_damping.studies.linear_closed_loop import delayed_loop, eigen, sampled
 from facts_damping.supervision.model import UNKNOWNS
 from facts_damping.supervision.probe import fit
 
@@ -140,6 +142,20 @@ def test_what_a_probe_says_of_damping_is_what_the_controller_adds() -> None:
     assert 0.1 < good["added_damping"] < 0.3
     assert good["added_damping"] == pytest.approx(-turned["added_damping"], rel=0.02)
     assert good["phase_margin"] > 0.0 > turned["phase_margin"]
+    assert math.isnan(turned["gain_margin"])
+
+
+@pytest.mark.parametrize(("sets", "gain"), [(QUIET, 5.0), (SMIB, -2.0)])
+def test_the_margin_of_gain_is_that_of_the_linear_loop(sets: list[str], gain: float) -> None:
+    """A mode that grows needs a part of the gain, one that fades bears some of the wrong sign."""
+    told, *_ = probed(*sets, f"controllers.0.parameters.gain={gain}")
+
+    def growth(factor: float) -> float:
+        made = delayed_loop(load_case(None, [*sets, f"controllers.0.parameters.gain={factor * gain}"]))
+        modes = eigen(made, sampled(made, 0.0)).values
+        return max(float(mode.real) for mode in modes if abs(mode.imag - omega(*sets)) < 1.0)
+
+    assert told["gain_margin"] == pytest.approx(brentq(growth, 0.1, 5.0, xtol=0.01), rel=0.1)
 
 
 @given(seed=st.integers(0, 2**32 - 1), first=st.sampled_from([0, 2]), alike=st.booleans())
