@@ -76,6 +76,10 @@ pages: demo
 	for study in $(QUOTED); do $(BIN)/facts-damping sweep $$study --out $(PAGES)/$$study || exit 1; done
 	$(BIN)/facts-damping campaign do_no_harm --out $(PAGES)/do_no_harm
 	cp $(PAGES)/do_no_harm/page.md docs/do_no_harm.md
+	$(BIN)/facts-damping campaign wrong_control --out $(PAGES)/wrong_control
+	cp $(PAGES)/wrong_control/page.md docs/wrong_control.md
+	$(BIN)/facts-damping campaign healthy --out $(PAGES)/healthy
+	cp $(PAGES)/healthy/page.md docs/false_trips.md
 	$(BIN)/facts-damping reproduce --out $(PAGES)/reproduction
 	cd docs/images && for picture in */*; do cp ../../$(PAGES)/$$picture $$picture || exit 1; done
 

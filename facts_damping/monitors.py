@@ -14,7 +14,6 @@ COMMANDS = {"arm": ARM, "disarm": DISARM, "reset": RESET, "probe": PROBE}  # wha
 OFF, WARN, FALL_BACK, TRIP = range(4)
 CONSEQUENCES = {"warn": WARN, "fall_back": FALL_BACK, "trip": TRIP}
 
-FALLING_BACK = "fall_back"
 CYCLES = "cycles"  # of the mode that a supervisor watches
 
 
@@ -34,7 +33,7 @@ class Monitor(NamedTuple):
 
 
 def _data(description: str, unit: str, limit: float, low: float, high: float, lasts: float, reason: str) -> Monitor:
-    return Monitor("data", description, unit, limit, low, high, lasts, "s", FALLING_BACK, reason)
+    return Monitor("data", description, unit, limit, low, high, lasts, "s", "fall_back", reason)
 
 
 # In the order of their codes (supervision/monitors.py).
@@ -107,7 +106,7 @@ MONITORS = {
     "silent": Monitor(
         "controller",
         "since frames have come that the controller has not answered: it hangs, has died, or needs more than a frame",
-        "s", 0.16, 0.01, 60.0, 0.0, "s", FALLING_BACK,
+        "s", 0.16, 0.01, 60.0, 0.0, "s", "fall_back",
         "less than the 0.2 s after which the device lets go by itself",
     ),
     "non_finite": Monitor(
@@ -153,10 +152,11 @@ MONITORS = {
         "grid",
         "how much faster the oscillation grows, or slower it fades, than without control: the least of three cycles, "
         "while the output is above a fifth of its limit",
-        "1/s", 0.15, 0.0, 10.0, 0.2, CYCLES, "trip",
+        "1/s", 0.15, 0.0, 10.0, 0.4, CYCLES, "trip",
         "three cycles, as at the Pacific DC Intertie; beside the plant's own rate, so that an oscillation that control "
         "sustains counts where there would be none, and one that it contains does not. Chosen on 3,000 draws of "
-        "training: of the controllers that do harm with nothing else amiss it finds 92 %",
+        "training: of 40 controllers that do harm with nothing else amiss it finds 38. If it need not last, it trips a "
+        "lead-lag that just holds a grid which has lost a line",
     ),
     "frequency": Monitor(
         "grid",

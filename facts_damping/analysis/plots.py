@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.pictures import PICTURES, Curve, Panel, Picture
-from facts_damping.analysis.supervision import trips
+from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.errors import InputError, check_known
 from facts_damping.signals import NANOSECONDS
 from facts_damping.terminal import save_picture
@@ -203,7 +203,8 @@ def _events(record: Record, nearby: float) -> list[tuple[float, str]]:
     grouped: list[tuple[float, float, str]] = []
     span = record.time_s[-1] - record.time_s[0]
     told = [(event["time_ns"] / NANOSECONDS, str(event["kind"])) for event in record.events]
-    for time, kind in sorted([*told, *trips(record)]):
+    told += [(time, f"tripped: {cause}") for time, _, cause in trips(supervision(record))]
+    for time, kind in sorted(told):
         if time > record.time_s[-1]:
             continue
         if grouped and time - grouped[-1][1] <= nearby * span:

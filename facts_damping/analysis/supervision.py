@@ -253,10 +253,14 @@ def probe_text(probe: Mapping[str, Any] | None) -> str:
     return "; ".join(texts)
 
 
-def trips(record: Record) -> list[tuple[float, str]]:
-    """Time (s) and cause of every trip, in words, for pictures."""
-    found = [row for rows in supervised(record).values() for row in _changes(record, rows)]
-    return [(row["time_s"], f"tripped: {row['cause']}") for row in found if row["state"] == STATES[TRIPPED]]
+def trips(told: Sequence[Mapping[str, Any]]) -> list[tuple[float, str, str]]:
+    """Time (s), controller and cause of every trip in what supervisors did."""
+    return [
+        (row["time_s"], one["controller"], row["cause"])
+        for one in told
+        for row in one["changes"]
+        if row["state"] == STATES[TRIPPED]
+    ]
 
 
 def tripped_texts(told: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -70,7 +70,7 @@ class SupervisorNode:
         """Read parameters, build the supervisor, wire the topics."""
         self.case, self.options = read_case(node), read_options(node)
         addresses = supervisor_addresses(self.case)
-        self.index = read_index(node, addresses, "controllers with a supervisor")
+        self.index = read_index(node, addresses, "supervised controllers")
         self.own = list(addresses).index(self.index)
         self.made, self.state = build_supervisors(self.case)
         address, controller = addresses[self.index], self.case.controllers[self.index]

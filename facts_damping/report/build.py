@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.monitors import STATES, TRIPPED
+from facts_damping.analysis.supervision import trips
 from facts_damping.report import tables
 from facts_damping.report.charts import charts, modes
 from facts_damping.report.contents import Report, Section
@@ -82,11 +82,9 @@ def _trips(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
     """Time (s) of each trip of a controller, in words."""
     several = len(runs) > 1
     return [
-        (round(row["time_s"], 3), f"{run.name}: " * several + f"{one['controller']} tripped by {row['cause']}")
+        (round(time, 3), f"{run.name}: " * several + f"{controller} tripped by {cause}")
         for run in runs
-        for one in run.summary.get("supervision") or ()
-        for row in one["changes"]
-        if row["state"] == STATES[TRIPPED]
+        for time, controller, cause in trips(run.summary.get("supervision") or ())
     ]
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from facts_damping.analysis.summary import summarise
 from facts_damping.analysis.verdict import DAMPED
 from facts_damping.case.loading import changed_case, read_run
+from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
 from facts_damping.monitors import MONITORS
 from facts_damping.parameters.campaign import Campaign
@@ -37,8 +38,7 @@ if TYPE_CHECKING:
 
 JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
 GRAPH_AFTER_S = 3.0  # a graph's fault begins at least so long before its end
-UNSUPERVISED: dict[str, Any] = {"supervision": None, "arm_at": None}
-UNCONTROLLED: dict[str, Any] = {"controllers": [], **UNSUPERVISED}
+UNCONTROLLED: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None}
 
 _uncontrolled: dict[str, Record] = {}
 
@@ -101,11 +101,9 @@ def _content(bed: Bed) -> tuple[dict[str, Any], str]:
 
 
 def _case(made: Plan, bed: str, changes: dict[str, Any]) -> Case:
-    """The case of a bed with changes; where it is not supervised, without fallbacks."""
-    content, source = deepcopy(made.contents[bed][0]), made.contents[bed][1]
-    if "supervision" in changes and changes["supervision"] is None:
-        content["controllers"] = [one for one in content.get("controllers", [{}]) if one.get("fallback_of") is None]
-    return changed_case(content, source, {**made.campaign.beds[bed].set, **changes})
+    """The case of a bed with changes."""
+    content, source = made.contents[bed]
+    return changed_case(deepcopy(content), source, {**made.campaign.beds[bed].set, **changes})
 
 
 def _chosen(bed: Bed, labels: dict[str, str]) -> dict[str, Any]:
@@ -179,9 +177,7 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
         reference = uncontrolled(made, drawn)
         row |= judged(case, batch.closed_loop(case), reference, drawn)
         if made.campaign.unsupervised:
-            row |= unsupervised(
-                batch.closed_loop(_case(made, drawn.bed, {**_bare(drawn.changes), **UNSUPERVISED})), reference
-            )
+            row |= without_supervision(batch.closed_loop(unsupervised(case)), reference)
         if drawn.fault == NOTHING and made.campaign.unsupervised:
             row["sound"] = bool(row["unsupervised_damped"] and row["reversals"] <= MONITORS["reversals"].limit)
     except FactsDampingError as error:
@@ -191,12 +187,7 @@ def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
     return str(number), row
 
 
-def _bare(changes: dict[str, Any]) -> dict[str, Any]:
-    """Changes of a run that is not supervised: nothing below what it has not."""
-    return {path: value for path, value in changes.items() if not path.startswith(("supervision", "arm_at"))}
-
-
-def unsupervised(record: Record, reference: Record) -> dict[str, Any]:
+def without_supervision(record: Record, reference: Record) -> dict[str, Any]:
     """Figures of a draw without supervision, beside no control; whether it is damped, and not worse for control."""
     told = invariants.beside(record, reference)
     found = {f"unsupervised_{name}": told[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}

@@ -69,31 +69,34 @@ def _accepted(record: Record, d: int, v_max: float, max_age: float) -> NDArray[n
     return np.asarray(rows["effective_ns"][fit])
 
 
+def _first_trips(record: Record) -> dict[int, int]:
+    """By supervised controller that was tripped: the tick from which it is."""
+    tripped = record.supervision[record.supervision["state"] == TRIPPED]
+    controllers, first = np.unique(tripped["controller"], return_index=True)
+    return dict(zip(controllers.tolist(), tripped["tick"][first].tolist(), strict=True))
+
+
+def _ramp(case: Case) -> float:
+    """How long a trip takes, s."""
+    return case.supervision.arming.trip_ramp if case.supervision else 0.0
+
+
 def zero_after_trip(case: Case, record: Record) -> bool:
     """Once tripped, and its ramp over, a supervisor says zero to the end of the run, also if it has begun again."""
-    ramp = case.supervision.arming.trip_ramp if case.supervision else 0.0
-    for c in np.unique(record.supervision["controller"]):
-        own = record.supervision[record.supervision["controller"] == c]
-        tripped = own[own["state"] == TRIPPED]
-        if not len(tripped):
-            continue
-        after = (int(tripped["tick"][0]) / record.frame_rate + ramp) * NANOSECONDS + 2 * NANOSECONDS / record.frame_rate
-        rows = record.supervised[(record.supervised["controller"] == c) & (record.supervised["issued_ns"] > after)]
-        acts_again = np.isin(own["state"][own["tick"] >= tripped["tick"][0]], (ARMED, FALLBACK))
-        if np.any(rows["value"] != 0.0) or acts_again.any():
+    told, said = record.supervision, record.supervised
+    for c, tick in _first_trips(record).items():
+        after = (tick / record.frame_rate + _ramp(case)) * NANOSECONDS + 2 * NANOSECONDS / record.frame_rate
+        acts = said["value"][(said["controller"] == c) & (said["issued_ns"] > after)] != 0.0
+        states = told["state"][(told["controller"] == c) & (told["tick"] >= tick)]
+        if acts.any() or np.isin(states, (ARMED, FALLBACK)).any():
             return False
     return True
 
 
 def device_at_zero(case: Case, record: Record) -> bool:
     """Once tripped the device itself is at zero, when what was under way has arrived."""
-    ramp = (case.supervision.arming.trip_ramp if case.supervision else 0.0) + SETTLED_S
-    tripped = record.supervision[record.supervision["state"] == TRIPPED]
-    if not len(tripped):
-        return True
-    first = {int(c): int(tripped["tick"][tripped["controller"] == c][0]) for c in np.unique(tripped["controller"])}
-    for c, tick in first.items():
-        late = record.time_s > tick / record.frame_rate + ramp
+    for c, tick in _first_trips(record).items():
+        late = record.time_s > tick / record.frame_rate + _ramp(case) + SETTLED_S
         for name in case.controllers[c].devices:
             if np.any(np.abs(record.devices["reference"][late, case.run.devices.index(name)]) > TOLERANCE):
                 return False

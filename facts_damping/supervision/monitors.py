@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.compiling import inner
 from facts_damping.control.compensation import phasor
 from facts_damping.control.inputs import TURN, UNSET
-from facts_damping.monitors import ARMED, BAD, FALLBACK
+from facts_damping.monitors import ARMED, BAD, FALL_BACK, FALLBACK
 from facts_damping.signals import CHANNELS
 from facts_damping.supervision.model import CONTROLLER, CYCLES_KEPT
 from facts_damping.supervision.probe import gain_of
@@ -237,7 +237,7 @@ def _count_turns_anew(made: Supervisors, state: SupervisorState, s: int) -> None
 def unsound(made: Supervisors, state: SupervisorState, s: int) -> bool:
     """Whether a monitor of data that would have it fall back, or trip, is beyond its limit."""
     for m in range(LAST_OF_DATA + 1):
-        if made.thresholds[s, m].follows > 1 and state.rows[s].values[m] > made.thresholds[s, m].limit:
+        if made.thresholds[s, m].follows >= FALL_BACK and state.rows[s].values[m] > made.thresholds[s, m].limit:
             return True
     return False
 

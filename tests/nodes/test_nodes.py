@@ -88,7 +88,7 @@ def test_parameters_have_description_unit_and_range(start: Any, client: Any) -> 
         ("plant_sim", {"mode": "warp"}, "mode: 'warp' given; allowed: free, lockstep, realtime"),
         ("controller", {"set": "[controllers.0.name=HBsWC]", "width": 4.9}, "width: 4.9 given; allowed: the run's"),
         ("identifier", {}, "index: 0 given; allowed: none: no such controller"),
-        ("supervisor", {}, "index: 0 given; allowed: none: no such controller"),
+        ("supervisor", {}, "index: 0 given; allowed: none: no such supervised controller"),
         ("wan_link", {"link": "wet_string"}, "allowed: csg, delay_100ms, fibre, ideal"),
         ("wan_link", {"set": "[link.up.0.delay=-1]"}, "link.up.0.delay: -1 given"),
         ("controller", {"index": 7}, "index: 7 given; allowed: 0"),
