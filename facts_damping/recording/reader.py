@@ -104,7 +104,8 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     topics = _topics(content, bool(configuration.get("controllers")))
     messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
     epoch.take_off(messages, topics["state"], configuration.get("frame_rate"))
-    sift(messages, topics, expected(configuration), notes)
+    of = expected(configuration)
+    sift(messages, topics, of, notes)
     found = {
         kind: [_series(topic, messages[topic], kind in SETPOINTS, notes) for topic in names]
         for kind, names in topics.items()
@@ -119,7 +120,8 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     first, last = int(ticks[0]), int(ticks[-1])
     cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
     plant = {kind: decode.select(cut[kind][0], ticks) for kind in REQUIRED}
-    stations = decode.names_of(plant["frames"].blocks, "frames", "station")
+    # In the run's order, also where one reports late, or never.
+    stations = list(of.names.get("station") or decode.names_of(plant["frames"].blocks, "frames", "station"))
     devices = decode.names_of(plant["state"].blocks, "devices", "device")
     machines = decode.names_of(plant["state"].blocks, "machines", "machine")
     controllers, issued = _controllers(cut["issued"], cut["applied"])

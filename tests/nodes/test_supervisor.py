@@ -61,7 +61,11 @@ NETWORKS: list[dict[str, object]] = [
 ]
 NETWORKS[1]["faults"] = [{"kind": "weights", "start": 1.5}, {"kind": "dead", "start": 2.0, "duration": 0.3}]
 GRAPHS = {
-    "fallback by a link of its own": [*FALLBACK, f"link={json.dumps({'up': OUTAGE})}"],
+    "fallback by a link of its own": [
+        *FALLBACK,
+        f"link={json.dumps({'up': OUTAGE})}",
+        "measurement.stations={G2: {clock: {offset: -0.002}}}",  # whose first frame is of before the run
+    ],
     "two networks in namespaces": [
         f"controllers={json.dumps(NETWORKS)}",
         "devices=[sssc, statcom]",
