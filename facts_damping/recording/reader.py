@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from facts_damping.recording.columns import Block
     from facts_damping.recording.content import Content
     from facts_damping.recording.decode import Series
+    from facts_damping.recording.sifting import Expected
 
 # What is read: name here, type of message, end of the topic's name. Every controller has its `/setpoints`, every link
 # its `/pmu/delivered` and `/setpoints/delivered`.
@@ -120,10 +121,9 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     first, last = int(ticks[0]), int(ticks[-1])
     cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
     plant = {kind: decode.select(cut[kind][0], ticks) for kind in REQUIRED}
-    # In the run's order, also where one reports late, or never.
-    stations = list(of.names.get("station") or decode.names_of(plant["frames"].blocks, "frames", "station"))
-    devices = decode.names_of(plant["state"].blocks, "devices", "device")
-    machines = decode.names_of(plant["state"].blocks, "machines", "machine")
+    stations = _named(of, "station", plant["frames"], "frames")
+    devices = _named(of, "device", plant["state"], "devices")
+    machines = _named(of, "machine", plant["state"], "machines")
     controllers, issued = _controllers(cut["issued"], cut["applied"])
     applied = decode.setpoints(cut["applied"], controllers, devices)
     state = plant["state"]
@@ -288,6 +288,11 @@ def _check_end(
     duration = configuration.get("duration")
     of = f" of {duration:g} s" if isinstance(duration, int | float) else ""
     notes.append(f"the end is missing: the record ends with tick {ticks[-1]} at {end:.3f} s{of}")
+
+
+def _named(of: Expected, kind: str, found: Series, entries: str) -> list[str]:
+    """Stations, devices or machines in the run's order, also where one reports late, or never; else as they appear."""
+    return list(of.names.get(kind) or decode.names_of(found.blocks, entries, kind))
 
 
 def _controllers(issued: Sequence[Series], applied: Sequence[Series]) -> tuple[list[str], list[Series]]:

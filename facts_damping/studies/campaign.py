@@ -112,7 +112,10 @@ def _chosen(bed: Bed, labels: dict[str, str]) -> dict[str, Any]:
 
 
 def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
-    """How often each fault is drawn; for `real` graphs those that are done to nodes as often as all others together."""
+    """How often each fault is drawn.
+
+    For `real` graphs those that are done to nodes as often as all others together; some are drawn for graphs alone.
+    """
     given = campaign.faults or {name: 1.0 for name in FAULTS if name != NOTHING}
     found = {name: weight for name, weight in given.items() if real or name not in ONLY_REAL}
     if real:
