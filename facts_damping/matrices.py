@@ -209,3 +209,9 @@ def eigenvalue_near(
     for _ in range(STEPS):
         right, left = (v / v[np.argmax(np.abs(v))] for v in (solve(shifted, right), solve(shifted.T, left)))
     return complex(product(left, a, right) / product(left, right)), right, left
+
+
+def root(gramian: NDArray[np.float64]) -> NDArray[np.float64]:
+    """S of S S^T = P, P symmetric and not negative."""
+    axes, values, _ = singular((gramian + gramian.T) / 2.0)
+    return axes * np.sqrt(values)

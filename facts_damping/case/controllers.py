@@ -35,10 +35,11 @@ def filled(
     frame_rate: int,
     latency: float = 0.0,
     measurement: str = "ideal",
+    tuning: str = "thesis",
 ) -> Controller:
     """A controller with scheme, all parameters, weights and law: the table's, then the system's tuned, then its own.
 
-    `latency`: s, of its PMUs' filter; `measurement`: which.
+    `latency`: s, of its PMUs' filter; `measurement`: which; `tuning`: the profile of what was tuned.
     """
 
     def where(field: str) -> str:
@@ -63,11 +64,12 @@ def filled(
     counts = sizes(controller)
     for name, value in () if row.program or row.node else controller.parameters.items():
         check_parameter(where(f"parameters.{name}"), name, value, row.parameters, counts)
-    known = tuned(system.name, controller.signals, controller.devices, measurement)
+    given = controller.signals, controller.devices
+    known = tuned(system.name, *given, measurement, tuning, controller.compensation)
     if controller.name == "LLC-tuned" and (controller.name, None) not in known and not controller.parameters:
         raise InputError(
             f"{where('name')}: 'LLC-tuned' given, which is not tuned for {system.name} with these signals and devices; "
-            f"allowed: LLC, or `facts-damping tune {system.name}` first"
+            f"allowed: LLC, or `facts-damping tune {system.name}` first (tuning: {tuning})"
         )
     own = defaults(row, controller.profile, *counts.values())
     values = {**own, **known.get((controller.name, scheme), {}), **controller.parameters}
@@ -157,23 +159,26 @@ def tuned(
     signals: list[str] | None = None,
     devices: list[str] | None = None,
     measurement: str = "ideal",
+    profile: str = "thesis",
+    compensation: str = "none",
 ) -> dict[tuple[str, str | None], dict[str, Value]]:
-    """Parameters that `facts-damping tune` chose for a system, by controller and scheme.
+    """Parameters that were chosen for a system in a profile, by controller and scheme.
 
     Known for the signals and devices alone that they were chosen with, by default those of a run; a lead-lag takes
-    the first of the signals. Those of the same `measurement` go before those of exact signals.
+    the first of the signals. Those of the same `measurement` go before those of exact signals, those chosen with the
+    same `compensation` before those without.
     """
-    own = Controller()
-    signals, devices = signals or own.signals, devices or own.devices
+    usual = Controller()
+    signals, devices = signals or usual.signals, devices or usual.devices
     found: dict[tuple[str, str | None], dict[str, Value]] = {}
-    fitting = list(map(_read_tuned, files.shipped("controllers").values()))
-    for file in sorted(fitting, key=lambda one: one.measurement == measurement):
-        if file.measurement not in ("ideal", measurement):
-            continue
-        for row in file.controllers:
-            most = kind(row.name).signals
-            if (file.system, file.devices, file.signals[:most]) == (system, devices, signals):
-                found[row.name, row.scheme] = row.parameters
+    known = map(_read_tuned, files.shipped("controllers").values())
+    fitting = [one for one in known if one.profile == profile and one.measurement in ("ideal", measurement)]
+    for wanted in dict.fromkeys(("none", compensation)):
+        for file in sorted(fitting, key=lambda one: one.measurement == measurement):
+            for row in file.controllers:
+                own = file.system, file.devices, file.signals[: kind(row.name).signals]
+                if own == (system, devices, signals) and row.compensation == wanted:
+                    found[row.name, row.scheme] = row.parameters
     return found
 
 

@@ -2,38 +2,26 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
-from functools import partial
-from json import dumps
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.case.changes import PROFILE, STANDARD, as_sets, change, off, take_profile
 from facts_damping.case.checks import check_case, check_events
 from facts_damping.case.controllers import filled
-from facts_damping.case.links import beside, open_own, read_links, signed, with_own
-from facts_damping.case.measurement import FOLDER, read_measurement
+from facts_damping.case.links import beside, read_links, signed, with_own
+from facts_damping.case.measurement import read_measurement
 from facts_damping.case.model import Case
-from facts_damping.case.supervision import FOLDER as SUPERVISION
 from facts_damping.case.supervision import check_fallbacks, read_supervision
-from facts_damping.errors import check_known
+from facts_damping.errors import InputError, check_known
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.parameters.files import each_path, find, parse_set, read_table, read_value, set_field
 from facts_damping.parameters.placement import place
 from facts_damping.parameters.run import Run, Scenario
 from facts_damping.parameters.system import System
-from facts_damping.parameters.validation import check
+from facts_damping.parameters.validation import check, origin
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-# Fields of a run that may name a file, and where those that are shipped lie.
-FOLDERS = {
-    "system": "systems",
-    "scenario": "scenarios",
-    "measurement": FOLDER,
-    "link": "links",
-    "supervision": SUPERVISION,
-}
-STANDARD = "standard"  # the supervision that `--set` goes below where there is none
 ARM_AT = 0.5  # s, when a controller is armed that is supervised because the command line says so
 
 
@@ -73,7 +61,7 @@ def load_case(name: str | None, sets: list[str] | None = None, supervised: str |
     content, source = read_run(name)
     pairs = dict(parse_set(text) for text in sets or [])
     if supervised is not None:
-        content["supervision"] = supervised or (STANDARD if _off(content, "supervision") else content["supervision"])
+        content["supervision"] = supervised or (STANDARD if off(content, "supervision") else content["supervision"])
         content.pop("asked", None)
     change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
     case = make_case(content, source, pairs)
@@ -82,17 +70,15 @@ def load_case(name: str | None, sets: list[str] | None = None, supervised: str |
     return make_case({**content, "arm_at": ARM_AT}, source, pairs)
 
 
-def _off(content: Mapping[str, Any], field: str) -> bool:
-    """Whether a run's content says that it has none of something."""
-    return content.get(field) in ("off", False, None)
-
-
 def read_run(name: str | None) -> tuple[dict[str, Any], str]:
     """The content of a run by name or path (none: all defaults), and what it is from."""
     if name is None:
         return {}, "defaults"
     path = find("runs", name)
-    return read_table(path), str(path)
+    content = read_table(path)
+    if content.get(PROFILE) is not None and content.get("asked") is None:
+        take_profile(content, content[PROFILE], f"{path}: {PROFILE}", list(content))
+    return content, str(path)
 
 
 def changed_case(content: dict[str, Any], source: str, values: Mapping[str, Any]) -> Case:
@@ -100,55 +86,6 @@ def changed_case(content: dict[str, Any], source: str, values: Mapping[str, Any]
     sets = as_sets(values)
     change(content, values, sets)
     return make_case(content, source, sets)
-
-
-def as_sets(values: Mapping[str, Any]) -> dict[str, str]:
-    """Each value as the text that `--set` would take."""
-    return {path: dumps(value, default=str) for path, value in values.items()}
-
-
-def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str, str]) -> None:
-    """Set fields of a run's content by their paths; `sets`: each value as the text that `--set` would take."""
-    if values:
-        content.pop("asked", None)  # no longer what was asked for
-    for given in sorted(values, key=lambda key: key.count(".")):  # names before what lies below them
-        for key in each_path(content, given, partial(_open_name, content)):
-            set_field(content, key, deepcopy(values[given]), f"--set {given}={sets[given]}")
-
-
-def _open_name(content: dict[str, Any], key: str) -> None:
-    """Where a `--set` goes below a name (FOLDERS), put the named file's content in its place.
-
-    Below a watchdog or a noise of loads that is off it is switched on.
-    """
-    top, _, below = key.partition(".")
-    if not below:
-        return
-    if top == "controllers":
-        content.setdefault(top, [{}])
-        open_own(content, below)
-    if top == "supervision" and _off(content, top):
-        content[top] = STANDARD
-    if top in ("watchdog", "load_noise") and _off(content, top):
-        content[top] = {}
-    if top not in FOLDERS:
-        return
-    named = content.get(top, Run.model_fields[top].default)
-    if not isinstance(named, str):
-        return
-    if top == "scenario":
-        system = content.get("system", Run.model_fields["system"].default)
-        own = system if isinstance(system, dict) else read_table(find("systems", str(system)))
-        within = own.get("name", "")
-        scenario = read_table(find("scenarios", named, f"{within}/"))
-        content.setdefault("duration", scenario.get("duration", Scenario.model_fields["duration"].default))
-        content[top] = scenario.get("events", [])
-        if scenario.get("dispatch"):
-            _open_name(content, "system.machines")
-            for row in content["system"].get("machines", []):
-                row.update({"P": scenario["dispatch"].get(row.get("name"), row.get("P"))})
-    else:
-        content[top] = read_table(find(FOLDERS[top], named))
 
 
 def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> Case:
@@ -159,6 +96,7 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
         system = check(System, read_table(system_path), str(system_path))
     else:
         system = check(System, run.system, source, sets, "system")
+    model = _model(run, system, source, sets)
     if isinstance(run.scenario, str):
         path = find("scenarios", run.scenario, f"{system.name}/")
         scenario = check(Scenario, read_table(path), str(path))
@@ -181,15 +119,38 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
             run.frame_rate,
             latency,
             measurement.filter,
+            run.tuning,
         )
         for i, c in enumerate(run.controllers)
     ]
     supervision = read_supervision(run, source, sets)
-    case = Case(run, rows, placed, scenario, measurement, link, links, used, supervision)
+    case = Case(run, rows, placed, scenario, measurement, link, links, used, supervision, model)
     check_case(case, source, sets)
     check_fallbacks(case, source, sets)
     check_events(case, scenario_file, source, sets)
     return case
+
+
+def _model(run: Run, system: System, source: str, sets: dict[str, str] | None) -> System | None:
+    """The system that controllers are designed on, if not the plant; it has the plant's devices and signals."""
+    if run.model is None:
+        return None
+    if isinstance(run.model, str):
+        path = find("systems", run.model)
+        model = check(System, read_table(path), str(path))
+    else:
+        model = check(System, run.model, source, sets, "model")
+    for field, own, other in (
+        ("devices", [d.name for d in model.devices], [d.name for d in system.devices]),
+        ("stations", [s.name for s in model.stations], [s.name for s in system.stations]),
+        ("signals", list(model.signals), list(system.signals)),
+    ):
+        if own != other:
+            raise InputError(
+                f"{origin('model', source, sets)}: {field} {', '.join(own) or 'none'} given; allowed: those of the "
+                f"system, {', '.join(other) or 'none'}"
+            )
+    return place(model)
 
 
 def _dispatched(system: System, scenario: Scenario, where: str) -> System:

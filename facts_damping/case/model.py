@@ -21,7 +21,8 @@ class Case:
     """A checked run: what the user asked for, and the files it names, read.
 
     `controllers` are the run's with scheme, all parameters, weights and own link filled in. `links` are the run's,
-    where it is used, then each controller's own; `used_links` says which one each controller uses.
+    where it is used, then each controller's own; `used_links` says which one each controller uses. `model`: the system
+    that controllers are designed on, where that is not the plant.
     """
 
     run: Run
@@ -33,6 +34,12 @@ class Case:
     links: list[Link]
     used_links: list[int]
     supervision: Supervision | None = None
+    model: System | None = None
+
+    @property
+    def designed_on(self) -> System:
+        """The system that controllers and supervisors know."""
+        return self.model or self.system
 
     @property
     def duration(self) -> float:
@@ -61,6 +68,7 @@ class Case:
             "asked": self.summary(),
             "duration": self.duration,
             "system": self.system.model_dump(by_alias=True),
+            "model": None if self.model is None else self.model.model_dump(by_alias=True),
             "scenario": [event.model_dump() for event in self.scenario.events],
             "measurement": self.measurement.model_dump(),
             "link": self.link.model_dump(),

@@ -160,7 +160,14 @@ def _studies(add: Add) -> None:
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which beside LLC-tuned; none: all pairs")
     command.add_argument("--link", metavar="NAME", help="name under config/links, or a YAML file; default: no delay")
     command.add_argument("--devices", metavar="NAME,...", help="commanded devices; none: each set that it knows")
-    text = "name under config/studies, or a YAML file, with the draws; default: search_SYSTEM"
+    _profile(command)
+    text = "what scores count from: LLC-tuned, the default, or none: no control"
+    command.add_argument("--against", choices=("LLC-tuned", "none"), default="LLC-tuned", help=text)
+    text = "about delay: free, the default: whatever is best where there is delay; none; some: of those that can"
+    command.add_argument("--compensation", choices=("free", "none", "some"), default="free", help=text)
+    text = "no structure is dropped: all are searched to the end, with the same budget"
+    command.add_argument("--keep-all", action="store_true", help=text)
+    text = "name under config/studies, or a YAML file, with the draws; default: search_SYSTEM, or search_SYSTEM_PROFILE"
     command.add_argument("--study", metavar="STUDY", help=text)
     command.add_argument("--draws", type=_whole(1, 1000), default=1, metavar="N", help="of the first rung; default: 1")
     text = (
@@ -182,6 +189,8 @@ def _studies(add: Add) -> None:
     _jobs(command)
     command.add_argument("--out", metavar="RUN.yaml", help="the run of the best network; none: standard output")
     command.add_argument("--lead-lag", metavar="RUN.yaml", help="also the run of LLC-tuned as the search tuned it")
+    text = "also the parameters of all that were searched to the end, as under config/controllers; with --devices"
+    command.add_argument("--tuned", metavar="FILE.yaml", help=text)
     _common(command, sets=False, out=False)
     text = "Every controller, direct and indirect, on every scenario of some systems: tables of figures."
     command = add("compare", "studies.compare", text)
@@ -233,6 +242,11 @@ def _studies(add: Add) -> None:
     command.add_argument("--draws", type=_whole(2, 100_000), metavar="N", help=text)
     _jobs(command)
     _common(command, sets=False)
+
+
+def _profile(command: argparse.ArgumentParser) -> None:
+    text = "thesis, the default, deployment, or a YAML file: what all runs have in common"
+    command.add_argument("--profile", default="thesis", metavar="NAME", help=text)
 
 
 def _lists(add: Add) -> None:

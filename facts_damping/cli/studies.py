@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from facts_damping.case import loading
 from facts_damping.cli.runs import out_folder, say
-from facts_damping.errors import check_known
+from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.terminal import Progress, clean_up_first, write_json, write_whole
@@ -48,6 +48,11 @@ def search(arguments: argparse.Namespace) -> None:
 
     files.check_writable(arguments.out, "--out")
     files.check_writable(arguments.lead_lag, "--lead-lag")
+    files.check_writable(arguments.tuned, "--tuned")
+    if arguments.tuned is not None and arguments.devices is None:
+        raise InputError(
+            f"--tuned {arguments.tuned}: given without --devices; allowed: with it, as a file is of one set"
+        )
     devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
     asked = {name: value for name, value in vars(arguments).items() if name in study.SearchTask._fields}
     task = study.SearchTask(**{**asked, "devices": devices})
@@ -64,6 +69,8 @@ def search(arguments: argparse.Namespace) -> None:
         write_whole(Path(arguments.out), run)
     if arguments.lead_lag is not None:
         write_whole(Path(arguments.lead_lag), pages.run_file(task, command, opponent))
+    if arguments.tuned is not None:
+        write_whole(Path(arguments.tuned), dump(pages.tuned(task, command, found).model_dump(exclude_defaults=True)))
     write_json(arguments.json, {"command": command, "ranking": pages.rows(found)})
     for line in pages.search_table(found):
         say(arguments, line)

@@ -206,6 +206,16 @@ LQG_PARAMETERS = {
     "loop_delay": LOOP_DELAY,
 }
 
+# Its matrices follow from these at the start (small_signal/loop_shaping.py).
+LOOP_SHAPING_PARAMETERS = {
+    "gain": LEAD_LAG_PARAMETERS["gain"]._replace(live=False, description="gain of the shaped plant"),
+    "Tw": LEAD_LAG_PARAMETERS["Tw"]._replace(live=False),
+    "above": Parameter(
+        1.2, "-", 1.01, 10.0, "how many times the least gamma it has", live=False, search=Range(1.02, 3.0)
+    ),
+    "loop_delay": LOOP_DELAY,
+}
+
 # Guards are off where the thesis has none; the profile `deployed` turns on what makes adaptation safe.
 NEURO_FUZZY_PARAMETERS = {
     "scale": Parameter(
@@ -304,6 +314,13 @@ CONTROLLERS = {
         0,
         LQG_PARAMETERS,
         design="facts_damping.small_signal.lqg:design",
+    ),
+    "Hinf": ControllerKind(
+        "H-infinity loop shaping of the least damped mode with its delay: a robust design",
+        ANY,
+        0,
+        LOOP_SHAPING_PARAMETERS,
+        design="facts_damping.small_signal.loop_shaping:design",
     ),
 }
 

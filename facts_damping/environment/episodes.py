@@ -10,6 +10,7 @@ import numpy as np
 
 from facts_damping.analysis.measures import measure_weights
 from facts_damping.case import loading
+from facts_damping.case.changes import as_sets, change
 from facts_damping.compiling import specialised
 from facts_damping.control.inputs import inputs
 from facts_damping.control.sensing import sensed
@@ -76,7 +77,7 @@ class Source:
 
     def _made(self, changes: dict[str, Any]) -> Case:
         content, values = deepcopy(self._content), {**self._set, **self._fields, **changes}
-        loading.change(content, values, loading.as_sets(values))
+        change(content, values, as_sets(values))
         content.pop("asked", None)
         rows = content.setdefault("controllers", [Controller().model_dump(include={"devices", "signals"})])
         c, installed = self._controller, content.get("devices", Run.model_fields["devices"].default)

@@ -16,7 +16,18 @@ from facts_damping.parameters.yaml_text import UNREADABLE, parse
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-KINDS = ("systems", "scenarios", "controllers", "links", "measurement", "supervision", "runs", "studies", "campaigns")
+KINDS = (
+    "systems",
+    "scenarios",
+    "profiles",
+    "controllers",
+    "links",
+    "measurement",
+    "supervision",
+    "runs",
+    "studies",
+    "campaigns",
+)
 MAX_FILE_BYTES = 10_000_000
 
 

@@ -189,14 +189,16 @@ class TunedController(ParameterModel):
 
     name: Name
     scheme: Literal["direct", "indirect"] | None = None
+    compensation: Literal["none", "lead", "phasor", "prediction"] = Field("none", description="chosen with them")
     objective: float = Field(..., description="what the search made small (docs/controllers.md)")
     parameters: dict[str, float | str | list[float]]
 
 
 class Tuned(ParameterModel):
-    """What `facts-damping tune` chose for a system: how, and for which controllers."""
+    """What `facts-damping tune` or `search` chose for a system: how, and for which controllers."""
 
     system: Name
+    profile: Name = Field("thesis", description="the profile that they were chosen in")
     scenario: Name = Field(..., description="the scenario of training")
     signals: list[Name] = Field(..., description="the signals that they were given")
     devices: list[Name] = Field(..., description="the devices that they commanded")
@@ -228,6 +230,13 @@ class Run(ParameterModel):
     frame_rate: int = quantity(60, "frames/s", "PMU frames per second", ge=1, le=1000)
     duration: float | None = quantity(None, "s", "simulated time; none: the scenario's", gt=0, le=1e5)
     seed: int = quantity(0, "-", "seed of all randomness", ge=0, le=2**31 - 1)
+    profile: str | None = Field(
+        None, description="name under config/profiles, or path, whose fields it has but for its own"
+    )
+    model: str | dict[str, Any] | None = Field(
+        None, description="the system that controllers and supervisors are designed on; none: the plant as it is"
+    )
+    tuning: Name = Field("thesis", description="profile in which the parameters were chosen that controllers leave out")
     asked: dict[str, Any] | None = Field(None, description="in stored runs: the run as the user wrote it, by names")
 
     @field_validator("watchdog", "load_noise", "supervision", mode="before")

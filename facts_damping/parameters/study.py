@@ -96,12 +96,34 @@ class Variable(Target):
         return " and ".join(NEEDED[self.distribution])
 
 
+class Kind(ParameterModel):
+    """A kind of draw: fields that it sets, and random variables of its own."""
+
+    set: dict[FieldPath, Any] = {}
+    variables: list[Variable] = []
+
+
 class Draws(ParameterModel):
-    """Values of random variables, drawn together from the study's seed."""
+    """Values of random variables, drawn together from the study's seed; with `kinds` each draw is one of these."""
 
     number: int = quantity(..., "-", "how many draws", ge=1, le=1_000_000)
     method: Literal["plain", "latin_hypercube"] = Field("plain", description="independent draws, or one in each stripe")
-    variables: list[Variable] = Field(..., min_length=1)
+    variables: list[Variable] = Field([], description="of all draws")
+    kinds: dict[str, Kind] | None = Field(
+        None, min_length=1, description="kind: what only its draws have; they come in turn, and the axis is called so"
+    )
+
+    @model_validator(mode="after")
+    def _something(self) -> Draws:
+        if not self.variables and self.kinds is None:
+            raise ValueError("neither `variables` nor `kinds` given; allowed: one of them, or both")
+        common = {one.column for one in self.variables}
+        for name, kind in (self.kinds or {}).items():
+            columns = [one.column for one in kind.variables]
+            twice = next((one for one in columns if one in common or columns.count(one) > 1), None)
+            if twice is not None:
+                raise ValueError(f"kinds.{name}: '{twice}' drawn twice; allowed: once")
+        return self
 
 
 class Axis(Target):
@@ -125,6 +147,8 @@ class Axis(Target):
             _check_numbers(self.values or [], self.fields)
         elif self.field is not None or self.fields is not None:
             raise ValueError(f"`{given[0]}` have fields of their own; allowed: no `field`, no `fields`")
+        if self.draws is not None and self.draws.kinds is not None and self.name is None:
+            raise ValueError("`kinds` need a `name`, the column of the table")
         self._check_labels()
         return self
 

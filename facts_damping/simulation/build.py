@@ -136,14 +136,14 @@ def _designed(case: Case, i: int, plant: Residues | None) -> StateSpace | None:
     """The matrices of controller i: designed for the plant, or of a linear law of the user's own; of others none."""
     controller = case.controllers[i]
     if _optimal(controller):
-        return _design(controller)(plant, case.system, controller, f"controllers.{i}")
+        return _design(controller)(plant, case.designed_on, controller, f"controllers.{i}")
     return own_linear.design(controller, case.run.frame_rate) if controller.linear is not None else None
 
 
 def plant_residues(case: Case) -> Residues | None:
-    """The residues of a case's plant, without events; none without a swing mode."""
-    start = build(case.system, case.run.devices, [])
-    return residues(start, case.system, case.run.devices, case.run.frame_rate, case.filter)
+    """The residues of the system that controllers are designed on, without events; none without a swing mode."""
+    start = build(case.designed_on, case.run.devices, [])
+    return residues(start, case.designed_on, case.run.devices, case.run.frame_rate, case.filter)
 
 
 def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, BankState, Identifiers, IdentifierState]:

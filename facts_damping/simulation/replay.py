@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.case.loading import change, load_case, make_case
+from facts_damping.case.changes import change
+from facts_damping.case.loading import load_case, make_case
 from facts_damping.case.names import controller_names
 from facts_damping.compiling import specialised
 from facts_damping.control.table import OWN, RUN

@@ -31,7 +31,7 @@ import numpy as np
 from facts_damping.analysis.measures import measure_weights
 from facts_damping.control.state_space import StateSpace
 from facts_damping.errors import InputError
-from facts_damping.matrices import lyapunov, product, riccati, sign, singular, solve
+from facts_damping.matrices import lyapunov, product, riccati, root, sign, singular, solve
 from facts_damping.signals import NANOSECONDS, to_ns
 from facts_damping.small_signal.sampled_output import remember, samples
 from facts_damping.small_signal.zero_order_hold import held_for, rigid
@@ -157,18 +157,12 @@ def balancing(
     A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """T (states, kept) and back: x = T z, z the balanced states with a Hankel singular value of KEPT and more."""
-    reach = _root(lyapunov(A, product(B, B.T)))
-    observe = _root(lyapunov(A.T, product(C.T, C)))
+    reach = root(lyapunov(A, product(B, B.T)))
+    observe = root(lyapunov(A.T, product(C.T, C)))
     left, values, right = singular(product(observe.T, reach))
     kept = int(np.sum(values >= KEPT * values.max(initial=0.0)))
     scale = 1.0 / np.sqrt(values[:kept])
     return product(reach, right[:, :kept]) * scale, (product(observe, left[:, :kept]) * scale).T
-
-
-def _root(gramian: NDArray[np.float64]) -> NDArray[np.float64]:
-    """S of S S^T = P."""
-    axes, values, _ = singular((gramian + gramian.T) / 2.0)
-    return axes * np.sqrt(values)
 
 
 class SampledModel(NamedTuple):

@@ -17,16 +17,30 @@ from facts_damping.control.state_space import StateSpace
 from facts_damping.small_signal.zero_order_hold import held_for
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from facts_damping.parameters.run import Controller
 
 
 def design(controller: Controller, frame_rate: int) -> StateSpace:
     """The matrices of a controller that is given as a `linear` law."""
-    law, signals, devices = controller.law, len(controller.signals), len(controller.devices)
-    A, B, C, D = matrices(law, signals, devices)
-    if law.dt is None:
-        A, B = held_for(A, B, 1.0 / frame_rate)
-    n, ones = len(A), np.eye(signals)
+    law = controller.law
+    A, B, C, D = matrices(law, len(controller.signals), len(controller.devices))
+    return from_frames(A, B, C, D) if law.dt is not None else held(A, B, C, D, frame_rate)
+
+
+def held(
+    A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64], frame_rate: int
+) -> StateSpace:
+    """A continuous law, its signals held between frames."""
+    return from_frames(*held_for(A, B, 1.0 / frame_rate), C, D)
+
+
+def from_frames(
+    A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64]
+) -> StateSpace:
+    """A law from frame to frame."""
+    (devices, signals), n, ones = D.shape, len(A), np.eye(D.shape[1])
     return StateSpace(
         A=np.block([[A, B], [np.zeros((signals, n)), ones]]),
         B=np.zeros((n + signals, devices)),

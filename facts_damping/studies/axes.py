@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.study import Axis, Draws, Range, Study, Target, Variable
+    from facts_damping.parameters.study import Axis, Range, Study, Target, Variable
 
 MOST_POINTS = 1_000_000
 DIGITS = 12  # significant, to which values are rounded: 3 * 0.1 is 0.3
@@ -66,12 +66,9 @@ def expand(axis: Axis, random: np.random.Generator, where: str) -> list[Point]:
     if axis.rows is not None:
         return [Point(columns, row) for columns, row in zip(_row_columns(axis, axis.rows), axis.rows, strict=True)]
     if axis.draws is not None:
-        drawn = draw(axis.draws, random)
-        made = [
-            [placed(variable, value) for value in column]
-            for variable, column in zip(axis.draws.variables, drawn.T, strict=True)
-        ]
-        return [joined(parts) for parts in zip(*made, strict=True)]
+        spec = axis.draws
+        found = _drawn(spec.variables, spec.number, spec.method, random)
+        return [joined(parts) for parts in zip(found, _of_kinds(axis, random), strict=True)] if spec.kinds else found
     values = axis.values if axis.range is None else spaced(axis.range)
     return [placed(axis, value) for value in values or []]
 
@@ -125,14 +122,36 @@ def spaced(spec: Range) -> Sequence[int | float]:
     return [_rounded(value) if isinstance(value, float) else value for value in values]
 
 
-def draw(spec: Draws, random: np.random.Generator) -> NDArray[np.float64]:
-    """Values of all variables, (number, variables)."""
-    size = len(spec.variables)
-    if spec.method == "latin_hypercube":
-        shares = stats.qmc.LatinHypercube(size, rng=random).random(spec.number)
+def _of_kinds(axis: Axis, random: np.random.Generator) -> list[Point]:
+    """What draws have of their kinds, which come in turn."""
+    spec = axis.draws
+    assert spec is not None  # noqa: S101 (for the types)
+    kinds, found = spec.kinds or {}, [Point({}, {})] * spec.number
+    blank = {variable.column: None for kind in kinds.values() for variable in kind.variables}
+    for i, (name, kind) in enumerate(kinds.items()):
+        places = range(i, spec.number, len(kinds))
+        own = _drawn(kind.variables, len(places), spec.method, random)
+        fixed = Point({str(axis.name): name, **blank}, kind.set)
+        for place, one in zip(places, own, strict=True):
+            found[place] = joined([fixed, one])
+    return found
+
+
+def _drawn(variables: Sequence[Variable], number: int, method: str, random: np.random.Generator) -> list[Point]:
+    """Points of so many draws of variables."""
+    values = draw(variables, number, method, random)
+    return [joined(map(placed, variables, row)) for row in values]
+
+
+def draw(variables: Sequence[Variable], number: int, method: str, random: np.random.Generator) -> NDArray[np.float64]:
+    """Values of variables, (number, variables)."""
+    size = len(variables)
+    if method == "latin_hypercube" and size:
+        shares = stats.qmc.LatinHypercube(size, rng=random).random(number)
     else:
-        shares = random.random((spec.number, size))
-    return np.column_stack([quantile(variable, shares[:, i]) for i, variable in enumerate(spec.variables)])
+        shares = random.random((number, size))
+    columns = [quantile(variable, shares[:, i]) for i, variable in enumerate(variables)]
+    return np.asarray(np.array(columns).reshape(size, number).T)
 
 
 def quantile(variable: Variable, share: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -146,4 +165,7 @@ def quantile(variable: Variable, share: NDArray[np.float64]) -> NDArray[np.float
 def drawn_columns(axis: Axis) -> list[str]:
     """Columns of an axis that are random."""
     inside = [name for one in axis.zip or [] for name in drawn_columns(one)]
-    return inside + ([variable.column for variable in axis.draws.variables] if axis.draws else [])
+    if axis.draws is None:
+        return inside
+    variables = axis.draws.variables + [one for kind in (axis.draws.kinds or {}).values() for one in kind.variables]
+    return [*inside, *dict.fromkeys(one.column for one in variables)]

@@ -123,8 +123,9 @@ def fresh_loop(case: Case, *, outside: bool = False) -> loop.Loop:
     built = shared(_plants, f"{events} {system} {noise} {guarded}", lambda: build_plant(case))
     plant = None
     if needs_residues(case):
+        model = f"{case.run.devices} {case.designed_on.model_dump_json()}"
         plant = shared(
-            _residues, f"{case.run.frame_rate} {case.measurement.filter} {system}", lambda: plant_residues(case)
+            _residues, f"{case.run.frame_rate} {case.measurement.filter} {model}", lambda: plant_residues(case)
         )
     own = built._replace(state=copy(built.state))
     return loop.build_loop(case, plant, own, outside=outside)

@@ -1,14 +1,15 @@
-"""How good a controller is on draws of a training ensemble, beside LLC-tuned on the same draws.
+"""How good a controller is on draws of a training ensemble, beside a reference on the same draws.
 
-    score = max_i mean_d log(I_id / I_id of LLC-tuned)          i: ITAE, IAE, ITSE, ISE (4.108); d: draws, or the worst
+    score = max_i mean_d log(I_id / I_id of the reference)      i: ITAE, IAE, ITSE, ISE (4.108); d: draws, or the worst
             + UNDAMPED (share of draws whose oscillation grows, or is a limit cycle)
-            + PRICE max(0, mean_d(effort - effort of LLC-tuned)),  effort = mean |u| / u_max
+            + PRICE max(0, mean_d(effort - effort of the reference)),  effort = mean |u| / u_max
 
-0 is as good as LLC-tuned, and below 0 all four indices are better, as geometric means over the draws. With a share of
-the draws the first mean is over the worst of each index alone (conditional value at risk, Rockafellar and Uryasev
-2000): much that is gained in a few draws makes up for nothing in others. By medians the first term is instead the
-largest median of any index in any group of draws; a group has the same value of every axis of the study that is not
-drawn. A run that loses synchronism counts LOST and more, the earlier the more; then no further draw is run.
+The reference is LLC-tuned, or no control. 0 is as good as it, and below 0 all four indices are better, as geometric
+means over the draws. With a share of the draws the first mean is over the worst of each index alone (conditional value
+at risk, Rockafellar and Uryasev 2000): much that is gained in a few draws makes up for nothing in others. By medians
+the first term is instead the largest median of any index in any group of draws; a group has the same value of every
+axis of the study that is not drawn. A run that loses synchronism counts LOST and more, the earlier the more; then no
+further draw is run.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import make_case
 from facts_damping.errors import FactsDampingError, InputError, check_known
 from facts_damping.parameters.files import shipped
+from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller
 from facts_damping.studies import sweep
 from facts_damping.studies.axes import drawn_columns
@@ -40,8 +42,8 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 LOST, UNDAMPED, PRICE = 10.0, 1.0, 0.1
-REFERENCE = "LLC-tuned"
-PREFIX = "search_"  # of the studies whose draws it is trained on
+REFERENCE, NONE = "LLC-tuned", "none"
+INLINE = "custom"  # the scenario of draws that have events of their own
 
 
 class Figures(NamedTuple):
@@ -54,7 +56,7 @@ class Figures(NamedTuple):
 
 
 class Draw(NamedTuple):
-    """A run of the ensemble without controllers, everything inline, and the figures of LLC-tuned in it."""
+    """A run of the ensemble without controllers, everything inline, and the figures of the reference in it."""
 
     content: dict[str, Any]
     reference: Figures
@@ -65,7 +67,7 @@ class Score(NamedTuple):
     """A score and what it is made of; of a controller that loses synchronism the score alone."""
 
     value: float
-    ratios: dict[str, float]  # geometric mean of an index over that of LLC-tuned
+    ratios: dict[str, float]  # geometric mean of an index over that of the reference
     undamped: float  # share of draws
 
 
@@ -82,27 +84,39 @@ def figures(record: Record) -> Figures:
     return Figures(1.0, performance_indices(t, deviations), float(share.mean()), dies)
 
 
-def draws(system: str, link: str | None, number: int, study: str | None = None) -> list[Draw]:
-    """The nominal run of training, then draws of a study in their order; none: `config/studies/search_<system>.yaml`.
+def draws(
+    system: str,
+    link: str | None,
+    number: int,
+    study: str | None = None,
+    profile: str = DEFAULT_PROFILE,
+    reference: str = REFERENCE,
+) -> list[Draw]:
+    """The first draws of an ensemble; where its scenario is `training`, the run of that as it is before them.
 
-    Draws in which LLC-tuned loses synchronism, or that have no power flow, are left out: there is nothing to count
-    from. `link`: instead of the ensemble's. Raises `InputError` where the system has no such ensemble, LLC-tuned is not
-    tuned, the ensemble has another scenario than that of training, or too few draws.
+    Draws in which the reference loses synchronism, or that have no power flow, are left out: there is nothing to count
+    from. `link`: instead of the ensemble's. Raises `InputError` where the system has no such ensemble, the reference is
+    not tuned, or there are too few draws.
     """
-    made = ensemble(system, study)
-    if (REFERENCE, None) not in tuned(system, ["speed"], ["sssc"]):
+    made = ensemble(system, study, profile)
+    if reference == REFERENCE and (REFERENCE, None) not in tuned(system, ["speed"], ["sssc"]):
         raise InputError(f"SYSTEM: '{system}' given, for which LLC-tuned is not tuned; allowed: one for which it is")
     more = {} if link is None else {"link": link}
     base = made.base._replace(set={**made.base.set, **more})
-    nominal = make(base._replace(set={"system": system, "scenario": SCENARIO, **more}, content={}), {})
-    found = [_draw(nominal)]
+    told = names(base, made.points[0].changes)
+    if told["scenario"] == INLINE:
+        found = []
+    else:
+        plain = {name: value for name, value in base.set.items() if name in ("profile", "link")}
+        plain |= {name: told[name] for name in ("system", "scenario")}
+        found = [_draw(make(base._replace(set=plain, content={}), {}), reference)]
     drawn = {name for axis in made.study.sweep for name in drawn_columns(axis)}
     for point in made.points:
         if len(found) >= number:
             break
         group = tuple(value for name, value in point.columns.items() if name not in drawn)
         try:
-            found.append(_draw(make(base, point.changes), group))
+            found.append(_draw(make(base, point.changes), reference, group))
         except FactsDampingError:
             continue
     if len(found) < number:
@@ -110,33 +124,39 @@ def draws(system: str, link: str | None, number: int, study: str | None = None) 
     return found
 
 
-def ensemble(system: str, study: str | None = None) -> sweep.Plan:
-    """The draws of a system, of which none has another scenario than that of training."""
-    known = [name for name in shipped("systems") if f"{PREFIX}{name}" in shipped("studies")]
+def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFILE) -> sweep.Plan:
+    """The draws of a system in a profile; none has another scenario than that of training, or events of its own.
+
+    `study`: whose they are; none: `search_SYSTEM` in the profile thesis, in another one `search_SYSTEM_PROFILE`.
+    """
+    end = "" if profile == DEFAULT_PROFILE else f"_{profile}"
     if study is None:
+        known = [name for name in shipped("systems") if f"search_{name}{end}" in shipped("studies")]
         check_known("SYSTEM", system, known)
-    made = sweep.plan(study or f"{PREFIX}{system}", [])
+    made = sweep.plan(study or f"search_{system}{end}", [f"profile={profile}"] if end else [])
     for point in made.points:
         told = names(made.base, point.changes)
-        if (told["system"], told["scenario"]) != (system, SCENARIO):
+        if told["system"] not in (system, INLINE) or told["scenario"] not in (SCENARIO, INLINE):
             raise InputError(
-                f"{made.base.source}: scenario: '{told['scenario']}' given; allowed: {SCENARIO} of {system}"
+                f"{made.base.source}: scenario: '{told['scenario']}' given; allowed: {SCENARIO} of {system}, or events"
             )
     return made
 
 
-def _draw(case: Case, group: tuple[Any, ...] = ()) -> Draw:
-    """A draw from its case. Raises `InputError` where LLC-tuned loses synchronism in it."""
+def _draw(case: Case, reference: str, group: tuple[Any, ...] = ()) -> Draw:
+    """A draw from its case. Raises `InputError` where the reference loses synchronism in it."""
     content = {**case.document(), "asked": None}
-    found = run(content, Controller(name=REFERENCE))
+    found = run(content, None if reference == NONE else Controller(name=reference))
     if found.lasted < 1.0:
-        raise InputError(f"{REFERENCE} loses synchronism")
+        raise InputError(f"{reference} loses synchronism")
     return Draw(content, found, group)
 
 
-def run(content: Mapping[str, Any], controller: Controller) -> Figures:
-    """The figures of a controller in a draw; its devices are those installed."""
-    own = {"devices": controller.devices, "controllers": [controller.model_dump()]}
+def run(content: Mapping[str, Any], controller: Controller | None) -> Figures:
+    """The figures of a controller in a draw, its devices those installed; none: of no control."""
+    own: dict[str, Any] = {"controllers": []}
+    if controller is not None:
+        own = {"devices": controller.devices, "controllers": [controller.model_dump()]}
     return figures(closed_loop(make_case({**content, **own}, "search")))
 
 

@@ -17,10 +17,13 @@ import numpy as np
 from scipy.stats import norm, qmc
 
 from facts_damping.case.loading import load_system
+from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
+from facts_damping.control.table import kind
 from facts_damping.errors import InputError
+from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.studies.optimisers import METHODS
 from facts_damping.studies.pool import run_all
-from facts_damping.studies.scoring import Draw, Score, draws, ensemble, score
+from facts_damping.studies.scoring import REFERENCE, Draw, Score, draws, ensemble, score
 from facts_damping.studies.structures import Choice, Structure, started, structures
 
 if TYPE_CHECKING:
@@ -34,6 +37,30 @@ if TYPE_CHECKING:
 KEPT = 4  # of so many structures one goes on
 POPULATION = 16
 GROWTH = 2  # how many times the draws of a rung the next one has
+
+
+RUNGS = 3  # where no structure is dropped
+# What may be done about delay: whatever is best, where there is a link with delay; nothing; something.
+CHOICES = {
+    "free": (*COMPENSATIONS, *OF_IDENTIFIERS),
+    "none": (),
+    "some": (*(name for name in COMPENSATIONS if name != "none"), *OF_IDENTIFIERS),
+}
+OPTIONS = (
+    "profile",
+    "link",
+    "devices",
+    "study",
+    "against",
+    "compensation",
+    "draws",
+    "worst",
+    "start",
+    "deviation",
+    "method",
+    "scheme",
+)
+FLAGS = ("medians", "keep_all")
 
 
 class SearchTask(NamedTuple):
@@ -52,13 +79,16 @@ class SearchTask(NamedTuple):
     deviation: float | None = None  # of the other first points from those; none: they are of the hypercube
     method: str = "differential-evolution"  # of METHODS
     scheme: Scheme = None  # networks only in this one; none: in both
+    profile: str = DEFAULT_PROFILE
+    against: str = REFERENCE  # what scores count from: LLC-tuned as shipped, or `none`: no control
+    compensation: str = "free"  # of CHOICES
+    keep_all: bool = False  # no structure is dropped: all have the same budget
 
     def command(self, names: Sequence[str]) -> str:
         """The command that searches for it."""
         asked = {**self._asdict(), "devices": ",".join(self.devices) or None}
-        options = ("link", "devices", "study", "draws", "worst", "start", "deviation", "method", "scheme")
-        more = [f"--{name} {asked[name]}" for name in options if asked[name] != self._field_defaults.get(name)]
-        more += ["--medians"] if self.medians else []
+        more = [f"--{name} {asked[name]}" for name in OPTIONS if asked[name] != self._field_defaults.get(name)]
+        more += [f"--{name.replace('_', '-')}" for name in FLAGS if asked[name]]
         words = ["facts-damping search", self.system, *names, *more]
         return " ".join([*words, f"--budget {self.budget} --seed {self.seed}"])
 
@@ -91,13 +121,19 @@ def rungs(count: int) -> int:
 
 
 @lru_cache(maxsize=4)
-def _choice(structure: Structure, system: str, *, delayed: bool) -> Choice:
-    return Choice(structure, system, delayed=delayed)
+def _choice(structure: Structure, system: str, compensations: tuple[str, ...]) -> Choice:
+    return Choice(structure, system, compensations)
+
+
+def compensations(task: SearchTask) -> tuple[str, ...]:
+    """The compensations that a search chooses among; none: there is no choice."""
+    delayed = task.link is not None or task.profile != DEFAULT_PROFILE
+    return CHOICES[task.compensation] if delayed else ()
 
 
 def climb(task: SearchTask, rung: Rung, entry: Entry) -> Entry:
     """A structure after a rung."""
-    choice = _choice(entry.structure, task.system, delayed=task.link is not None)
+    choice = _choice(entry.structure, task.system, compensations(task))
     random = np.random.default_rng([task.seed, rung.number])
     start = _first(task, choice, random) if entry.population is None else entry.population
 
@@ -133,16 +169,18 @@ def judge(task: SearchTask, against: Sequence[Draw], entry: Entry) -> Entry:
 
 def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
     """All structures, the best first."""
-    ensemble(task.system, task.study)  # whose message says which systems there are
-    asked = structures(load_system(task.system), names, task.devices, task.scheme)
+    ensemble(task.system, task.study, task.profile)  # whose message says which systems there are
+    asked = structures(load_system(task.system), names, task.devices, task.scheme, task.profile)
+    if task.compensation == "some":
+        asked = [one for one in asked if kind(one.name).compensates]
     _check_start(task, asked)
     left, out = [Entry(one) for one in asked], list[Entry]()
-    most = rungs(len(left))
+    most = RUNGS if task.keep_all else rungs(len(left))
     last = task.draws * GROWTH ** (most - 1)
-    known = draws(task.system, task.link, last + GROWTH * last, task.study)
+    known = draws(task.system, task.link, last + GROWTH * last, task.study, task.profile, task.against)
     counts = [len(left)]
     for _ in range(most - 1):
-        counts.append(_going_on(counts[-1], left))
+        counts.append(counts[-1] if task.keep_all else _going_on(counts[-1], left))
     counts.append(counts[-1])  # once more, on fresh draws
     for number in range(most):
         own = known[: task.draws * GROWTH**number]

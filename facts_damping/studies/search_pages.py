@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.parameters.run import Run
+from facts_damping.parameters.profile import DEFAULT_PROFILE
+from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.studies.scoring import NONE, REFERENCE
 from facts_damping.studies.tune import SCENARIO
 from facts_damping.terminal import table
 
@@ -15,27 +17,57 @@ if TYPE_CHECKING:
     from facts_damping.studies.scoring import Score
     from facts_damping.studies.search import Entry, SearchTask
 
+REFERENCES = {REFERENCE: "LLC-tuned as shipped", NONE: "no control"}
+
 
 def run_file(task: SearchTask, command: str, entry: Entry) -> str:
     """A run of an entry on the scenario of training, with the command and what it reached on top."""
-    made = Run(
-        system=task.system,
-        scenario=SCENARIO,
-        devices=list(entry.structure.devices),
-        controllers=[entry.controller] if entry.controller else [],
-        link=task.link or "ideal",
-    )
-    kept = made.model_dump(exclude={"duration", "asked"})
     own = ("name", "scheme", "devices", "signals", "compensation", "parameters")
-    kept["controllers"] = [{key: one[key] for key in own if one[key] is not None} for one in kept["controllers"]]
+    given = entry.controller.model_dump() if entry.controller else {}
+    link = task.link or ("ideal" if task.profile == DEFAULT_PROFILE else None)
+    kept = {
+        "profile": None if task.profile == DEFAULT_PROFILE else task.profile,
+        "system": task.system,
+        "scenario": SCENARIO,
+        "devices": list(entry.structure.devices),
+        "controllers": [{key: given[key] for key in own if given.get(key) is not None}],
+        "link": link,
+        "seed": 0,
+    }
+    kept = {name: value for name, value in kept.items() if value is not None}
     reached, fresh = entry.scores[-2:]
     head = [
         f"# {command}",
         f"# On the draws of training that chose its parameters: score {reached.value:.4f}; {_percent(reached)}.",
         f"# On draws of training that none had seen: score {fresh.value:.4f}; {_percent(fresh)}.",
-        "# Percent: geometric mean of the index over that of LLC-tuned as shipped, less 1 (docs/search.md).",
+        f"# Percent: geometric mean of the index over that of {REFERENCES[task.against]}, less 1 (docs/search.md).",
     ]
     return "\n".join([*head, dump(kept)])
+
+
+def tuned(task: SearchTask, command: str, found: Sequence[Entry]) -> Tuned:
+    """All that were searched to the end, the best first, as a file of parameters; they command the same devices."""
+    most = max(len(entry.scores) for entry in found)
+    last = [(e.structure, e.controller, e.scores[-1]) for e in found if e.controller and len(e.scores) == most]
+    signals = max((structure.signals for structure, _, _ in last), key=len)
+    return Tuned(
+        system=task.system,
+        profile=task.profile,
+        scenario=SCENARIO,
+        signals=signals,
+        devices=list(task.devices),
+        command=command,
+        controllers=[
+            TunedController(
+                name=structure.name,
+                scheme=structure.scheme,
+                compensation=controller.compensation,  # type: ignore[arg-type]
+                objective=float(f"{score.value:.5g}"),
+                parameters=controller.parameters,
+            )
+            for structure, controller, score in last
+        ],
+    )
 
 
 def _percent(score: Score) -> str:

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from facts_damping.case.changes import read_profile
 from facts_damping.case.controllers import tuned
-from facts_damping.case.loading import load_case, make_case
-from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
+from facts_damping.case.loading import changed_case, load_case
+from facts_damping.control.compensation import OF_IDENTIFIERS
 from facts_damping.control.table import OFF_ON, kind
 from facts_damping.errors import InputError, check_known
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
+from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller
 from facts_damping.simulation.build import plant_residues
 from facts_damping.studies.scoring import REFERENCE
@@ -39,22 +41,31 @@ class Structure(NamedTuple):
     name: str  # a row of the table of controllers, or antecedent+consequent
     scheme: Scheme
     devices: tuple[str, ...]
+    profile: str = DEFAULT_PROFILE
 
     @property
     def signals(self) -> list[str]:
-        """The signals that it is given."""
-        return PORTS[self.devices][: kind(self.name).signals]
+        """The signals that it is given: what the profile has in the place of these."""
+        names = read_profile(self.profile).signals
+        return [names.get(name, name) for name in PORTS[self.devices][: kind(self.name).signals]]
 
     @property
     def is_reference(self) -> bool:
-        """Whether it is the one that all are measured by."""
+        """Whether it is the lead-lag that all are held against."""
         return self.name == REFERENCE
 
 
-def structures(system: System, names: Sequence[str], devices: Sequence[str], scheme: Scheme = None) -> list[Structure]:
+def structures(
+    system: System,
+    names: Sequence[str],
+    devices: Sequence[str],
+    scheme: Scheme = None,
+    profile: str = DEFAULT_PROFILE,
+) -> list[Structure]:
     """LLC-tuned and every pair of antecedent and consequent (or those named), in both schemes, with all devices.
 
     `devices`: only with these; none: with each row of `PORTS` that the system has. `scheme`: networks only in this one.
+    `profile`: what they are given, and what they were tuned in.
     """
     if devices:
         check_known("--devices", ",".join(devices), [",".join(row) for row in PORTS])
@@ -67,7 +78,7 @@ def structures(system: System, names: Sequence[str], devices: Sequence[str], sch
     for name in others:
         if not kind(name, "CONTROLLER").tuned:
             raise InputError(f"CONTROLLER: '{name}' given; allowed: one with parameters to choose (LLC-tuned is there)")
-    found = [Structure(name, one, row) for row in rows for name, one in every_scheme([REFERENCE, *others])]
+    found = [Structure(name, one, row, profile) for row in rows for name, one in every_scheme([REFERENCE, *others])]
     return [one for one in found if one.scheme is None or scheme in (None, one.scheme)]
 
 
@@ -81,7 +92,7 @@ def started(start: str, system: str, structure: Structure) -> list[dict[str, Val
         return []
     signals, devices = structure.signals, list(structure.devices)
     if start == "tuned":
-        found = tuned(system, signals, devices)
+        found = tuned(system, signals, devices, profile=structure.profile)
     else:
         own = _run(start, system).controllers
         found = {(c.name, c.scheme): c.parameters for c in own if (c.signals, c.devices) == (signals, devices)}
@@ -105,11 +116,11 @@ def _run(name: str, system: str) -> Run:
 class Choice:
     """What is chosen of a structure: a coordinate from 0 to 1 for each parameter, guard and word."""
 
-    def __init__(self, structure: Structure, system: str, *, delayed: bool) -> None:
-        """Linearise the plant once. `delayed`: compensation is chosen, too."""
+    def __init__(self, structure: Structure, system: str, compensations: Sequence[str] = ()) -> None:
+        """Linearise the plant once. `compensations`: of which one is chosen, where it can have them."""
         self.structure, self.system = structure, system
-        content = {"system": system, "scenario": [], "devices": list(structure.devices), "controllers": []}
-        case = make_case(content, "search")
+        content = {"system": system, "profile": structure.profile, "scenario": [], "devices": list(structure.devices)}
+        case = changed_case({}, "search", {**content, "controllers": []})
         plant = plant_residues(case)
         if plant is None:
             raise InputError(f"SYSTEM: {system} has no swing mode; allowed: a system whose machines swing")
@@ -118,9 +129,8 @@ class Choice:
         self.space = Space(row, structure.scheme, structure.signals, structure.devices)
         self.guards = {} if row.network is None else GUARDS
         self.words: dict[str, tuple[str, ...]] = {} if row.network is None else {"anti_windup": OFF_ON}
-        of_identifier = tuple(OF_IDENTIFIERS) if structure.scheme == "indirect" else ()
-        chosen = delayed and row.compensates
-        self.words |= {"compensation": (*COMPENSATIONS, *of_identifier)} if chosen else {}
+        fitting = [one for one in compensations if structure.scheme == "indirect" or one not in OF_IDENTIFIERS]
+        self.words |= {"compensation": tuple(fitting)} if fitting and row.compensates else {}
 
     @property
     def size(self) -> int:
@@ -144,10 +154,11 @@ class Choice:
         values = self.space.parameters(own, self.plant, self.limit)
         values |= {name: one.value(float(more.pop(0))) for name, one in self.guards.items()}
         words = {name: some[min(int(more.pop(0) * len(some)), len(some) - 1)] for name, some in self.words.items()}
-        content = {
-            **self.structure._asdict(),
-            "signals": self.structure.signals,
-            "compensation": words.pop("compensation", "none"),
-            "parameters": {**values, **words},
-        }
-        return Controller.model_validate({**content, "devices": list(self.structure.devices)})
+        return Controller(
+            name=self.structure.name,
+            scheme=self.structure.scheme,
+            signals=self.structure.signals,
+            devices=list(self.structure.devices),
+            compensation=words.pop("compensation", "none"),  # type: ignore[arg-type]
+            parameters={**values, **words},
+        )

@@ -27,7 +27,7 @@ from facts_damping.studies import scoring
 from facts_damping.studies import search as study
 from facts_damping.studies.optimisers import METHODS, Found
 from facts_damping.studies.scoring import LOST, REFERENCE, Score, draws, score
-from facts_damping.studies.search import GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
+from facts_damping.studies.search import CHOICES, GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
 from facts_damping.studies.structures import Choice, Structure, started, structures
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ def test_networks_of_one_scheme_alone_are_searched_beside_llc_tuned(scheme: Sche
     ],
 )
 def test_what_is_chosen_is_within_what_parameters_may_be(name: str, scheme: Scheme, devices: tuple[str, ...]) -> None:
-    choice, random = Choice(Structure(name, scheme, devices), "two_area", delayed=True), np.random.default_rng(1)
+    choice, random = Choice(Structure(name, scheme, devices), "two_area", CHOICES["free"]), np.random.default_rng(1)
     row, seen = kind(name), set()
     for at in [np.zeros(choice.size), np.ones(choice.size), *random.random((30, choice.size))]:
         made = choice.controller(at)
@@ -179,7 +179,7 @@ def test_what_is_chosen_is_within_what_parameters_may_be(name: str, scheme: Sche
     ("name", "scheme"), [("LLC-tuned", None), ("gaussian+morlet", "direct"), ("b-spline+fourier", "indirect")]
 )
 def test_parameters_have_the_place_that_they_came_from(name: str, scheme: Scheme, devices: tuple[str, ...]) -> None:
-    choice, random = Choice(Structure(name, scheme, devices), "two_area", delayed=False), np.random.default_rng(2)
+    choice, random = Choice(Structure(name, scheme, devices), "two_area"), np.random.default_rng(2)
     for at in random.random((20, len(choice.space.ranges))):
         values = choice.space.parameters(at, choice.plant, choice.limit)
         again = choice.space.parameters(
@@ -192,7 +192,7 @@ def test_parameters_have_the_place_that_they_came_from(name: str, scheme: Scheme
 def test_a_start_from_tuned_parameters_has_the_tuned_controller_among_its_points(scheme: Scheme) -> None:
     tuned = Controller.model_validate({"name": "ANFBsC", "scheme": scheme})
     same = Structure("b-spline+singleton", scheme, ("sssc",))
-    choice, one = Choice(same, "smib", delayed=False), draws("smib", None, 1)
+    choice, one = Choice(same, "smib"), draws("smib", None, 1)
     found = min(score(choice.controller(at), one).value for at in choice.starts("tuned"))
     assert found <= score(tuned, one).value + 1e-4  # parameters have four digits
     task = SearchTask("smib", None, (), 1, 4, start="tuned")
@@ -203,7 +203,7 @@ def test_a_start_from_tuned_parameters_has_the_tuned_controller_among_its_points
 def test_a_start_from_a_run_is_its_controller_guards_included(name: str) -> None:
     case = load_case(name)
     own = case.run.controllers[0]
-    choice = Choice(Structure(own.name, own.scheme, tuple(own.devices)), case.system.name, delayed=False)
+    choice = Choice(Structure(own.name, own.scheme, tuple(own.devices)), case.system.name)
     (at,) = choice.starts(name)
     again = choice.controller(at).parameters
     assert_close(again, own.parameters)
@@ -228,7 +228,7 @@ def test_the_other_first_points_are_about_those_of_the_start(monkeypatch: pytest
     lead_lag = Structure(REFERENCE, None, ("sssc",))  # of which that run has none: from the hypercube
     for structure, about in ((network, task), (network, task._replace(deviation=None)), (lead_lag, task)):
         study.climb(about, Rung(0, one, 1), Entry(structure))
-    (at,) = Choice(network, "smib", delayed=False).starts("best_smib")
+    (at,) = Choice(network, "smib").starts("best_smib")
     for population in seen[:2]:
         np.testing.assert_array_equal(population[0], at)
     widths = [population.std(axis=0).mean() for population in seen]
@@ -258,7 +258,7 @@ def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.M
 
     monkeypatch.setattr(study, "climb", climb)
     monkeypatch.setattr(study, "judge", judge)
-    monkeypatch.setattr(study, "draws", lambda _system, _link, number, _study: list(range(number)))
+    monkeypatch.setattr(study, "draws", lambda _system, _link, number, *_: list(range(number)))
     every = structures(load_system("smib"), [], [])
     most = rungs(len(every))
     found = search(SearchTask("smib", None, (), 9600, 1), [], 1, quiet)

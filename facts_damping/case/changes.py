@@ -1,0 +1,133 @@
+"""Changes of what a user wrote: fields set by their paths, names opened where a path goes below them, profiles."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from functools import partial
+from json import dumps
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.case.links import open_own
+from facts_damping.case.measurement import FOLDER
+from facts_damping.case.supervision import FOLDER as SUPERVISION
+from facts_damping.errors import InputError
+from facts_damping.parameters.files import each_path, find, read_table, set_field, shipped
+from facts_damping.parameters.profile import Profile
+from facts_damping.parameters.run import Controller, Run, Scenario
+from facts_damping.parameters.validation import check, short
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+# Fields of a run that may name a file, and where those that are shipped lie.
+FOLDERS = {
+    "system": "systems",
+    "model": "systems",
+    "scenario": "scenarios",
+    "measurement": FOLDER,
+    "link": "links",
+    "supervision": SUPERVISION,
+}
+STANDARD = "standard"  # the supervision that `--set` goes below where there is none
+PROFILE = "profile"  # the field of a run that names one
+
+
+def as_sets(values: Mapping[str, Any]) -> dict[str, str]:
+    """Each value as the text that `--set` would take."""
+    return {path: dumps(value, default=str) for path, value in values.items()}
+
+
+def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str, str]) -> None:
+    """Set fields of a run's content by their paths; `sets`: each value as the text that `--set` would take."""
+    if values:
+        content.pop("asked", None)  # no longer what was asked for
+    first = {name: values[name] for name in ("system", PROFILE) if name in values}
+    content.update(deepcopy(first))
+    if first.get(PROFILE) is not None:
+        take_profile(content, first[PROFILE], f"--set {PROFILE}={sets[PROFILE]}")
+    # Names before what lies below them.
+    for given in sorted((key for key in values if key not in first), key=lambda key: key.count(".")):
+        for key in each_path(content, given, partial(_open_name, content)):
+            set_field(content, key, deepcopy(values[given]), f"--set {given}={sets[given]}")
+    if "supervision" in values and off(content, "supervision") and "arm_at" not in values:
+        content.pop("arm_at", None)
+
+
+def off(content: Mapping[str, Any], field: str) -> bool:
+    """Whether a run's content says that it has none of something."""
+    return content.get(field) in ("off", False, None)
+
+
+def _open_name(content: dict[str, Any], key: str) -> None:
+    """Where a `--set` goes below a name (FOLDERS), put the named file's content in its place.
+
+    Below a watchdog or a noise of loads that is off it is switched on.
+    """
+    top, _, below = key.partition(".")
+    if not below:
+        return
+    if top == "controllers":
+        content.setdefault(top, [{}])
+        open_own(content, below)
+    if top == "supervision" and off(content, top):
+        content[top] = STANDARD
+    if top in ("watchdog", "load_noise") and off(content, top):
+        content[top] = {}
+    if top not in FOLDERS:
+        return
+    named = content.get(top, Run.model_fields[top].default)
+    if not isinstance(named, str):
+        return
+    if top == "scenario":
+        system = content.get("system", Run.model_fields["system"].default)
+        own = system if isinstance(system, dict) else read_table(find("systems", str(system)))
+        within = own.get("name", "")
+        scenario = read_table(find("scenarios", named, f"{within}/"))
+        content.setdefault("duration", scenario.get("duration", Scenario.model_fields["duration"].default))
+        content[top] = scenario.get("events", [])
+        if scenario.get("dispatch"):
+            _open_name(content, "system.machines")
+            for row in content["system"].get("machines", []):
+                row.update({"P": scenario["dispatch"].get(row.get("name"), row.get("P"))})
+    else:
+        content[top] = read_table(find(FOLDERS[top], named))
+
+
+def read_profile(name: str) -> Profile:
+    """A profile by name or path."""
+    path = find("profiles", name)
+    return check(Profile, read_table(path), str(path))
+
+
+def take_profile(content: dict[str, Any], given: Any, where: str, kept: Collection[str] = ()) -> None:
+    """Set in a run's content what a profile says, but for fields in `kept`, which the run says itself.
+
+    `where` begins what is wrong with it.
+    """
+    if not isinstance(given, str):
+        raise InputError(f"{where}: {short(given)} given; allowed: {', '.join(shipped('profiles'))}, or a YAML file")
+    profile = read_profile(given)
+    content[PROFILE] = given
+    _open_name(content, "system.name")
+    values = {**profile.set, **profile.systems.get(content["system"].get("name", ""), {})}
+    for path in sorted(values, key=lambda key: key.count(".")):
+        for key in each_path(content, path, partial(_open_name, content)) if _there(content, path, kept) else []:
+            set_field(content, key, deepcopy(values[path]), f"{where}: {path}")
+    _take_signals(content, profile.signals, given=PROFILE in kept)
+    if profile.fixed_model and "model" not in kept:
+        content["model"] = deepcopy(content["system"])
+
+
+def _there(content: Mapping[str, Any], path: str, kept: Collection[str]) -> bool:
+    """Whether a profile's path is one for this run: not what it says itself, and of lists those with entries."""
+    rows = content["system"].get(path.split(".")[1]) if path.startswith("system.") and ".*" in path else True
+    return path not in kept and bool(rows)
+
+
+def _take_signals(content: dict[str, Any], names: Mapping[str, str], *, given: bool) -> None:
+    """Give controllers other signals in the place of theirs; `given`: only where they do not say which."""
+    rows = content.setdefault("controllers", [{}])
+    for row in rows if isinstance(rows, list) else []:
+        if isinstance(row, dict) and (not given or "signals" not in row):
+            own = row.get("signals", Controller().signals)
+            row["signals"] = [names.get(name, name) for name in own] if isinstance(own, list) else own

@@ -1,0 +1,117 @@
+"""H-infinity loop shaping: the controller that tolerates the largest errors of a shaped plant's coprime factors.
+
+The plant is its least damped swing mode alone, two states, from setpoints to signals, with a Pade term for the delay of
+the loop. Weights shape it: `gain` and a washout before each device; signals count as they swing beside the first. Of
+the shaped plant (A, B, C), X and Z the solutions of its two Riccati equations,
+
+    least gamma = sqrt(1 + rho(X Z)),  gamma = above * least
+    dx/dt = (A - B B^T X + H C) x + H y,  u = B^T X x,  H = gamma^2 L^-T Z C^T,  L = (1 - gamma^2) 1 + X Z
+
+tolerates every error of the normalised coprime factors below 1 / gamma (K. Glover, D. McFarlane, Robust Stabilization
+of Normalized Coprime Factor Plant Descriptions with H-infinity-Bounded Uncertainty, IEEE Trans. Automatic Control
+34(8), 1989; S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, 9.4). The weights go before
+it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.errors import InputError
+from facts_damping.matrices import product, root, sign, singular, solve
+from facts_damping.small_signal.own_linear import held
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.control.state_space import StateSpace
+    from facts_damping.parameters.run import Controller
+    from facts_damping.parameters.system import System
+    from facts_damping.small_signal.residues import Residues
+
+
+class Linear(NamedTuple):
+    """dx/dt = A x + B u, y = C x + D u."""
+
+    A: NDArray[np.float64]  # (states, states)
+    B: NDArray[np.float64]  # (states, inputs)
+    C: NDArray[np.float64]  # (outputs, states)
+    D: NDArray[np.float64]  # (outputs, inputs)
+
+
+def design(plant: Residues | None, system: System, controller: Controller, here: str) -> StateSpace:
+    """The controller's matrices. Raises `InputError` where the plant has no swing mode; `here`: its field."""
+    if plant is None:
+        raise InputError(f"{here}.name: '{controller.name}' given, but the plant has no swing mode; allowed: LLC")
+    devices, rate = controller.devices, plant.frame_rate
+    gain = np.broadcast_to(np.array(controller.parameters["gain"], float), len(devices))
+    Tw = np.broadcast_to(np.array(controller.parameters["Tw"], float), len(devices))
+    weights = washouts(gain, Tw)
+    delay = max(0.0, controller.number("loop_delay")) + 0.5 / rate  # with the hold's
+    count = np.array([abs(plant.ratio(name, controller.signals[0])) for name in controller.signals])
+    mode = least_damped(plant, system, controller)
+    counted = mode._replace(C=mode.C / count[:, None])
+    shaped = series(weights, series(pade(delay, len(devices)), counted))
+    found, _ = tolerant(shaped, controller.number("above"))
+    law = series(found._replace(B=found.B / count), weights)
+    return held(*law, rate)
+
+
+def least_damped(plant: Residues, system: System, controller: Controller) -> Linear:
+    """The least damped mode alone, without any delay: z with dz/dt = lambda z + b u, y = 2 Re(c z), in real states."""
+    rows = [plant.signals.index(name) for name in controller.signals]
+    columns = [plant.devices.index(name) for name in controller.devices]
+    filtered = plant.model.filtered
+    latency = 0.0 if filtered is None else filtered.delay
+    known = [latency + system.device(name).dead_time for name in controller.devices]  # which residues have in them
+    residue = plant.residue[np.ix_(rows, columns)] * np.exp(plant.eigenvalue * np.array(known))
+    c = plant.mode_shape[rows]
+    b = residue[0] / c[0]
+    s, w = plant.eigenvalue.real, plant.eigenvalue.imag
+    A = np.array([[s, -w], [w, s]])
+    return Linear(A, np.vstack([b.real, b.imag]), 2.0 * np.column_stack([c.real, -c.imag]), np.zeros((len(c), len(b))))
+
+
+def washouts(gain: NDArray[np.float64], Tw: NDArray[np.float64]) -> Linear:
+    """Before each device gain s Tw / (1 + s Tw)."""
+    return Linear(np.diag(-1.0 / Tw), np.diag(1.0 / Tw), np.diag(-gain), np.diag(gain))
+
+
+def pade(delay: float, inputs: int) -> Linear:
+    """The Pade term of order 2 of a delay, s, of each input: (1 - s T/2 + s^2 T^2/12) / (1 + s T/2 + s^2 T^2/12)."""
+    a0, a1 = 12.0 / delay**2, 6.0 / delay
+    one = np.eye(inputs)
+    A = np.kron(one, np.array([[0.0, 1.0], [-a0, -a1]]))
+    return Linear(A, np.kron(one, np.array([[0.0], [1.0]])), np.kron(one, np.array([[0.0, -2.0 * a1]])), one)
+
+
+def series(first: Linear, second: Linear) -> Linear:
+    """What goes through the first, then through the second."""
+    zero = np.zeros((len(first.A), len(second.A)))
+    A = np.block([[first.A, zero], [product(second.B, first.C), second.A]])
+    B = np.vstack([first.B, product(second.B, first.D)])
+    return Linear(A, B, np.hstack([product(second.D, first.C), second.C]), product(second.D, first.D))
+
+
+def tolerant(shaped: Linear, above: float) -> tuple[Linear, float]:
+    """The controller u = K y with `above` times the least gamma, and that gamma; the shaped plant has D = 0."""
+    A, B, C, _ = shaped
+    X, Z = continuous_riccati(A, B, C), continuous_riccati(A.T, C.T, B.T)
+    _, values, _ = singular(product(root(X).T, root(Z)))  # whose squares are the eigenvalues of X Z
+    gamma = above * float(np.sqrt(1.0 + values.max() ** 2))
+    L = (1.0 - gamma**2) * np.eye(len(A)) + product(X, Z)
+    H = gamma**2 * solve(L.T, product(Z, C.T))
+    F = product(B.T, X)
+    return Linear(A - product(B, F) + product(H, C), H, F, np.zeros((B.shape[1], C.shape[0]))), gamma
+
+
+def continuous_riccati(A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The stabilising X of A^T X + X A - X B B^T X + C^T C = 0, by the Hamiltonian's sign (J. D. Roberts, 1980)."""
+    n, one = len(A), np.eye(len(A))
+    W = sign(np.block([[A, -product(B, B.T)], [-product(C.T, C), -A.T]]))
+    left = np.vstack([W[:n, n:], W[n:, n:] + one])
+    right = -np.vstack([W[:n, :n] + one, W[n:, :n]])
+    X = solve(product(left.T, left), product(left.T, right))
+    return np.asarray((X + X.T) / 2.0)
