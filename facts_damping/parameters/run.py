@@ -230,9 +230,7 @@ class Run(ParameterModel):
     frame_rate: int = quantity(60, "frames/s", "PMU frames per second", ge=1, le=1000)
     duration: float | None = quantity(None, "s", "simulated time; none: the scenario's", gt=0, le=1e5)
     seed: int = quantity(0, "-", "seed of all randomness", ge=0, le=2**31 - 1)
-    profile: str | None = Field(
-        None, description="name under config/profiles, or path, whose fields it has but for its own"
-    )
+    profile: str | None = Field(None, description="name under config/profiles, or path: its fields, but for the run's")
     model: str | dict[str, Any] | None = Field(
         None, description="the system that controllers and supervisors are designed on; none: the plant as it is"
     )
