@@ -145,8 +145,9 @@ def _studies(add: Add) -> None:
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
     command.add_argument("--devices", default="sssc", metavar="NAME,...", help="commanded devices; default: sssc")
     command.add_argument("--signals", default="speed", metavar="NAME,...", help="signals given; default: speed")
-    text = "how they are measured, a name under config/measurement; default: ideal"
-    command.add_argument("--measurement", default="ideal", metavar="NAME", help=text)
+    _profile(command, "thesis")
+    text = "how they are measured, a name under config/measurement; default: the profile's"
+    command.add_argument("--measurement", metavar="NAME", help=text)
     command.add_argument("--budget", type=COUNT, default=600, metavar="N", help="runs for each; default: 600")
     command.add_argument("--seed", type=SEED, default=1, metavar="N", help="seed of the search; default: 1")
     _jobs(command)
@@ -160,7 +161,7 @@ def _studies(add: Add) -> None:
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which beside LLC-tuned; none: all pairs")
     command.add_argument("--link", metavar="NAME", help="name under config/links, or a YAML file; default: no delay")
     command.add_argument("--devices", metavar="NAME,...", help="commanded devices; none: each set that it knows")
-    _profile(command)
+    _profile(command, "thesis")
     text = "what scores count from: LLC-tuned, the default, or none: no control"
     command.add_argument("--against", choices=("LLC-tuned", "none"), default="LLC-tuned", help=text)
     text = "about delay: free, the default: whatever is best where there is delay; none; some: of those that can"
@@ -196,12 +197,14 @@ def _studies(add: Add) -> None:
     command = add("compare", "studies.compare", text)
     command.add_argument("systems", nargs="*", metavar="SYSTEM", help="which systems; none: two_area and smib")
     command.add_argument("--controllers", nargs="+", default=[], metavar="NAME", help="which; none: all of the table")
+    _profile(command)
     _jobs(command)
     _check_step(command)
     _common(command)
     text = "Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."
     command = add("sweep", "studies.sweep", text)
     command.add_argument("study", metavar="STUDY", help="name under config/studies, or a YAML file")
+    _profile(command)
     _jobs(command)
     _check_step(command)
     command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose cluster makes the runs")
@@ -238,15 +241,17 @@ def _studies(add: Add) -> None:
     text = "The thesis's tables, ours beside them: agreement, ensembles, explanations, pictures."
     command = add("reproduce", "studies.reproduce", text)
     command.add_argument("tables", nargs="*", metavar="TABLE", help="3.1, 4.1 ... 6.2; none: all")
+    text = "thesis, the default, for its tables; deployment: who helps there, on draws that no search has seen"
+    command.add_argument("--profile", default="thesis", metavar="NAME", help=text)
     text = "draws of each ensemble, 2 or more; default: as its file says, 100"
     command.add_argument("--draws", type=_whole(2, 100_000), metavar="N", help=text)
     _jobs(command)
     _common(command, sets=False)
 
 
-def _profile(command: argparse.ArgumentParser) -> None:
-    text = "thesis, the default, deployment, or a YAML file: what all runs have in common"
-    command.add_argument("--profile", default="thesis", metavar="NAME", help=text)
+def _profile(command: argparse.ArgumentParser, default: str | None = None) -> None:
+    text = f"of all runs: thesis, deployment, or a YAML file; default: {default or 'as they say'}"
+    command.add_argument("--profile", default=default, metavar="NAME", help=text)
 
 
 def _lists(add: Add) -> None:

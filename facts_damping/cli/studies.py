@@ -7,9 +7,11 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from facts_damping.case import loading
+from facts_damping.case.changes import read_profile
 from facts_damping.cli.runs import out_folder, say
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
+from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.terminal import Progress, clean_up_first, write_json, write_whole
 
@@ -26,9 +28,10 @@ def tune(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.out, "--out")
     progress = Progress("tune", "controllers")
     try:
-        devices, signals = arguments.devices.split(","), arguments.signals.split(",")
-        effort = arguments.budget, arguments.seed
-        task = study.TuningTask(arguments.system, devices, signals, *effort, arguments.measurement)
+        devices, names = arguments.devices.split(","), read_profile(arguments.profile).signals
+        signals = [names.get(name, name) for name in arguments.signals.split(",")]
+        asked = arguments.budget, arguments.seed, arguments.measurement, arguments.profile
+        task = study.TuningTask(arguments.system, devices, signals, *asked)
         found = study.tune(task, arguments.controllers, arguments.jobs, progress)
     finally:
         progress.close()
@@ -81,7 +84,7 @@ def compare(arguments: argparse.Namespace) -> None:
     """Every controller, direct and indirect, on every scenario of some systems: tables of figures."""
     from facts_damping.studies import compare as study
 
-    plan = study.plan(arguments.systems, arguments.controllers, arguments.set, check_step=arguments.check_step)
+    plan = study.plan(arguments.systems, arguments.controllers, _sets(arguments), check_step=arguments.check_step)
     _carry_out(plan, None if arguments.out is None else Path(arguments.out), arguments)
 
 
@@ -89,9 +92,14 @@ def sweep(arguments: argparse.Namespace) -> None:
     """Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."""
     from facts_damping.studies import sweep as study
 
-    plan = study.plan(arguments.study, arguments.set, check_step=arguments.check_step)
+    plan = study.plan(arguments.study, _sets(arguments), check_step=arguments.check_step)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
     _carry_out(plan, folder, arguments, arguments.scheduler)
+
+
+def _sets(arguments: argparse.Namespace) -> list[str]:
+    """What is set in all runs, the profile first."""
+    return [*([f"profile={arguments.profile}"] if arguments.profile else []), *arguments.set]
 
 
 def _carry_out(plan: Plan, folder: Path | None, arguments: argparse.Namespace, scheduler: str | None = None) -> None:
@@ -231,6 +239,9 @@ def reproduce(arguments: argparse.Namespace) -> None:
     from facts_damping.reproduction.findings import find
     from facts_damping.reproduction.results import gather
 
+    if arguments.profile != DEFAULT_PROFILE:
+        _what_holds(arguments)
+        return
     folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / "reproduction")
     clean_up_first()
     try:
@@ -245,5 +256,28 @@ def reproduce(arguments: argparse.Namespace) -> None:
             signs, ranks = ("statements", "agree", "share"), ("rankings", "mean_rho", "same_best", "same_second")
             lines = [*markdown(one.signs, ["table", "what"], signs), "", *markdown(one.totals, ["table"], ranks)]
             say(arguments, "\n".join([f"Agreement with the thesis, {title}:", "", *lines, ""]))
+    for path in written:
+        say(arguments, f"written: {path}")
+
+
+def _what_holds(arguments: argparse.Namespace) -> None:
+    """Who helps in a deployment, on draws that no search has seen: the page and its figures."""
+    from facts_damping.reproduction import held_out, what_holds
+    from facts_damping.reproduction import what_holds_pages as pages
+    from facts_damping.reproduction.contenders import PROFILE
+
+    check_known("--profile", arguments.profile, [DEFAULT_PROFILE, PROFILE])
+    if arguments.tables:
+        raise InputError(f"TABLE: {arguments.tables[0]} given; allowed: none with --profile {PROFILE}")
+    folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / PROFILE)
+    clean_up_first()
+    try:
+        held = held_out.gather(folder, arguments.jobs, arguments.draws)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+    told = what_holds.judge(held)
+    written = pages.write(held, told, folder)
+    write_json(arguments.json, pages.document(told))
+    say(arguments, pages.finalist_table(told))
     for path in written:
         say(arguments, f"written: {path}")

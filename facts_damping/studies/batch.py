@@ -15,6 +15,7 @@ from facts_damping.analysis import convergence
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import ages_ms
 from facts_damping.analysis.summary import AUTO, summarise
+from facts_damping.analysis.supervision import trips
 from facts_damping.case import loading
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.parameters.run import Run
@@ -143,7 +144,7 @@ def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
 
 def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
     """Columns of `figures`."""
-    found = ["stable", *OUTCOME, *INDICES, *SUMMED, "saturation_duty", *LATENCIES, "frames_lost"]
+    found = ["stable", *OUTCOME, *INDICES, *SUMMED, "saturation_duty", *LATENCIES, "frames_lost", "trips"]
     found += [*GROWTH.values(), "warnings", *(CHECKED if check_step else ())]
     return [*found, *INTERAREA] if modes else found
 
@@ -159,6 +160,7 @@ def figures(record: Record, finer: Record | None = None, *, modes: bool) -> dict
         "saturation_duty": max(told["saturation_duty"].values(), default=None),
         **_latency(record),
         "frames_lost": told["frames_lost"],
+        "trips": len(trips(told["supervision"])),
         **{name: (told["growth_per_s"] or {}).get(end) for end, name in GROWTH.items()},
         "warnings": "; ".join(told["warnings"]) or None,
     }

@@ -27,7 +27,7 @@ SYSTEMS = ("two_area", "smib")
 NONE = "none"
 TABLES = Tables(figures=["verdict", *INDICES, "smoothness", "settling_time_s", "max_injected_voltage_pu"])
 BARE = ("scenario=[]", "controllers.0.name=ANFTSC")  # a run whose signals and devices may be asked for
-OF_ALL = re.compile(r"devices=|controllers\.(0|\*)\.(signals|devices)=")  # not of networks alone
+OF_ALL = re.compile(r"profile=|devices=|controllers\.(0|\*)\.(signals|devices)=")  # not of networks alone
 
 
 def plan(systems: Sequence[str], names: Sequence[str], sets: Sequence[str], *, check_step: bool = False) -> sweep.Plan:
@@ -65,8 +65,9 @@ def contenders(system: str, names: Sequence[str], sets: Sequence[str]) -> dict[s
     LLC-tuned is left out where it is not tuned for the signals and devices that all are given.
     """
     given = [text for text in sets if OF_ALL.match(text)]
-    own = load_case(None, [f"system={system}", *BARE, *given]).run.controllers[0]
-    known = ("LLC-tuned", None) in tuned(system, own.signals[:1], own.devices)
+    case = load_case(None, [f"system={system}", *BARE, *given])
+    own = case.run.controllers[0]
+    known = ("LLC-tuned", None) in tuned(system, own.signals[:1], own.devices, profile=case.run.tuning)
     asked = every_scheme([name for name in names or CONTROLLERS if name != NONE])
     kept = [one for one in asked if one[0] != "LLC" and (one[0] != "LLC-tuned" or known)]
     pairs = [parse_set(text) for text in sets if text.startswith("controllers.") and not OF_ALL.match(text)]

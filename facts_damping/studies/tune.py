@@ -16,11 +16,11 @@ import numpy as np
 
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.case.loading import make_case
-from facts_damping.case.measurement import read_measurement
+from facts_damping.case.loading import changed_case, make_case
 from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import find
+from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller, Tuned, TunedController
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_control, plant_residues
@@ -47,14 +47,15 @@ Scheme = Literal["direct", "indirect"] | None
 
 
 class TuningTask(NamedTuple):
-    """What controllers are tuned for: a system, the devices installed and commanded, signals and their measurement."""
+    """What controllers are tuned for: a system, the devices installed and commanded, signals, profile, measurement."""
 
     system: str
     devices: list[str]
     signals: list[str]
     budget: int
     seed: int
-    measurement: str = "ideal"
+    measurement: str | None = None  # none: the profile's
+    profile: str = DEFAULT_PROFILE
 
 
 class Job(NamedTuple):
@@ -87,9 +88,9 @@ class Trainer:
         """Build the plant once."""
         task, self.name, self.scheme, self.row = job.task, job.name, job.scheme, kind(job.name)
         self.signals = task.signals[: self.row.signals]
-        content = {"system": task.system, "scenario": SCENARIO, "devices": task.devices, "controllers": []}
-        content["measurement"] = task.measurement
-        self.case = case = make_case(content, f"tune {task.system}")
+        fields = {"system": task.system, "scenario": SCENARIO, "devices": task.devices, "controllers": []}
+        fields |= {} if task.measurement is None else {"measurement": task.measurement}
+        self.case = case = changed_case({}, f"tune {task.system}", {"profile": task.profile, **fields})
         found = plant_residues(case)
         if found is None:
             raise InputError(f"SYSTEM: {task.system} has no swing mode; allowed: a system whose machines swing")
@@ -156,20 +157,23 @@ def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[
     """Search for every controller, several at a time."""
     find("scenarios", SCENARIO, f"{task.system}/")
     asked = [Job(task, name, scheme) for name, scheme in rows(names)]
-    for job in asked:
-        Trainer(job).check()
+    trainers = [Trainer(job) for job in asked]
+    for trainer in trainers:
+        trainer.check()
     made = run_all(search, asked, jobs, progress)
     own = Controller()
     more = [f"--devices {','.join(task.devices)}"] if task.devices != own.devices else []
     more += [f"--signals {','.join(task.signals)}"] if task.signals != own.signals else []
-    more += [f"--measurement {task.measurement}"] if task.measurement != "ideal" else []
+    more += [f"--measurement {task.measurement}"] if task.measurement is not None else []
+    more += [f"--profile {task.profile}"] if task.profile != DEFAULT_PROFILE else []
     words = ["facts-damping tune", task.system, *names, *more, f"--budget {task.budget} --seed {task.seed}"]
     return Tuned(
         system=task.system,
+        profile=task.profile,
         scenario=SCENARIO,
         signals=task.signals,
         devices=task.devices,
-        measurement=read_measurement(task.measurement, "tune").filter,
+        measurement=trainers[0].case.measurement.filter,
         command=" ".join(words),
         controllers=made,
     )
@@ -177,4 +181,4 @@ def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[
 
 def document(tuned: Tuned) -> dict[str, Any]:
     """The file under config/controllers."""
-    return tuned.model_dump(exclude_none=True)
+    return tuned.model_dump(exclude_defaults=True)

@@ -53,7 +53,7 @@ def test_every_controller_is_tuned_by_the_same_command(system: str) -> None:
     assert found.scenario == "training"
     assert [(row.name, row.scheme) for row in found.controllers] == rows([])
     assert {name for name, _ in rows([])} == set(CONTROLLERS) - {"LLC"}
-    assert len(tuned(system)) == 24
+    assert len(tuned(system)) == 25
 
 
 @pytest.mark.parametrize(("system", "row"), ROWS, ids=[f"{s}-{r.name}-{r.scheme}" for s, r in ROWS])
