@@ -313,6 +313,7 @@ def _between(low: float, high: float, unit: str = "") -> Callable[[str], float]:
 KINDS = (
     "systems",
     "scenarios",
+    "profiles",
     "controllers",
     "links",
     "supervision",

@@ -14,9 +14,10 @@ from facts_damping.reproduction.printed import LLC, SMOOTHNESS
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.reproduction.agreement import Compared
+    from facts_damping.reproduction.agreement import Compared, Signs
     from facts_damping.reproduction.ensembles import Spread
     from facts_damping.reproduction.explanations import Told
+    from facts_damping.reproduction.ranking import Ranking
 
 SHOWN = "ITAE"  # of ensembles
 LEAST = -100.0  # %, worse improvements are drawn there
@@ -86,6 +87,26 @@ def ensemble(system: str, kept: Sequence[Spread], plain: Mapping[tuple[str, str]
     entries = dict(zip(labels, handles, strict=True))
     figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=2)
     figure.suptitle(f"{system}: over the ensembles", fontweight="bold", fontsize="medium")
+    return figure
+
+
+def verdict(signs: Sequence[Signs], rankings: Sequence[Ranking]) -> Figure:
+    """Which of the thesis's statements hold: equal signs by whom it compares with, and how orders go together."""
+    whole = [one for one in signs if one.table == "all"]
+    figure = Figure(figsize=(10.0, 3.2), layout="constrained")
+    axes: Any = figure.subplots(1, 2)
+    shares = [100.0 * one.share for one in whole]
+    bars = axes[0].barh(range(len(whole)), shares, color=[COLOURS[0] if one > 95.0 else COLOURS[1] for one in shares])
+    axes[0].bar_label(bars, [f" {one.agree} of {one.statements}" for one in whole], fontsize="small")
+    axes[0].set_yticks(range(len(whole)), [one.what for one in whole])
+    axes[0].invert_yaxis()
+    axes[0].axvline(50.0, color="0.4", lw=0.8, ls="--")
+    axes[0].set(xlim=(0.0, 120.0), xlabel="improvements with the thesis's sign [%]; dashed: by chance")
+    known = [one.rho for one in rankings if one.rho is not None]
+    axes[1].hist(known, bins=np.linspace(-1.0, 1.0, 17), color=COLOURS[0], alpha=0.8)
+    axes[1].axvline(float(np.mean(known)), color=COLOURS[1], lw=2.0, label=f"mean, {np.mean(known):.2f}")
+    axes[1].set(xlabel="rank correlation of an order with the thesis's", ylabel="orders", xlim=(-1.0, 1.0))
+    axes[1].legend()
     return figure
 
 

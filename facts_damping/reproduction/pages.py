@@ -93,6 +93,8 @@ def _csv(results: Results, findings: Findings, folder: Path) -> list[Path]:
 def _charts(results: Results, findings: Findings, folder: Path) -> list[Path]:
     """Pictures of the agreement."""
     made: dict[str, Any] = {}
+    if findings.plain.signs_by_reference and any(one.rho is not None for one in findings.plain.rankings):
+        made["verdict"] = charts.verdict(findings.plain.signs_by_reference, findings.plain.rankings)
     for number in dict.fromkeys(cell.table for cell in results.cells):
         cells = [c for c in findings.plain.compared if c.cell.table == number]
         made[f"table_{number.replace('.', '_')}"] = charts.of_table(number, TITLES[number], cells)
