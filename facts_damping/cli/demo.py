@@ -1,4 +1,4 @@
-"""The main job, as `make demo` runs it: no control, lead-lag control, and the same with 100 ms of delay."""
+"""The main job, as `make demo` runs it: a deployment without control, with a lead-lag, and with far more delay."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
 from facts_damping.terminal import Progress
 
+RUN = "two_area_deployment"
 CASES = {
     "no control": ["controllers=[]"],
-    "LLC": [],
-    "LLC, 100 ms": ["link=delay_100ms"],
+    "lead-lag": [],
+    "lead-lag, 300 ms more": ["link.up.1.delay=0.303"],
 }
 
 
@@ -27,7 +28,7 @@ def run_all(folder: Path) -> None:
     """Run the three graphs in lockstep, put their figures side by side, plot them together, write their report."""
     named = []
     for name, sets in CASES.items():
-        case = loading.load_case("two_area_small", sets)
+        case = loading.load_case(RUN, sets)
         place = folder / _place(name)
         progress = Progress(name)
         try:
@@ -37,7 +38,9 @@ def run_all(folder: Path) -> None:
         record = load(outcome.recording)
         named.append((name, record))
         print(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
-    print("\nscenario small of two_area: load of area 2 decreased by 10 % at t = 1 s\n")
+    print(
+        "\ntwo_area in the profile deployment: a fault on a line of the tie at 2 s, cleared by the trip of that line\n"
+    )
     results = [runs.summarise(record, None, str(folder / _place(name) / "recording")) for name, record in named]
     details.compare(results, 0)
     print(table([(name, result) for (name, _), result in zip(named, results, strict=True)]))

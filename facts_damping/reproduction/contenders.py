@@ -46,18 +46,19 @@ NOBODY = Contender(NONE, NONE, NONE, ("sssc",), NONE, {"controllers": []})
 def everybody() -> list[Contender]:
     """No control, the lead-lag as printed, and all that were searched, those of a set of devices by their score."""
     found = [NOBODY, *(_made("LLC", None, devices) for devices in SETS)]
-    for file in _files():
-        found += [_of(file, row) for row in file.controllers]
+    for file in chosen_files():
+        found += [contender(file, row) for row in file.controllers]
     return found
 
 
-def _files() -> list[Tuned]:
+def chosen_files() -> list[Tuned]:
     """What was chosen in the profile for the system."""
     read = [check(Tuned, read_table(path), str(path)) for path in shipped("controllers").values()]
     return [one for one in read if (one.system, one.profile) == (SYSTEM, PROFILE)]
 
 
-def _of(file: Tuned, row: TunedController) -> Contender:
+def contender(file: Tuned, row: TunedController) -> Contender:
+    """Who has the parameters of a row."""
     return _made(row.name, row.scheme, tuple(file.devices), row.compensation, row.objective)
 
 

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.reproduction import contenders as who
-from facts_damping.studies.paired import agree, by_draw, effect
+from facts_damping.studies.paired import Effect, agree, by_draw, effect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from facts_damping.reproduction.contenders import Contender
     from facts_damping.reproduction.held_out import HeldOut
-    from facts_damping.studies.paired import Effect
 
     Row = dict[str, Any]
     Keep = Callable[[Row], bool]

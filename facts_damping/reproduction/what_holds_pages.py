@@ -174,7 +174,7 @@ def answer_table(answers: Sequence[Answer], *events: str) -> str:
     """Pairs side by side, with some of the events by name."""
     rows = [
         [one.who, one.against, percent(one.new_events), percent(one.new_conditions)]
-        + [percent(one.events[event]) for event in events]
+        + [percent(one.events[event]) if event in one.events else "-" for event in events]
         for one in answers
     ]
     titles = ["", "beside", "new events", "new conditions", *events]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from facts_damping.parameters.study import Margin, Study
+from facts_damping.errors import InputError
+from facts_damping.parameters.study import Axis, Margin, Study
 from facts_damping.parameters.validation import check
 from facts_damping.studies import axes, margins
 
@@ -210,3 +212,52 @@ def test_shares_have_wilson_s_interval() -> None:
     assert (told["runs"], told["failed"], told["share"]) == (20, 3, 0.15)
     assert told["low"] == pytest.approx(middle - half)
     assert told["high"] == pytest.approx(middle + half)
+
+
+# Draws of several kinds
+
+SEED = {"field": "seed", "distribution": "uniform", "low": 0, "high": 100, "whole": True}
+LASTS = {"name": "lasts", "field": "scenario.0.duration", "distribution": "uniform", "low": 1, "high": 2}
+CHANGE = {"field": "change", "distribution": "normal", "mean": 0, "std": 1}
+DRAWS: dict[str, Any] = {
+    "number": 7,
+    "method": "latin_hypercube",
+    "variables": [SEED],
+    "kinds": {
+        "trip": {"set": {"scenario": [1]}},
+        "fault": {"set": {"scenario": [2]}, "variables": [LASTS]},
+        "step": {"set": {"scenario": [3]}, "variables": [CHANGE]},
+    },
+}
+
+
+def test_kinds_come_in_turn_with_what_is_theirs_and_what_all_have() -> None:
+    found = points({"name": "event", "draws": DRAWS}, seed=3)
+    assert [one.columns["event"] for one in found] == ["trip", "fault", "step", "trip", "fault", "step", "trip"]
+    own = {"trip": set[str](), "fault": {"scenario.0.duration"}, "step": {"change"}}
+    for one in found:
+        assert set(one.changes) == {"seed", "scenario"} | own[one.columns["event"]]
+        assert (one.columns["lasts"] is None) == (one.columns["event"] != "fault")
+        assert list(one.columns) == ["seed", "event", "lasts", "change"]
+    assert len({one.columns["seed"] for one in found}) == len(found)
+
+
+def test_a_hypercube_is_one_over_the_draws_of_a_kind() -> None:
+    axis = {"name": "event", "draws": {**DRAWS, "number": 30}}
+    lasting = sorted(one.columns["lasts"] for one in points(axis) if one.columns["event"] == "fault")
+    assert [int((value - 1.0) * 10) for value in lasting] == list(range(10))
+    assert axes.drawn_columns(check(Axis, axis, "axis")) == ["seed", "lasts", "change"]
+
+
+@pytest.mark.parametrize(
+    ("axis", "said"),
+    [
+        ({"draws": DRAWS}, "`kinds` need a `name`"),
+        ({"name": "event", "draws": {"number": 2}}, "neither `variables` nor `kinds` given"),
+        ({"name": "event", "draws": {"number": 2, "kinds": {}}}, "kinds"),
+        ({"name": "event", "draws": {**DRAWS, "kinds": {"a": {"variables": [SEED]}}}}, "kinds.a: 'seed' drawn twice"),
+    ],
+)
+def test_bad_kinds_are_refused(axis: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=re.escape(said)):
+        points(axis)

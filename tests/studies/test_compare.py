@@ -58,7 +58,7 @@ def test_all_controllers_are_there_in_both_schemes_on_all_scenarios(rows: Rows) 
     scenarios = {(row["system"], row["scenario"]) for row in rows}
     assert len(scenarios) == 7
     wanted: set[tuple[str, str | None]] = {(name, scheme) for name in networks for scheme in ("direct", "indirect")}
-    wanted |= {("none", None), ("LLC", None), ("LLC-tuned", None), ("LQG", None)}
+    wanted |= {("none", None), ("LLC", None), ("LLC-tuned", None), ("LQG", None), ("Hinf", None)}
     for one in scenarios:
         assert {(r["controller"], r["scheme"]) for r in rows if (r["system"], r["scenario"]) == one} == wanted
 

@@ -8,7 +8,7 @@ from collections import Counter
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -22,7 +22,8 @@ from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.parameters import files
 from facts_damping.parameters.files import shipped
-from facts_damping.parameters.run import Controller
+from facts_damping.parameters.run import Controller, Tuned
+from facts_damping.parameters.validation import check
 from facts_damping.studies import scoring
 from facts_damping.studies import search as study
 from facts_damping.studies.optimisers import METHODS, Found
@@ -276,6 +277,49 @@ def test_the_best_quarter_goes_on_and_llc_tuned_to_the_end(monkeypatch: pytest.M
     assert sorted(set(asked)) == [(0, 1, 3), (1, 2, 6), (2, 4, 10)]
 
 
+def test_where_all_are_kept_each_has_the_same_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = Counter[tuple[Any, ...]]()
+
+    def climb(_task: SearchTask, rung: Rung, entry: Entry) -> Entry:
+        asked.update([(*entry.structure[:2], rung.number, len(rung.draws), rung.generations)])
+        return entry._replace(controller=Controller(), scores=(*entry.scores, Score(0.0, {}, 0.0)))
+
+    monkeypatch.setattr(study, "climb", climb)
+    monkeypatch.setattr(study, "judge", lambda _task, _against, e: e._replace(scores=(*e.scores, e.scores[-1])))
+    monkeypatch.setattr(study, "draws", lambda _system, _link, number, *_: list(range(number)))
+    task = SearchTask("two_area", None, ("sssc",), 57600, 1, draws=2, keep_all=True, compensation="some")
+    found = search(task._replace(profile="deployment"), ["gaussian+sam", "LQG", "ANFTSC"], 1, quiet)
+    who = [("LLC-tuned", None), *product(["gaussian+sam", "ANFTSC"], ["direct", "indirect"])]  # LQG has none
+    assert Counter((entry.structure.name, entry.structure.scheme) for entry in found) == Counter(who)
+    rungs_of_all = [(0, 2, 120), (1, 4, 60), (2, 8, 30)]  # 3840 runs of each in each rung, 16 a generation
+    assert asked == Counter(one + rung for one in who for rung in rungs_of_all)
+
+
+def test_in_another_profile_signals_are_its_and_the_reference_may_be_no_control() -> None:
+    found = structures(load_system("two_area"), ["LQG"], [], None, "deployment")
+    assert [one.signals for one in found] == [["frequency"], ["frequency"], ["frequency"], ["frequency", "power"]]
+    against = draws("two_area", None, 2, None, "deployment", "none")
+    assert [draw.group for draw in against] == [("fault and trip, west",), ("unit trip",)]
+    assert {draw.content["profile"] for draw in against} == {"deployment"}
+    assert {draw.reference.effort for draw in against} == {0.0}
+    weak = Controller(name="LLC", signals=["frequency"], parameters={"gain": 0.0})
+    assert score(weak, against).value == pytest.approx(0.0, abs=1e-3)
+
+
+def test_what_all_came_to_is_a_file_that_runs_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "tuned.yaml"
+    given = ["two_area", "Hinf", "--profile", "deployment", "--against", "none", "--devices", "sssc", "--keep-all"]
+    monkeypatch.setattr(study, "POPULATION", 6)
+    assert main(["search", *given, "--budget", "1", "--jobs", "1", "--tuned", str(out)]) == 0
+    made = check(Tuned, files.read_table(out), "test")
+    assert (made.profile, made.signals, made.devices) == ("deployment", ["frequency"], ["sssc"])
+    assert {row.name for row in made.controllers} == {"LLC-tuned", "Hinf"}
+    monkeypatch.setattr(files, "shipped", lambda kind: {"mine": out} if kind == "controllers" else shipped(kind))
+    for row in made.controllers:
+        (own,) = load_case(None, ["profile=deployment", f"controllers.0.name={row.name}"]).controllers
+        assert {name: own.parameters[name] for name in row.parameters} == row.parameters
+
+
 def test_the_same_seed_gives_the_same_for_any_jobs_and_another_another() -> None:
     task, names = SearchTask("smib", "pdci_100ms", (), 1, 4), ["gaussian+sam"]
     found = [search(task, names, jobs, quiet) for jobs in (1, 2)]
@@ -382,6 +426,10 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
             ["smib", "--deviation", "0.1"],
             "--deviation: 0.1 given with --start hypercube; allowed: with tuned, or a run",
         ),
+        (["smib", "--profile", "deployment"], "SYSTEM: 'smib' given; allowed: two_area"),
+        (["smib", "--tuned", "mine.yaml"], "--tuned mine.yaml: given without --devices"),
+        (["smib", "--against", "LQG"], "argument --against: invalid choice: 'LQG'"),
+        (["smib", "--compensation", "lead"], "argument --compensation: invalid choice: 'lead'"),
         (["smib", "--deviation", "wide"], "wide given; allowed: 0.001 to 0.5"),
         (["smib", "--method", "simplex"], "argument --method: invalid choice: 'simplex'"),
         (["smib", "--budget", "0"], "0 given; allowed: 1 to 1000000"),
