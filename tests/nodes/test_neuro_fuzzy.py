@@ -63,6 +63,18 @@ def test_a_graph_with_an_lqg_is_the_in_process_run_bit_for_bit(
     assert_same(recorded, computed)
 
 
+@pytest.mark.parametrize("name", ["LQG", "Hinf", "ANFTSC"])
+def test_a_graph_of_the_deployment_is_the_in_process_run_bit_for_bit(domain: int, tmp_path: Path, name: str) -> None:
+    """Its controllers and supervisors are designed on another system than its plant."""
+    sets = [f"controllers.0.name={name}", "system.machines.0.H=5", "system.loads.0.P=900", "duration=4"]
+    case = load_case("two_area_deployment", sets)
+    assert case.designed_on.machines[0].H != case.system.machines[0].H
+    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
+    recorded, computed = load(tmp_path / "recording"), loop.run(case)
+    assert np.abs(computed.applied["value"]).max() > 0.01
+    assert_same(recorded, computed)
+
+
 @pytest.mark.parametrize(("name", "scheme", "scenario", "link"), RUNS, ids=[f"{n}-{s}" for n, s, _, _ in RUNS])
 def test_a_graph_with_identifier_is_the_in_process_run_bit_for_bit(
     domain: int, tmp_path: Path, name: str, scheme: str, scenario: list[str], link: str

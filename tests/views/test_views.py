@@ -209,7 +209,7 @@ def test_shipped_files_are_what_the_command_makes(folder: Path, tmp_path: Path) 
 
 
 def test_views_of_the_demo_are_shipped() -> None:
-    assert "two_area_small" in {folder.name for folder in SHIPPED}
+    assert "two_area_deployment" in {folder.name for folder in SHIPPED}
 
 
 def test_command_makes_layouts_of_a_recording_and_a_copy_by_simulated_time(recorded: Recorded, tmp_path: Path) -> None:
