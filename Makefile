@@ -82,7 +82,8 @@ pages: demo
 	cp $(PAGES)/healthy/page.md docs/false_trips.md
 	$(BIN)/facts-damping reproduce --out $(PAGES)/reproduction
 	$(BIN)/facts-damping reproduce --profile deployment --out $(PAGES)/deployment
-	cp $(PAGES)/deployment/what_holds.md $(PAGES)/deployment/what_holds_all.md docs
+	sed 's|](what_holds.png)|](images/deployment/what_holds.png)|' $(PAGES)/deployment/what_holds.md > docs/what_holds.md
+	cp $(PAGES)/deployment/what_holds_all.md docs
 	cd docs/images && for picture in */*; do cp ../../$(PAGES)/$$picture $$picture || exit 1; done
 
 # Kernels and messages are compiled side by side.

@@ -88,6 +88,7 @@ def judge(held: HeldOut) -> Judgement:
     """Everything that the page tells."""
     many = held.many
     events = list(dict.fromkeys(row["event"] for row in many))
+    lost = list(dict.fromkeys(row["event"] for row in held.device_lost))
     controlled = [one for one in held.finalists if one.name != who.NONE]
 
     def answers(pairs: Sequence[tuple[str, str]], rows: Sequence[Row], others: Sequence[Row] = ()) -> list[Answer]:
@@ -108,7 +109,7 @@ def judge(held: HeldOut) -> Judgement:
             _answer(one.label, who.unsupervised(one).label, events, held.few, held.unsupervised) for one in controlled
         ],
         device_lost=[
-            _answer(one.label, who.NONE, [], held.device_lost, held.device_lost)
+            _answer(one.label, who.NONE, lost, held.device_lost, held.device_lost)
             for one in controlled
             if len(one.devices) > 1
         ],

@@ -94,7 +94,7 @@ def _render(name: str, held: HeldOut, told: Judgement) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    functions = {one.__name__: one for one in (finalist_table, everybody_table, answer_table, percent, span, ratio)}
+    functions = {one.__name__: one for one in (finalist_table, everybody_table, answer_table, delay_table, lost_table)}
     text = templates.get_template(name).render(held=held, told=told, command=COMMAND, picture=PICTURE, **functions)
     return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
 
@@ -214,6 +214,24 @@ def picture(told: Judgement) -> Figure:
     axes[1].grid(visible=True, color="0.92")
     axes[1].legend(fontsize=6, ncols=2)
     return figure
+
+
+def delay_table(told: Judgement) -> str:
+    """Up to which added delay each is better than no control, and what it is over that at some."""
+    shown = [delay for delay in told.borne[0].by_delay if round(1000 * delay) % 100 == 0]
+    rows = [
+        [one.who.label, span(one), *(ratio(one.by_delay[delay]) for delay in shown)]
+        for one in sorted(told.borne, key=lambda one: -(one.helps_to if one.helps_to is not None else -1.0))
+    ]
+    titles = ["controller", "up to, ms", *(f"{1000 * delay:.0f} ms more" for delay in shown)]
+    return "\n".join(terminal.table(titles, rows, 1, markdown=True))
+
+
+def lost_table(answers: Sequence[Answer]) -> str:
+    """Who has two devices, with one of them lost."""
+    events = list(answers[0].events) if answers else []
+    rows = [[one.who, *(percent(one.events[event]) for event in events)] for one in answers]
+    return "\n".join(terminal.table(["controller", *events], rows, 1, markdown=True))
 
 
 def _log(found: Effect) -> float:
