@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 # Draws of each study; the first has twelve kinds of them.
 FEW, MANY, CHECKED = 72, 192, 12
-AGAIN_SEED = 5001  # of other draws, for the same answers
+AGAIN_SEED = 6201  # of other draws, for the same answers
 
 
 class HeldOut(NamedTuple):
@@ -32,7 +32,7 @@ class HeldOut(NamedTuple):
     few: Rows  # everybody
     many: Rows  # finalists, and who stands beside them
     again: Rows  # finalists, other draws
-    checked: Rows  # everybody, also with half the integration step
+    checked: Rows  # all these, also with half the integration step
     unsupervised: Rows  # finalists without supervisor, in the draws of `few`
     ambient: Rows  # everybody, without an event
     delays: Rows  # finalists, with more and more delay
@@ -62,7 +62,7 @@ def gather(folder: Path, jobs: int, draws: int | None = None) -> HeldOut:
         few=run("everybody", events, everybody, FEW),
         many=run("finalists", events, [*finalists, *beside], MANY),
         again=run("again", events, finalists, MANY // 2, seed=AGAIN_SEED),
-        checked=run("checked", events, everybody, CHECKED, check_step=True),
+        checked=run("checked", events, [*everybody, *beside], CHECKED, check_step=True),
         unsupervised=run("unsupervised", events, [who.unsupervised(one) for one in controlled], FEW),
         ambient=run("ambient", "held_out_ambient", everybody, None),
         delays=run("delays", "held_out_delay", finalists, None),

@@ -81,6 +81,7 @@ class Judgement(NamedTuple):
     supervision: list[Answer]  # supervised beside unsupervised
     device_lost: list[Answer]
     borne: list[Borne]
+    unsure: set[str]  # labels of those whose figures half the integration step changes in more than `UNCONVERGED` runs
     again: tuple[int, int]  # effects of other draws that are the same within the intervals, and of how many
 
 
@@ -114,8 +115,16 @@ def judge(held: HeldOut) -> Judgement:
             if len(one.devices) > 1
         ],
         borne=[_borne(one, held.delays) for one in controlled],
+        unsure={
+            label for label in {row["who"] for row in held.checked} if _unconverged(held.checked, label) > UNCONVERGED
+        },
         again=_same(over_none, again),
     )
+
+
+def _unconverged(rows: Sequence[Row], label: str) -> int:
+    """How many of a contender's runs half the step changes."""
+    return sum(not row["converged"] for row in _of(rows, label).values())
 
 
 def _answer(one: str, other: str, events: Sequence[str], rows: Sequence[Row], others: Sequence[Row]) -> Answer:
@@ -150,7 +159,7 @@ def _ranked(held: HeldOut) -> list[Ranked]:
             Ranked(
                 one,
                 _answer(one.label, who.NONE, [], held.few, held.few).all,
-                sum(bool(row["converged"]) for row in checked),
+                len(checked) - _unconverged(held.checked, one.label),
                 len(checked),
                 float(np.mean([row["saturation_duty"] for row in quiet])),
                 float(np.mean([row["trips"] > 0 for row in few])),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from pyarrow import csv
 from facts_damping import terminal
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.studies.pages import save
+from facts_damping.studies.paired import Effect
 from facts_damping.studies.results import table
 from facts_damping.terminal import write_whole
 
@@ -23,10 +25,11 @@ if TYPE_CHECKING:
 
     from facts_damping.reproduction.held_out import HeldOut
     from facts_damping.reproduction.what_holds import Answer, Borne, Judgement, Ranked
-    from facts_damping.studies.paired import Effect
 
 PAGE, EVERYBODY, PICTURE = "what_holds.md", "what_holds_all.md", "what_holds.png"
 QUESTIONS = ("over_none", "learning", "adaptive", "second", "compensation", "supervision", "device_lost")
+RANGE = (-1.8, 0.7)  # of colours, logarithm of the ratio
+NOTHING = Effect(0, 0, 0, 0, None, None, None)
 COMMAND = "facts-damping reproduce --profile deployment"
 
 
@@ -95,8 +98,15 @@ def _render(name: str, held: HeldOut, told: Judgement) -> str:
         lstrip_blocks=True,
     )
     functions = {one.__name__: one for one in (finalist_table, everybody_table, answer_table, delay_table, lost_table)}
+    functions["found"] = partial(_found, told)
     text = templates.get_template(name).render(held=held, told=told, command=COMMAND, picture=PICTURE, **functions)
     return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
+
+
+def _found(told: Judgement, question: str, name: str, event: str = "all") -> str:
+    """An effect by its question and who it is of, as text."""
+    one = next((answer for answer in getattr(told, question) if answer.who == name), None)
+    return "-" if one is None else percent(effects(one).get(event, NOTHING))
 
 
 # Cells
@@ -124,13 +134,13 @@ def span(one: Borne) -> str:
 
 
 def finalist_table(told: Judgement) -> str:
-    """Who was judged on all draws, best first."""
+    """Who was judged on all draws, the best first; last those that have no place in an order."""
     places = {one.who.label: one for one in told.ranked}
     borne = {one.who.label: one for one in told.borne}
     rows = []
-    for one in sorted(told.over_none, key=lambda one: one.all.ratio or np.inf):
+    for one in in_order(told):
         place, delay = places.get(one.who), borne.get(one.who)
-        sure = "" if place is None or place.checked - place.converged <= 1 else "~"
+        sure = "~" if one.who in told.unsure else ""
         rows.append(
             [
                 sure + one.who,
@@ -145,6 +155,11 @@ def finalist_table(told: Judgement) -> str:
         )
     titles = ["controller", "new events", "new conditions", "lost", "kept", "delay, ms", "saturated", "tripped"]
     return "\n".join(terminal.table(titles, rows, 1, markdown=True))
+
+
+def in_order(told: Judgement) -> list[Answer]:
+    """Answers over no control, the best first; last who has no place in an order."""
+    return sorted(told.over_none, key=lambda one: (one.who in told.unsure or one.all.lost > 0, one.all.ratio or np.inf))
 
 
 def everybody_table(ranked: Sequence[Ranked]) -> str:
@@ -186,12 +201,12 @@ def answer_table(answers: Sequence[Answer], *events: str) -> str:
 
 def picture(told: Judgement) -> Figure:
     """ITAE of finalists beside no control: by event, and by added delay."""
-    own = sorted(told.over_none, key=lambda one: one.all.ratio or np.inf)
+    own = in_order(told)
     events = list(own[0].events)
     values = np.array([[_log(one.events[event]) for event in events] for one in own])
     figure = Figure(figsize=(15.0, 2.6 + 0.32 * len(own)), layout="constrained")
     axes: Any = figure.subplots(1, 2, width_ratios=[2.2, 1.0])
-    norm = TwoSlopeNorm(0.0, vmin=min(-1.5, float(np.nanmin(values))), vmax=max(0.7, float(np.nanmax(values))))
+    norm = TwoSlopeNorm(0.0, vmin=RANGE[0], vmax=RANGE[1])
     axes[0].imshow(values, cmap="RdBu_r", norm=norm, aspect="auto")
     for i, one in enumerate(own):
         for j, event in enumerate(events):
