@@ -187,8 +187,8 @@ def _second(finalists: Sequence[Contender]) -> list[tuple[str, str]]:
         [one for one in finalists if one.devices == devices and one.compensation == who.NONE] for devices in who.SETS
     )
     for one in both:
-        like = [other for other in alone if other.family == one.family and one.name in (other.name, one.name)]
-        same = [other for other in like if one.family != who.FIXED or other.name == one.name]
+        fixed = one.family == who.FIXED
+        same = [other for other in alone if other.family == one.family and (not fixed or other.name == one.name)]
         pairs += [(one.label, same[0].label)] if same else []
     return pairs
 

@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from facts_damping.analysis.indices import INDICES
+from facts_damping.case.controllers import tuned
 from facts_damping.cli.main import main
 from facts_damping.control.table import CONTROLLERS
+from facts_damping.parameters.files import shipped
 from facts_damping.studies import compare, sweep
+from facts_damping.studies.batch import make
 from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:
@@ -91,6 +94,28 @@ def test_every_adaptive_controller_beats_no_control_but_the_findings(rows: Rows)
             if row["scheme"] and not (row["stable"] and all(row[k] < none[k] for k in INDICES))
         }
     assert worse == NOT_BETTER
+
+
+def test_in_another_profile_all_are_what_was_chosen_there() -> None:
+    plan = compare.plan(["two_area"], ["LLC-tuned", "ANFTSC"], ["profile=deployment"])
+    found = {point.columns["run"]: make(plan.base, point.changes) for point in plan.points}
+    assert len(found) == 3 * 5  # none, LLC, LLC-tuned, ANFTSC in both schemes
+    for case in found.values():
+        assert case.run.profile == "deployment"
+        assert [c.signals for c in case.controllers] in ([], [["frequency"]])
+    known = tuned("two_area", ["frequency"], ["sssc"], profile="deployment")
+    for label, key in (("LLC-tuned", ("LLC-tuned", None)), ("ANFTSC direct", ("ANFTSC", "direct"))):
+        own = found[f"two_area small {label}"].controllers[0].parameters
+        assert {name: own[name] for name in known[key]} == known[key]
+
+
+@pytest.mark.parametrize("name", [name for name in shipped("studies") if name.startswith("ensemble_")])
+def test_every_ensemble_may_have_another_profile(name: str) -> None:
+    plan = sweep.plan(name, ["profile=deployment"])
+    case = make(plan.base, plan.points[0].changes)
+    assert case.measurement.filter == "p_class"
+    assert case.model is not None
+    assert case.model.loads != case.system.loads  # the draws are of the plant alone
 
 
 def test_changes_of_controllers_are_for_networks_only(tmp_path: Path) -> None:
