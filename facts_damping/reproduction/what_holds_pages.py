@@ -225,9 +225,11 @@ def picture(told: Judgement) -> Figure:
         style = {"color": COLOURS[k % len(COLOURS)], "ls": ("-", "--", ":", "-.")[k // len(COLOURS) % 4]}
         axes[1].plot(*np.array(known).reshape(-1, 2).T, label=borne.who.label, lw=1.2, **style)
     axes[1].axhline(1.0, color="0.4", lw=0.8)
-    axes[1].set(yscale="log", xlabel="more delay, ms", ylabel="ITAE over that of no control", title="")
+    axes[1].set(yscale="log", xlabel="more delay, ms", ylabel="ITAE over that of no control", ylim=(0.14, 1.3))
     axes[1].grid(visible=True, color="0.92")
-    axes[1].legend(fontsize=6, ncols=2)
+    axes[1].set_yticks(shown := [0.15, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0], [f"{one:g}" for one in shown], minor=False)
+    axes[1].set_yticks([], minor=True)
+    axes[1].legend(fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.07))
     return figure
 
 
