@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 GIGABYTE = 1 << 30
 MOST_MB = 300
-MOST_S = 2.0  # of processor time for the reading; that of loading libraries is told apart
+MOST_S = 5.0  # of processor time for the reading; that of loading libraries is told apart
 STATE, FRAMES = (f"facts_damping_msgs/msg/{name}" for name in ("PlantState", "PmuDataFrame"))
 ALIASES = "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 12))
 
