@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.changes import PROFILE, STANDARD, as_sets, change, off, take_profile
@@ -70,15 +71,21 @@ def load_case(name: str | None, sets: list[str] | None = None, supervised: str |
     return make_case({**content, "arm_at": ARM_AT}, source, pairs)
 
 
-def read_run(name: str | None) -> tuple[dict[str, Any], str]:
-    """The content of a run by name or path (none: all defaults), and what it is from."""
-    if name is None:
+def read_run(given: str | dict[str, Any] | None) -> tuple[dict[str, Any], str]:
+    """The content of a run by name or path, or inline (none: all defaults), and what it is from.
+
+    What its profile says is set in it, but for a stored run, which has that already.
+    """
+    if given is None:
         return {}, "defaults"
-    path = find("runs", name)
-    content = read_table(path)
+    if isinstance(given, dict):
+        content, source = deepcopy(given), "run"
+    else:
+        path = find("runs", given)
+        content, source = read_table(path), str(path)
     if content.get(PROFILE) is not None and content.get("asked") is None:
-        take_profile(content, content[PROFILE], f"{path}: {PROFILE}", list(content))
-    return content, str(path)
+        take_profile(content, content[PROFILE], f"{source}: {PROFILE}", list(content))
+    return content, source
 
 
 def changed_case(content: dict[str, Any], source: str, values: Mapping[str, Any]) -> Case:

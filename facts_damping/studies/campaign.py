@@ -73,7 +73,7 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
     campaign = campaign.model_copy(update={name: count for name, count in asked.items() if count is not None})
     for fault in campaign.faults:
         check_known(f"{path}: faults", fault, list(FAULTS))
-    contents = {bed: _content(one) for bed, one in campaign.beds.items()}
+    contents = {bed: read_run(one.run) for bed, one in campaign.beds.items()}
     pairs = dict(parse_set(text) for text in sets)
     changed = {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}
     told = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
@@ -94,10 +94,6 @@ def _check(made: Plan, bed: str) -> None:
     for chosen in [first, *(first | {name: label} for name, choices in lists.items() for label in choices)]:
         if _case(made, bed, {**made.set, **_chosen(made.campaign.beds[bed], chosen)}).supervision is None:
             raise InputError(f"beds.{bed}: a run without supervision given; allowed: one with `supervision`")
-
-
-def _content(bed: Bed) -> tuple[dict[str, Any], str]:
-    return (deepcopy(bed.run), "run") if isinstance(bed.run, dict) else read_run(bed.run)
 
 
 def _case(made: Plan, bed: str, changes: dict[str, Any]) -> Case:

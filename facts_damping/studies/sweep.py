@@ -9,6 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.analysis.verdict import DAMPED, LOST
+from facts_damping.case.loading import read_run
 from facts_damping.control.table import PROGRAMS
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
@@ -110,7 +111,7 @@ def _check_tables(study: Study, first: Point) -> None:
 
 def _base(study: Study, sets: Sequence[str], source: str) -> Base:
     """What all runs of a study have in common."""
-    content = dict(study.run) if isinstance(study.run, dict) else read_table(find("runs", study.run))
+    content, _ = read_run(study.run)
     pairs = dict(parse_set(text) for text in sets)
     changed = {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}
     return Base(content, source, {**study.set, **changed}, study.modes)

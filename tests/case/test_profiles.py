@@ -15,6 +15,8 @@ from facts_damping.parameters.files import shipped
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_control, plant_residues
+from facts_damping.studies import sweep
+from facts_damping.studies.batch import make
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -78,6 +80,17 @@ def test_what_a_run_says_itself_goes_before_its_profile(tmp_path: Path) -> None:
     assert case.controllers[0].signals == ["f13"]
     path.write_text("profile: deployment\ncontrollers: [{name: LLC}]\n")
     assert load_case(str(path)).controllers[0].signals == ["frequency"]
+
+
+@pytest.mark.parametrize("run", ["two_area_deployment", "{profile: deployment, duration: 1}"])
+def test_the_run_of_a_study_has_its_profile(tmp_path: Path, run: str) -> None:
+    path = tmp_path / "study.yaml"
+    path.write_text(f"run: {run}\nsweep: [{{field: seed, values: [1, 2]}}]\n")
+    plan = sweep.plan(str(path), [])
+    for point in plan.points:
+        case = make(plan.base, point.changes)
+        assert (case.measurement.filter, case.run.tuning) == ("p_class", "deployment")
+        assert case.model == case.system
 
 
 def test_a_stored_run_stays_what_it_was(tmp_path: Path) -> None:

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 GIGABYTE = 1 << 30
 MOST_MB = 300
-MOST_S = 5.0  # of processor time for the reading; that of loading libraries is told apart
+MOST_S = 2.0  # of processor time for the reading; that of loading libraries is told apart
+TRIES = 3  # the quickest counts: two threads of one core, both busy, take half as long again
 STATE, FRAMES = (f"facts_damping_msgs/msg/{name}" for name in ("PlantState", "PmuDataFrame"))
 ALIASES = "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 12))
 
@@ -124,8 +125,11 @@ def test_a_bomb_is_one_line(tmp_path: Path, name: str) -> None:
     BOMBS[name](file)
     assert file.stat().st_size < 10 << 20
     command = [sys.executable, "-c", READ, str(file), str(tmp_path / "out.csv")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-    status, took, megabytes = map(float, done.stdout.split())
+    for _ in range(TRIES):
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+        status, took, megabytes = map(float, done.stdout.split())
+        if took < MOST_S:
+            break
     assert status == 2
     assert done.stderr.count("\n") == 1, done.stderr
     assert megabytes < MOST_MB
