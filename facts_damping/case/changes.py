@@ -113,7 +113,7 @@ def take_profile(content: dict[str, Any], given: Any, where: str, kept: Collecti
     for path in sorted(values, key=lambda key: key.count(".")):
         for key in each_path(content, path, partial(_open_name, content)) if _there(content, path, kept) else []:
             set_field(content, key, deepcopy(values[path]), f"{where}: {path}")
-    _take_signals(content, profile.signals, given=PROFILE in kept)
+    _take_signals(content, profile, only_usual=PROFILE in kept)
     if profile.fixed_model and "model" not in kept:
         content["model"] = deepcopy(content["system"])
 
@@ -124,10 +124,10 @@ def _there(content: Mapping[str, Any], path: str, kept: Collection[str]) -> bool
     return path not in kept and bool(rows)
 
 
-def _take_signals(content: dict[str, Any], names: Mapping[str, str], *, given: bool) -> None:
-    """Give controllers other signals in the place of theirs; `given`: only where they do not say which."""
+def _take_signals(content: dict[str, Any], profile: Profile, *, only_usual: bool) -> None:
+    """Give controllers a profile's signals in the place of theirs; `only_usual`: of those that do not say which."""
     rows = content.setdefault("controllers", [{}])
     for row in rows if isinstance(rows, list) else []:
-        if isinstance(row, dict) and (not given or "signals" not in row):
+        if isinstance(row, dict) and not (only_usual and "signals" in row):
             own = row.get("signals", Controller().signals)
-            row["signals"] = [names.get(name, name) for name in own] if isinstance(own, list) else own
+            row["signals"] = profile.given(own) if isinstance(own, list) else own

@@ -171,15 +171,20 @@ def tuned(
     usual = Controller()
     signals, devices = signals or usual.signals, devices or usual.devices
     found: dict[tuple[str, str | None], dict[str, Value]] = {}
-    known = map(_read_tuned, files.shipped("controllers").values())
-    fitting = [one for one in known if one.profile == profile and one.measurement in ("ideal", measurement)]
+    fitting = [one for one in chosen(system, profile) if one.measurement in ("ideal", measurement)]
     for wanted in dict.fromkeys(("none", compensation)):
         for file in sorted(fitting, key=lambda one: one.measurement == measurement):
             for row in file.controllers:
-                own = file.system, file.devices, file.signals[: kind(row.name).signals]
-                if own == (system, devices, signals) and row.compensation == wanted:
+                own = file.devices, file.signals[: kind(row.name).signals]
+                if own == (devices, signals) and row.compensation == wanted:
                     found[row.name, row.scheme] = row.parameters
     return found
+
+
+def chosen(system: str, profile: str) -> list[Tuned]:
+    """The files of what was chosen for a system in a profile."""
+    known = map(_read_tuned, files.shipped("controllers").values())
+    return [one for one in known if (one.system, one.profile) == (system, profile)]
 
 
 @cache

@@ -98,11 +98,7 @@ def changed_case(content: dict[str, Any], source: str, values: Mapping[str, Any]
 def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> Case:
     """A case from the content of a run file."""
     run = check(Run, content, source, sets)
-    if isinstance(run.system, str):
-        system_path = find("systems", run.system)
-        system = check(System, read_table(system_path), str(system_path))
-    else:
-        system = check(System, run.system, source, sets, "system")
+    system = _system(run.system, "system", source, sets)
     model = _model(run, system, source, sets)
     if isinstance(run.scenario, str):
         path = find("scenarios", run.scenario, f"{system.name}/")
@@ -138,15 +134,19 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
     return case
 
 
+def _system(given: str | dict[str, Any], field: str, source: str, sets: dict[str, str] | None) -> System:
+    """A system by name or path, or inline in a field of the run."""
+    if isinstance(given, str):
+        path = find("systems", given)
+        return check(System, read_table(path), str(path))
+    return check(System, given, source, sets, field)
+
+
 def _model(run: Run, system: System, source: str, sets: dict[str, str] | None) -> System | None:
     """The system that controllers are designed on, if not the plant; it has the plant's devices and signals."""
     if run.model is None:
         return None
-    if isinstance(run.model, str):
-        path = find("systems", run.model)
-        model = check(System, read_table(path), str(path))
-    else:
-        model = check(System, run.model, source, sets, "model")
+    model = _system(run.model, "model", source, sets)
     for field, own, other in (
         ("devices", [d.name for d in model.devices], [d.name for d in system.devices]),
         ("stations", [s.name for s in model.stations], [s.name for s in system.stations]),

@@ -320,7 +320,7 @@ KINDS = (
     "monitors",
     "runs",
     "studies",
-)  # facts_damping.parameters.files.KINDS, likewise
+)
 # facts_damping.analysis.poles.METHODS and others, which take long to load.
 MODES = ("auto", "matrix_pencil", "prony", "era", "ssi")
 COUNT, SEED, TIMEOUT = _whole(1, 10**6), _whole(0, 2**31 - 1), _between(0.05, 3600.0, " s")

@@ -28,8 +28,8 @@ def tune(arguments: argparse.Namespace) -> None:
     files.check_writable(arguments.out, "--out")
     progress = Progress("tune", "controllers")
     try:
-        devices, names = arguments.devices.split(","), read_profile(arguments.profile).signals
-        signals = [names.get(name, name) for name in arguments.signals.split(",")]
+        devices = arguments.devices.split(",")
+        signals = read_profile(arguments.profile).given(arguments.signals.split(","))
         asked = arguments.budget, arguments.seed, arguments.measurement, arguments.profile
         task = study.TuningTask(arguments.system, devices, signals, *asked)
         found = study.tune(task, arguments.controllers, arguments.jobs, progress)
@@ -48,6 +48,7 @@ def search(arguments: argparse.Namespace) -> None:
     """Choose a controller and its parameters on draws of training alone: all pairs, schemes, devices, compensations."""
     from facts_damping.studies import search as study
     from facts_damping.studies import search_pages as pages
+    from facts_damping.studies.tune import document
 
     files.check_writable(arguments.out, "--out")
     files.check_writable(arguments.lead_lag, "--lead-lag")
@@ -73,7 +74,7 @@ def search(arguments: argparse.Namespace) -> None:
     if arguments.lead_lag is not None:
         write_whole(Path(arguments.lead_lag), pages.run_file(task, command, opponent))
     if arguments.tuned is not None:
-        write_whole(Path(arguments.tuned), dump(pages.tuned(task, command, found).model_dump(exclude_defaults=True)))
+        write_whole(Path(arguments.tuned), dump(document(pages.tuned(task, command, found))))
     write_json(arguments.json, {"command": command, "ranking": pages.rows(found)})
     for line in pages.search_table(found):
         say(arguments, line)

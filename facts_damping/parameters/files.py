@@ -16,18 +16,6 @@ from facts_damping.parameters.yaml_text import UNREADABLE, parse
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-KINDS = (
-    "systems",
-    "scenarios",
-    "profiles",
-    "controllers",
-    "links",
-    "measurement",
-    "supervision",
-    "runs",
-    "studies",
-    "campaigns",
-)
 MAX_FILE_BYTES = 10_000_000
 
 
@@ -44,7 +32,7 @@ def share_folder() -> Path:
 
 
 def shipped(kind: str) -> dict[str, Path]:
-    """Names and files of what is shipped: a folder of `KINDS`; scenarios as system/name."""
+    """Names and files of what is shipped in a folder of `config`; scenarios as system/name."""
     folder = share_folder() / "config" / kind
     return {str(f.relative_to(folder).with_suffix("")): f for f in sorted(folder.rglob("*.yaml"))}
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
 from facts_damping.parameters.base import Name, ParameterModel
 from facts_damping.parameters.study import FieldPath
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 DEFAULT_PROFILE = "thesis"  # whose fields are the defaults of a run
 
@@ -22,3 +25,7 @@ class Profile(ParameterModel):
     fixed_model: bool = Field(
         False, description="controllers are designed on this system, whatever a run changes in it afterwards"
     )
+
+    def given(self, signals: Iterable[str]) -> list[str]:
+        """What controllers are given in the place of signals."""
+        return [self.signals.get(name, name) for name in signals]

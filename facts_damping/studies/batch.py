@@ -124,7 +124,7 @@ def fresh_loop(case: Case, *, outside: bool = False) -> loop.Loop:
     built = shared(_plants, f"{events} {system} {noise} {guarded}", lambda: build_plant(case))
     plant = None
     if needs_residues(case):
-        model = f"{case.run.devices} {case.designed_on.model_dump_json()}"
+        model = system if case.model is None else f"{case.run.devices} {case.model.model_dump_json()}"
         plant = shared(
             _residues, f"{case.run.frame_rate} {case.measurement.filter} {model}", lambda: plant_residues(case)
         )

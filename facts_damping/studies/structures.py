@@ -46,8 +46,7 @@ class Structure(NamedTuple):
     @property
     def signals(self) -> list[str]:
         """The signals that it is given: what the profile has in the place of these."""
-        names = read_profile(self.profile).signals
-        return [names.get(name, name) for name in PORTS[self.devices][: kind(self.name).signals]]
+        return read_profile(self.profile).given(PORTS[self.devices][: kind(self.name).signals])
 
     @property
     def is_reference(self) -> bool:
@@ -157,7 +156,7 @@ class Choice:
         return Controller(
             name=self.structure.name,
             scheme=self.structure.scheme,
-            signals=self.structure.signals,
+            signals=list(self.space.signals),
             devices=list(self.structure.devices),
             compensation=words.pop("compensation", "none"),  # type: ignore[arg-type]
             parameters={**values, **words},
