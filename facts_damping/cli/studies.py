@@ -277,7 +277,7 @@ def _what_holds(arguments: argparse.Namespace) -> None:
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
     told = what_holds.judge(held)
-    written = pages.write(held, told, folder)
+    written = pages.write(told, folder)
     write_json(arguments.json, pages.document(told))
     say(arguments, pages.finalist_table(told))
     for path in written:

@@ -4,30 +4,27 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.case.changes import read_profile
-from facts_damping.control.table import kind
-from facts_damping.parameters.files import read_table, shipped
-from facts_damping.parameters.run import Tuned
-from facts_damping.parameters.validation import check
-from facts_damping.studies.structures import PORTS
+from facts_damping.case.controllers import chosen
+from facts_damping.studies.structures import Structure
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from facts_damping.parameters.run import TunedController
+    from facts_damping.parameters.run import Tuned, TunedController
+    from facts_damping.studies.tune import Scheme
 
 SYSTEM, PROFILE = "two_area", "deployment"
-NONE = "none"
+NONE = "none"  # of control, as `compare` calls it; of compensation
 SETS = {("sssc",): "SSSC", ("sssc", "statcom"): "both"}
 FIXED, DIRECT, INDIRECT = "fixed", "direct", "indirect"
-FAMILIES = (FIXED, DIRECT, INDIRECT)
+NETWORKS = (DIRECT, INDIRECT)
 
 
 class Contender(NamedTuple):
     """A controller that is judged: its name on the page, what it is, what it sets in a run, its score in training."""
 
     label: str
-    family: str  # of FAMILIES; `none` without control
+    family: str  # FIXED, or a network's scheme; `none` without control
     name: str
     devices: tuple[str, ...]
     compensation: str
@@ -46,15 +43,9 @@ NOBODY = Contender(NONE, NONE, NONE, ("sssc",), NONE, {"controllers": []})
 def everybody() -> list[Contender]:
     """No control, the lead-lag as printed, and all that were searched, those of a set of devices by their score."""
     found = [NOBODY, *(_made("LLC", None, devices) for devices in SETS)]
-    for file in chosen_files():
+    for file in chosen(SYSTEM, PROFILE):
         found += [contender(file, row) for row in file.controllers]
     return found
-
-
-def chosen_files() -> list[Tuned]:
-    """What was chosen in the profile for the system."""
-    read = [check(Tuned, read_table(path), str(path)) for path in shipped("controllers").values()]
-    return [one for one in read if (one.system, one.profile) == (SYSTEM, PROFILE)]
 
 
 def contender(file: Tuned, row: TunedController) -> Contender:
@@ -64,16 +55,15 @@ def contender(file: Tuned, row: TunedController) -> Contender:
 
 def _made(
     name: str,
-    scheme: str | None,
+    scheme: Scheme,
     devices: tuple[str, ...],
     compensation: str = NONE,
     score: float | None = None,
 ) -> Contender:
-    measured = read_profile(PROFILE).signals
     row: dict[str, Any] = {
         "name": name,
         "devices": list(devices),
-        "signals": [measured.get(one, one) for one in PORTS[devices][: kind(name).signals]],
+        "signals": Structure(name, scheme, devices, PROFILE).signals,
         "compensation": compensation,
     }
     row |= {} if scheme is None else {"scheme": scheme}
@@ -88,6 +78,11 @@ def best(contenders: Iterable[Contender], **like: Any) -> Contender | None:
     return min(own, key=lambda one: float(one.score or 0.0), default=None)
 
 
+def best_network(contenders: Iterable[Contender]) -> Contender | None:
+    """The best network in training."""
+    return best(one for one in contenders if one.family in NETWORKS)
+
+
 def finalists(contenders: Sequence[Contender]) -> list[Contender]:
     """Those that are judged on all draws: none, LLC, each fixed design, the best network of each scheme.
 
@@ -97,11 +92,9 @@ def finalists(contenders: Sequence[Contender]) -> list[Contender]:
     for devices in SETS:
         plain = [one for one in contenders if one.devices == devices and one.compensation == NONE]
         found += [one for one in plain if one.chosen and one.family == FIXED]
-        found += [one for family in (DIRECT, INDIRECT) if (one := best(plain, family=family))]
+        found += [one for family in NETWORKS if (one := best(plain, family=family))]
         other = [one for one in contenders if one.devices == devices and one.compensation != NONE]
-        fixed = best(other, family=FIXED)
-        networks = [one for family in (DIRECT, INDIRECT) if (one := best(other, family=family))]
-        found += [one for one in (fixed, best(networks)) if one]
+        found += [one for one in (best(other, family=FIXED), best_network(other)) if one]
     return found
 
 
@@ -121,7 +114,7 @@ def unsupervised(contender: Contender) -> Contender:
     )
 
 
-def as_tuned_for_the_thesis(name: str, scheme: str | None = None) -> Contender:
+def as_tuned_for_the_thesis(name: str, scheme: Scheme = None) -> Contender:
     """A controller with what was chosen for exact frequencies, without noise and delay."""
     made = _made(name, scheme, ("sssc",))
     return made._replace(label=f"{made.label}, chosen without", changes={**made.changes, "tuning": "thesis"})

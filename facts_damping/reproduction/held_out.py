@@ -5,10 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.parameters import files
-from facts_damping.parameters.study import Study
-from facts_damping.parameters.validation import check
 from facts_damping.reproduction import contenders as who
-from facts_damping.reproduction.runs import carry_out
+from facts_damping.reproduction.runs import carry_out, shipped
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,7 +43,7 @@ def gather(folder: Path, jobs: int, draws: int | None = None) -> HeldOut:
     finalists = who.finalists(everybody)
     controlled = [one for one in finalists if one.name != who.NONE]
     double = [one for one in finalists if one.name == who.NONE or len(one.devices) > 1]
-    networks = [one for one in finalists if one.family in (who.DIRECT, who.INDIRECT)]
+    networks = [one for one in finalists if one.family in who.NETWORKS]
     beside = [who.frozen(one) for one in networks] + [
         who.as_tuned_for_the_thesis(*one) for one in (("LLC-tuned",), ("ANFSC", "direct"), ("HBsWC", "indirect"))
     ]
@@ -53,7 +51,8 @@ def gather(folder: Path, jobs: int, draws: int | None = None) -> HeldOut:
 
     def run(title: str, name: str, own: Sequence[Contender], number: int | None, **more: Any) -> Rows:
         most = number if draws is None else min(draws, number or draws)
-        return carry_out(study(name, own, most, **more), title, files.new_folder(folder / "runs"), jobs)
+        axis = {"name": "who", "labels": [one.label for one in own], "rows": [one.changes for one in own]}
+        return carry_out(shipped(name, axis, most, **more), title, files.new_folder(folder / "runs"), jobs)
 
     return HeldOut(
         everybody,
@@ -68,13 +67,3 @@ def gather(folder: Path, jobs: int, draws: int | None = None) -> HeldOut:
         delays=run("delays", "held_out_delay", finalists, None),
         device_lost=run("device lost", "held_out_device_lost", double, None),
     )
-
-
-def study(name: str, own: Sequence[Contender], number: int | None = None, **more: Any) -> Study:
-    """A shipped study with everybody of these; `number`: of draws, none: as in its file; `more` of its fields."""
-    path = files.find("studies", name)
-    content = files.read_table(path)
-    drawn = next(axis["draws"] for axis in content["sweep"] if "draws" in axis)
-    drawn["number"] = number or drawn["number"]
-    axis = {"name": "who", "labels": [one.label for one in own], "rows": [one.changes for one in own]}
-    return check(Study, {**content, **more, "sweep": [*content["sweep"], axis]}, str(path))

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader
 from markdown_it import MarkdownIt
 from pyarrow import csv
 
@@ -16,6 +16,7 @@ from facts_damping.reproduction.agreement import flat, markdown, name
 from facts_damping.reproduction.ensembles import Interval
 from facts_damping.reproduction.printed import LLC
 from facts_damping.reproduction.results import LINK, TITLES
+from facts_damping.reproduction.templates import render
 from facts_damping.studies.pages import save
 from facts_damping.studies.results import table
 from facts_damping.terminal import write_whole
@@ -117,19 +118,11 @@ def _charts(results: Results, findings: Findings, folder: Path) -> list[Path]:
 
 def _page(results: Results, findings: Findings, command: str, pictures: Sequence[str]) -> str:
     """The paper: its text with the figures in it."""
-    templates = Environment(
-        loader=PackageLoader("facts_damping.reproduction", "."),
-        autoescape=False,  # noqa: S701 (Markdown)
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     functions = {one.__name__: one for one in extracts.ALL}
-    text = templates.get_template("page.md").render(
-        results=results, findings=findings, command=command, pictures=pictures, link=LINK, titles=TITLES,
+    return render(
+        "page.md", results=results, findings=findings, command=command, pictures=pictures, link=LINK, titles=TITLES,
         whole=len(results.tables) == len(TITLES), version=__version__, markdown=markdown, **functions,
     )  # fmt: skip
-    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
 
 
 def _html(text: str, folder: Path) -> str:

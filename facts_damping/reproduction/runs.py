@@ -70,11 +70,21 @@ def nominal(
 
 def ensemble(system: str, scenario: str, asked: Sequence[Who], draws: int | None = None, **fields: Any) -> Study:
     """The ensemble of a scenario (config/studies) with everybody; `draws`: how many, none: as in the file."""
-    path = files.find("studies", f"ensemble_{system}_{scenario}")
+    return shipped(f"ensemble_{system}_{scenario}", _everybody(asked, None), draws, fields)
+
+
+def shipped(
+    name: str, everybody: dict[str, Any], draws: int | None = None, fields: Mapping[str, Any] | None = None, **more: Any
+) -> Study:
+    """A shipped study with the axis of everybody behind its own.
+
+    `draws`: how many, none: as in its file; `fields` of the run and `more` of the study differ.
+    """
+    path = files.find("studies", name)
     content = files.read_table(path)
     drawn = next(axis["draws"] for axis in content["sweep"] if "draws" in axis)
     drawn["number"] = draws or drawn["number"]
-    content |= {"set": {**content.get("set", {}), **fields}, "sweep": [*content["sweep"], _everybody(asked, None)]}
+    content |= {"set": {**content.get("set", {}), **(fields or {})}, "sweep": [*content["sweep"], everybody], **more}
     return check(Study, content, str(path))
 
 

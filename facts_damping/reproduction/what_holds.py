@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,14 @@ UNCONVERGED = 1  # runs of a contender in `checked` that half the step may chang
 DELAY, LATENCY = "more_delay_s", 0.003  # column, and what of it the preset has
 
 
+def has_place(changed: int, over_none: Effect) -> bool:
+    """Whether a contender has a place in an order: it is converged, and loses no draw that is kept without control.
+
+    `changed`: how many of its runs half the integration step changes.
+    """
+    return changed <= UNCONVERGED and over_none.lost == 0 and over_none.ratio is not None
+
+
 class Ranked(NamedTuple):
     """A contender among all."""
 
@@ -36,9 +45,8 @@ class Ranked(NamedTuple):
 
     @property
     def place(self) -> bool:
-        """Whether it has a place in the order: converged, and no draw lost that is kept without control."""
-        sure = self.checked - self.converged <= UNCONVERGED
-        return sure and self.over_none.lost == 0 and self.over_none.ratio is not None
+        """Whether it has a place in the order."""
+        return has_place(self.checked - self.converged, self.over_none)
 
 
 class Answer(NamedTuple):
@@ -81,31 +89,29 @@ class Judgement(NamedTuple):
     supervision: list[Answer]  # supervised beside unsupervised
     device_lost: list[Answer]
     borne: list[Borne]
-    unsure: set[str]  # labels of those whose figures half the integration step changes in more than `UNCONVERGED` runs
+    changed: Counter[str]  # how many runs of each in `checked` half the integration step changes, by label
     again: tuple[int, int]  # effects of other draws that are the same within the intervals, and of how many
 
 
 def judge(held: HeldOut) -> Judgement:
     """Everything that the page tells."""
-    many = held.many
+    many, changed = held.many, Counter(row["who"] for row in held.checked if not row["error"] and not row["converged"])
     events = list(dict.fromkeys(row["event"] for row in many))
     lost = list(dict.fromkeys(row["event"] for row in held.device_lost))
     controlled = [one for one in held.finalists if one.name != who.NONE]
 
-    def answers(pairs: Sequence[tuple[str, str]], rows: Sequence[Row], others: Sequence[Row] = ()) -> list[Answer]:
-        return [_answer(one, other, events, rows, others or rows) for one, other in pairs]
+    def answers(pairs: Sequence[tuple[str, str]], rows: Sequence[Row] = many) -> list[Answer]:
+        return [_answer(one, other, events, rows, rows) for one, other in pairs]
 
-    over_none = answers([(one.label, who.NONE) for one in (*controlled, *held.beside)], many)
+    over_none = answers([(one.label, who.NONE) for one in (*controlled, *held.beside)])
     again = answers([(one.label, who.NONE) for one in controlled], held.again)
     return Judgement(
-        ranked=_ranked(held),
+        ranked=_ranked(held, changed),
         over_none=over_none,
-        learning=answers(
-            [(one.label, who.frozen(one).label) for one in controlled if one.family in (who.DIRECT, who.INDIRECT)], many
-        ),
-        adaptive=answers(_best_pairs(controlled), many),
-        second=answers(_second(controlled), many),
-        compensation=answers(_compensated(controlled), many),
+        learning=answers([(one.label, who.frozen(one).label) for one in controlled if one.family in who.NETWORKS]),
+        adaptive=answers(_best_pairs(controlled)),
+        second=answers(_second(controlled)),
+        compensation=answers(_compensated(controlled)),
         supervision=[
             _answer(one.label, who.unsupervised(one).label, events, held.few, held.unsupervised) for one in controlled
         ],
@@ -115,21 +121,16 @@ def judge(held: HeldOut) -> Judgement:
             if len(one.devices) > 1
         ],
         borne=[_borne(one, held.delays) for one in controlled],
-        unsure={
-            label for label in {row["who"] for row in held.checked} if _unconverged(held.checked, label) > UNCONVERGED
-        },
+        changed=changed,
         again=_same(over_none, again),
     )
 
 
-def _unconverged(rows: Sequence[Row], label: str) -> int:
-    """How many of a contender's runs half the step changes."""
-    return sum(not row["converged"] for row in _of(rows, label).values())
-
-
 def _answer(one: str, other: str, events: Sequence[str], rows: Sequence[Row], others: Sequence[Row]) -> Answer:
-    def found(keep: Keep | None = None) -> Effect:
-        own, reference = _of(rows, one, keep), _of(others, other, keep)
+    every, reference = _of(rows, one), _of(others, other)
+
+    def found(keep: Keep = lambda _: True) -> Effect:
+        own = {draw: row for draw, row in every.items() if keep(row)}
         return effect(own, reference, lambda row: row["event"])
 
     return Answer(
@@ -142,25 +143,26 @@ def _answer(one: str, other: str, events: Sequence[str], rows: Sequence[Row], ot
     )
 
 
-def _of(rows: Sequence[Row], label: str, keep: Keep | None = None) -> dict[Any, Row]:
+def _of(rows: Sequence[Row], label: str) -> dict[Any, Row]:
     """The rows of a contender, by draw."""
     own = [row for row in rows if row["who"] == label and row["error"] is None]
-    return by_draw(own, [name for name in ("event", "seed", DELAY) if own and name in own[0]], keep)
+    return by_draw(own, [name for name in ("event", "seed", DELAY) if own and name in own[0]])
 
 
-def _ranked(held: HeldOut) -> list[Ranked]:
+def _ranked(held: HeldOut, changed: Counter[str]) -> list[Ranked]:
     """Everybody: those that have a place first, by what they are over no control."""
     found = []
     for one in held.everybody:
         if one.name == who.NONE:
             continue
-        few, checked, quiet = (list(_of(rows, one.label).values()) for rows in (held.few, held.checked, held.ambient))
+        few, quiet = (_of(rows, one.label).values() for rows in (held.few, held.ambient))
+        checked = len(_of(held.checked, one.label))
         found.append(
             Ranked(
                 one,
                 _answer(one.label, who.NONE, [], held.few, held.few).all,
-                len(checked) - _unconverged(held.checked, one.label),
-                len(checked),
+                checked - changed[one.label],
+                checked,
                 float(np.mean([row["saturation_duty"] for row in quiet])),
                 float(np.mean([row["trips"] > 0 for row in few])),
             )
@@ -173,9 +175,7 @@ def _best_pairs(finalists: Sequence[Contender]) -> list[tuple[str, str]]:
     found = []
     for devices in who.SETS:
         own = [one for one in finalists if one.devices == devices]
-        fixed = who.best(own, family=who.FIXED)
-        networks = [one for family in (who.DIRECT, who.INDIRECT) if (one := who.best(own, family=family))]
-        network = who.best(networks)
+        fixed, network = who.best(own, family=who.FIXED), who.best_network(own)
         found += [(network.label, fixed.label)] if fixed and network else []
     return found
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from pyarrow import csv
 
 from facts_damping import terminal
 from facts_damping.analysis.plots import COLOURS
+from facts_damping.reproduction.templates import render
+from facts_damping.reproduction.what_holds import UNCONVERGED, has_place
 from facts_damping.studies.pages import save
 from facts_damping.studies.paired import Effect
 from facts_damping.studies.results import table
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from facts_damping.reproduction.held_out import HeldOut
     from facts_damping.reproduction.what_holds import Answer, Borne, Judgement, Ranked
 
 PAGE, EVERYBODY, PICTURE = "what_holds.md", "what_holds_all.md", "what_holds.png"
@@ -33,11 +32,11 @@ NOTHING = Effect(0, 0, 0, 0, None, None, None)
 COMMAND = "facts-damping reproduce --profile deployment"
 
 
-def write(held: HeldOut, told: Judgement, folder: Path) -> list[Path]:
+def write(told: Judgement, folder: Path) -> list[Path]:
     """Both pages, the picture, and CSV files."""
     save(picture(told), folder / PICTURE)
-    write_whole(folder / PAGE, _render("what_holds.md", held, told))
-    write_whole(folder / EVERYBODY, _render("what_holds_all.md", held, told))
+    write_whole(folder / PAGE, _render(PAGE, told))
+    write_whole(folder / EVERYBODY, _render(EVERYBODY, told))
     made = [folder / PAGE, folder / EVERYBODY, folder / PICTURE]
     for stem, rows in document(told).items():
         if rows:
@@ -64,15 +63,7 @@ def document(told: Judgement) -> dict[str, list[dict[str, Any]]]:
         ],
         "effects": [
             {"question": question, "who": one.who, "against": one.against, "event": event, **found._asdict()}
-            for question in (
-                "over_none",
-                "learning",
-                "adaptive",
-                "second",
-                "compensation",
-                "supervision",
-                "device_lost",
-            )
+            for question in QUESTIONS
             for one in getattr(told, question)
             for event, found in effects(one).items()
         ],
@@ -89,18 +80,9 @@ def effects(one: Answer) -> dict[str, Effect]:
     return {**one.events, "new events": one.new_events, "new conditions": one.new_conditions, "all": one.all}
 
 
-def _render(name: str, held: HeldOut, told: Judgement) -> str:
-    templates = Environment(
-        loader=PackageLoader("facts_damping.reproduction", "."),
-        autoescape=False,  # noqa: S701 (Markdown)
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+def _render(name: str, told: Judgement) -> str:
     functions = {one.__name__: one for one in (finalist_table, everybody_table, answer_table, delay_table, lost_table)}
-    functions["found"] = partial(_found, told)
-    text = templates.get_template(name).render(held=held, told=told, command=COMMAND, picture=PICTURE, **functions)
-    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
+    return render(name, told=told, command=COMMAND, picture=PICTURE, found=partial(_found, told), **functions)
 
 
 def _found(told: Judgement, question: str, name: str, event: str = "all") -> str:
@@ -140,7 +122,7 @@ def finalist_table(told: Judgement) -> str:
     rows = []
     for one in in_order(told):
         place, delay = places.get(one.who), borne.get(one.who)
-        sure = "~" if one.who in told.unsure else ""
+        sure = "~" if told.changed[one.who] > UNCONVERGED else ""
         rows.append(
             [
                 sure + one.who,
@@ -159,7 +141,9 @@ def finalist_table(told: Judgement) -> str:
 
 def in_order(told: Judgement) -> list[Answer]:
     """Answers over no control, the best first; last who has no place in an order."""
-    return sorted(told.over_none, key=lambda one: (one.who in told.unsure or one.all.lost > 0, one.all.ratio or np.inf))
+    return sorted(
+        told.over_none, key=lambda one: (not has_place(told.changed[one.who], one.all), one.all.ratio or np.inf)
+    )
 
 
 def everybody_table(ranked: Sequence[Ranked]) -> str:
@@ -168,7 +152,7 @@ def everybody_table(ranked: Sequence[Ranked]) -> str:
     for i, one in enumerate(ranked, 1):
         unsure = one.checked - one.converged
         reasons = [f"{one.over_none.lost} lost"] if one.over_none.lost else []
-        reasons += [f"{unsure} of {one.checked} not converged"] if unsure > 1 else []
+        reasons += [f"{unsure} of {one.checked} not converged"] if unsure > UNCONVERGED else []
         rows.append(
             [
                 str(i) if one.place else "",

@@ -42,9 +42,9 @@ class Effect(NamedTuple):
         return self.high < 1.0
 
 
-def by_draw(rows: Iterable[Row], columns: Sequence[str], keep: Callable[[Row], bool] | None = None) -> dict[Any, Row]:
-    """Rows by what tells draws apart, of those that are kept."""
-    return {tuple(row[name] for name in columns): row for row in rows if keep is None or keep(row)}
+def by_draw(rows: Iterable[Row], columns: Sequence[str]) -> dict[Any, Row]:
+    """Rows by what tells draws apart."""
+    return {tuple(row[name] for name in columns): row for row in rows}
 
 
 def effect(

@@ -31,6 +31,7 @@ from facts_damping.parameters.run import Controller
 from facts_damping.studies import sweep
 from facts_damping.studies.axes import drawn_columns
 from facts_damping.studies.batch import closed_loop, make, names
+from facts_damping.studies.compare import NONE
 from facts_damping.studies.tune import SCENARIO
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 LOST, UNDAMPED, PRICE = 10.0, 1.0, 0.1
-REFERENCE, NONE = "LLC-tuned", "none"
+REFERENCE = "LLC-tuned"
 INLINE = "custom"  # the scenario of draws that have events of their own
 
 

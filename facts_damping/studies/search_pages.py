@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.studies.scoring import NONE, REFERENCE
+from facts_damping.studies.compare import NONE
+from facts_damping.studies.scoring import REFERENCE
 from facts_damping.studies.tune import SCENARIO
 from facts_damping.terminal import table
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from facts_damping.case.controllers import chosen
 from facts_damping.case.loading import changed_case
 from facts_damping.cli.main import main
 from facts_damping.parameters.files import read_table, shipped
@@ -38,7 +39,7 @@ def test_everybody_has_a_label_of_its_own_and_a_run() -> None:
 
 def test_what_was_chosen_is_what_runs() -> None:
     """With its compensation, where it has one."""
-    for file in who.chosen_files():
+    for file in chosen(who.SYSTEM, who.PROFILE):
         for row in file.controllers:
             case = changed_case(
                 {}, "test", {"profile": who.PROFILE, "duration": 0.1, **who.contender(file, row).changes}
