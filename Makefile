@@ -37,14 +37,14 @@ endif
 demo: setup
 	@$(BIN)/python -m facts_damping.cli.demo
 
-# A test more at once than there are processors: those in real time mostly wait. Types are those of Kilted's rclpy: that
+# A test more at once than there are processors: those with graphs mostly wait. In the order of tests/conftest.py. Types are those of Kilted's rclpy: that
 # of Jazzy has few.
 test: test-setup
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(if $(filter kilted,$(ROS)),$(BIN)/mypy)
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadgroup
+	$(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadgroup --no-loadscope-reorder
 
 # Random examples instead of the same ones, until a test fails or the minutes are over: what it prints then goes into the
 # test as an example of its own. MINUTES=60 make explore

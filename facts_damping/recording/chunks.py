@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from struct import Struct
 from typing import TYPE_CHECKING
 
 import lz4.frame
 import zstandard
+from mcap.opcode import Opcode
 from mcap.stream_reader import breakup_chunk
 
 if TYPE_CHECKING:
@@ -14,6 +16,8 @@ if TYPE_CHECKING:
 
 ROOM = 4 << 20  # bytes that the chunks of any file may unpack to,
 RATIO = 30  # and so many for each byte of the file up to them: recordings of a graph take 3 to 10
+HEAD = Struct("<BQ")  # of a record: opcode, length of its content
+INSIDE = frozenset((Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE))  # all that a chunk holds, by the format
 
 
 class Room:
@@ -31,7 +35,19 @@ class Room:
 
 def unpack(chunk: Chunk) -> list[McapRecord]:
     """Records in a chunk, which fits its checksum. Raises ValueError, or what the libraries have for damage."""
-    return breakup_chunk(replace(chunk, compression="", data=_plain(chunk)), validate_crc=True)
+    data = _plain(chunk)
+    _check_kinds(data)
+    return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
+
+
+def _check_kinds(data: bytes) -> None:
+    """Refuse what is no record of a chunk before any is read: a million empty ones fit into a few bytes."""
+    at = 0
+    while at < len(data):
+        opcode, length = HEAD.unpack_from(data, at)
+        if opcode not in INSIDE:
+            raise ValueError(f"a record of kind {opcode} in a chunk")
+        at += HEAD.size + length
 
 
 def _plain(chunk: Chunk) -> bytes:

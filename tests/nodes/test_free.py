@@ -166,6 +166,8 @@ def test_stamps_may_be_wall_time(start: Callable[..., Any], tmp_path: Path) -> N
     now = time.time()
     for topic, messages in payloads(tmp_path).items():
         for data in messages:
+            if b"nothing has come" in data:
+                continue  # said while it waited for the plant, whose time it did not know
             seconds = int.from_bytes(data[4:8], "little")
             assert now - PATIENCE_S < seconds <= now, topic
     record = load(tmp_path / "recording")

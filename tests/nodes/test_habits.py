@@ -200,11 +200,12 @@ def test_every_node_tells_how_it_is(start: Any, heard: Any) -> None:
     heard(DiagnosticArray, "/diagnostics", lambda told: "nothing has come" in newest(told)["wan_link"].message)
 
 
-def test_a_plant_alone_publishes_within_its_first_second(start: Any, heard: Any) -> None:
+def test_a_plant_alone_publishes_soon(start: Any, heard: Any) -> None:
+    """Of its ticks, the first are lost until it and the listener have found each other."""
     heard(PmuDataFrame, "/pmu/frames")
     start("plant_sim", mode="free")
     frames = heard(PmuDataFrame, "/pmu/frames", lambda came: len(came) > 0)
-    assert frames[0].tick < 60
+    assert frames[0].tick < 60 * SOON_S
 
 
 @pytest.mark.parametrize("after", [0.4, 1.0, 2.5])

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,28 +12,37 @@ import pytest
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.reproduction import pictures
 from facts_damping.reproduction.results import TITLES
 from facts_damping.simulation import loop
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_pictures() -> Iterator[None]:
+    """One kind of nine, in three scenarios: each takes longer than the runs that it shows."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(pictures, "KINDS", [kind for kind in pictures.KINDS if kind.stem == "mimo_jacobian"])
+        yield
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("reproduce")
-    options = ["--draws", "3", "--jobs", "2", "--out", str(made), "--json", str(made / "told.json")]
+    options = ["--draws", "2", "--jobs", "2", "--out", str(made), "--json", str(made / "told.json")]
     assert main(["reproduce", "3.1", "6.1", *options]) == 0
     return made
 
 
 @pytest.mark.timeout(900)
-def test_a_second_run_with_other_jobs_that_goes_on_from_half_of_the_studies_gives_the_same(
+def test_a_second_run_with_other_jobs_that_goes_on_from_most_of_the_studies_gives_the_same(
     folder: Path, tmp_path: Path
 ) -> None:
     again = tmp_path / "again"
     studies = sorted(path.name for path in (folder / "runs").iterdir())
     assert len(studies) >= 6
-    for study in studies[::2]:
+    for study in [study for i, study in enumerate(studies) if i % 4]:
         shutil.copytree(folder / "runs" / study, again / "runs" / study)
-    assert main(["reproduce", "3.1", "6.1", "--draws", "3", "--jobs", "1", "--out", str(again)]) == 0
+    assert main(["reproduce", "3.1", "6.1", "--draws", "2", "--jobs", "1", "--out", str(again)]) == 0
     names = sorted(path.name for path in folder.iterdir() if path.suffix in (".md", ".csv", ".html", ".png"))
     assert {"reproduction.md", "tables.md", "cells.csv", "ensembles.csv", "complexity.csv"} <= set(names)
     for name in names:
@@ -57,7 +67,7 @@ def test_what_is_written_holds_together(folder: Path) -> None:
     assert web.count("data:image/png;base64,") == len(re.findall(r"!\[", page))
     with (folder / "ensembles.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert {row["draws"] for row in rows} == {"3"}
+    assert {row["draws"] for row in rows} == {"2"}
     assert {row["link"] for row in rows} == {"ideal", "pdci_100ms"}
     assert {"MISO LLC-tuned", "MISO LQG", "MIMO LQG"} <= {row["who"] for row in rows}
 
