@@ -31,8 +31,15 @@ _DOMAINS = itertools.cycle(range(1 + int(_PROCESS), 102, int(_PROCESSES)))
 
 # A minute and more each: of those begun last, one would be waited for alone.
 _LONG = (
-    *("test_extensions.py", "test_packaging.py", "test_command.py", "test_search.py", "test_sweep.py"),
-    "test_reference.py",
+    *(
+        "test_extensions.py",
+        "test_packaging.py",
+        "test_habits.py",
+        "test_command.py",
+        "test_search.py",
+        "test_sweep.py",
+    ),
+    *("test_what_holds.py", "test_reference.py", "test_graph.py", "test_nodes.py", "test_replay.py"),
 )
 
 

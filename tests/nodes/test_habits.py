@@ -211,15 +211,15 @@ def test_a_plant_alone_publishes_soon(start: Any, heard: Any) -> None:
 @pytest.mark.parametrize("after", [0.4, 1.0, 2.5])
 @pytest.mark.parametrize("executable", ["plant_sim", "controller"])
 def test_ctrl_c_ends_a_node_soon_and_in_a_line_at_most(executable: str, after: float, domain: int) -> None:
-    """While it loads, while it waits, while it works."""
-    command = [str(BIN / executable), "--ros-args", "--log-level", "warn"]
+    """While it loads, while it waits, while it works; on a slow machine, before its first line."""
+    command = ["env", "--default-signal=INT", str(BIN / executable), "--ros-args", "--log-level", "warn"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as node:
         time.sleep(after)
         node.send_signal(signal.SIGINT)
         told = time.monotonic()
         out, errors = node.communicate(timeout=PATIENCE_S)
     assert time.monotonic() - told < SOON_S
-    assert node.returncode in (0, 130)
+    assert node.returncode in (0, 130, -signal.SIGINT)
     assert out == ""
     assert errors in ("", "facts-damping: interrupted\n")
 
