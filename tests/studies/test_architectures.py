@@ -26,8 +26,7 @@ Rows = list[dict[str, Any]]
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> Rows:
     """Of one scenario in three: the others are made again by `make pages`."""
-    plan = sweep.plan("architectures", [])
-    plan = plan._replace(points=[point for point in plan.points if point.columns["scenario"] == SCENARIO])
+    plan = sweep.plan("architectures", [], [f"scenario={SCENARIO}"])
     return sweep.rows(sweep.run(plan, tmp_path_factory.mktemp("rows"), 2, None, Progress("architectures")))
 
 
