@@ -37,8 +37,8 @@ endif
 demo: setup
 	@$(BIN)/python -m facts_damping.cli.demo
 
-# A test more at once than there are processors: those with graphs mostly wait. In the order of tests/conftest.py. Types are those of Kilted's rclpy: that
-# of Jazzy has few.
+# A test more at once than there are processors: those with graphs mostly wait. In the order of tests/conftest.py. Types
+# are those of Kilted's rclpy: that of Jazzy has few.
 test: test-setup
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check

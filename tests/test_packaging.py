@@ -34,10 +34,7 @@ def files(folder: Path) -> set[str]:
 
 @pytest.fixture(scope="module")
 def install(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Install space of `colcon build` in a workspace that has a copy of the repository below `src`.
-
-    Without the C++ messages, whose two minutes of compiling are those of ROS's own generators.
-    """
+    """Install space of a plain `colcon build` in a workspace that has a copy of the repository below `src`."""
     workspace = tmp_path_factory.mktemp("workspace")
     source = workspace / "src" / "facts_damping"
     source.mkdir(parents=True)
@@ -57,7 +54,7 @@ def install(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     listed = [line.split()[0] for line in colcon("list", "--topological-order").splitlines()]
     assert listed == ["facts_damping_msgs", "facts_damping"]
-    colcon("build", "--cmake-args", "-DPYTHON_ONLY=ON")
+    colcon("build")
     return workspace / "install"
 
 

@@ -211,7 +211,7 @@ def test_a_plant_alone_publishes_soon(start: Any, heard: Any) -> None:
 @pytest.mark.parametrize("after", [0.4, 1.0, 2.5])
 @pytest.mark.parametrize("executable", ["plant_sim", "controller"])
 def test_ctrl_c_ends_a_node_soon_and_in_a_line_at_most(executable: str, after: float, domain: int) -> None:
-    """While it loads, while it waits, while it works; on a slow machine, before its first line."""
+    """While it loads (on a slow machine, before its first line), while it waits, while it works."""
     command = ["env", "--default-signal=INT", str(BIN / executable), "--ros-args", "--log-level", "warn"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as node:
         time.sleep(after)
@@ -219,7 +219,7 @@ def test_ctrl_c_ends_a_node_soon_and_in_a_line_at_most(executable: str, after: f
         told = time.monotonic()
         out, errors = node.communicate(timeout=PATIENCE_S)
     assert time.monotonic() - told < SOON_S
-    assert node.returncode in (0, 130, -signal.SIGINT)
+    assert node.returncode in ((0, 130, -signal.SIGINT) if after < 1.0 else (0, 130))
     assert out == ""
     assert errors in ("", "facts-damping: interrupted\n")
 
