@@ -22,6 +22,18 @@ PR_SET_PDEATHSIG = 1  # of prctl(2)
 INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM)  # a polite kill is one, too
 
 
+def duration(seconds: float) -> str:
+    """A time as people say it: 42 s, 3 min 20 s, 1 h 21 min."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 10:
+        return f"{minutes} min {rest} s"
+    minutes = round(whole / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
 class Progress:
     """A line of progress on standard error, where that is a terminal."""
 
@@ -36,8 +48,9 @@ class Progress:
             width = 30
             bar = "#" * (width * done // of)
             left = took * (of - done) / (done - self._before) if done > self._before else 0.0
-            still = f", {left:.0f} s left" if left >= 1.0 else ""
-            sys.stderr.write(f"\r{self._label} [{bar:<{width}}] {done}/{of} {self._unit}, {took:.0f} s{still}\033[K")
+            still = f", {duration(left)} left" if left >= 1.0 else ""
+            told = f"{done}/{of} {self._unit}, {duration(took)}{still}"
+            sys.stderr.write(f"\r{self._label} [{bar:<{width}}] {told}\033[K")
             sys.stderr.flush()
 
     def resume(self, done: int) -> None:

@@ -57,7 +57,8 @@ margin: margin own.yaml --set "controllers=[{LINEAR}]" --set link=delay_100ms --
 tune: tune my_grid proportional --devices source --budget 24 --jobs 1 --out tuned.yaml --json tune.json
 search: search two_area proportional sech+parabolic --devices sssc --link own_link.yaml --budget 10 --json search.json
 sweep: sweep own_study.yaml --out swept --jobs 1 --json sweep.json
-compare: compare my_grid --controllers proportional ANFShMoC --set link=own_link.yaml --jobs 1 --json compare.json
+compare: sweep comparison --set system=my_grid --only kind=none,LLC,proportional,ANFShMoC* --set link=own_link.yaml \
+--jobs 1 --out compared --json compare.json
 LQG: simulate own.yaml --set "controllers=[{{name: LQG}}]" --json lqg.json
 LQG for 0.1 s: simulate own.yaml --set "controllers=[{{name: LQG, parameters: {{loop_delay: 0.1}}}}]" --json lqg_1.json
 LQG for none: simulate own.yaml --set "controllers=[{{name: LQG, parameters: {{loop_delay: 0}}}}]" --json lqg_0.json

@@ -41,14 +41,16 @@ def summary(runs: Sequence[ReportedRun], comparable: bool) -> ReportTable:
     """The figures of all runs; if they can be compared, with the best and the worst of each row marked."""
     rows = []
     for label, path, form in ROWS:
+        texts = [row_text(run.summary, path, form) for run in runs]
+        if all(text == NONE for text in texts):
+            continue
         judged = comparable and label in LARGEST_IS_BEST
         worth = [find(run.summary, JUDGED_BY.get(label, path)) for run in runs]
         marks = ranked(worth, LARGEST_IS_BEST[label]) if judged else [UNMARKED] * len(runs)
-        texts = [row_text(run.summary, path, form) for run in runs]
         cells = [Cell(text, mark) for text, mark in zip(texts, marks, strict=True)]
         rows.append([Cell(label.strip()), *cells])
     rows += [[Cell(label), *map(Cell, cells)] for label, cells in more_rows([run.summary for run in runs])]
-    sentence = "All figures of the runs side by side."
+    sentence = "All figures of the runs side by side; those that no run has are left out."
     if comparable and len(runs) > 1:
         sentence += " ▲ is the best of a row, ▼ the worst; a dash is a figure that the run does not have."
     return ReportTable("summary", "Summary", sentence, ["", *(run.name for run in runs)], rows, runs=True)

@@ -113,7 +113,7 @@ def nearest(found: Margin, delay: float, hertz: float) -> linearisation.Eigenmod
 
 
 def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
-    """The JSON of `margin` (docs/commands.md)."""
+    """The JSON of `margin` (docs/results_json.md)."""
     made: dict[str, Any] = {
         "run": found.case.summary(),
         "link_delays_s": found.own,

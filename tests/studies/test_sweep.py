@@ -510,9 +510,15 @@ def test_no_scheduler_is_one_line(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("swep: []", "swep: unknown key; allowed: description, run, set, seed, sweep, margin, modes"),
+        (
+            "swep: []",
+            "swep: unknown key (did you mean sweep?); allowed: description, run, set, seed, sweep, margin, modes",
+        ),
         ("run: nowhere", "runs: 'nowhere' given; allowed: "),
-        ("sweep: [{field: link.up.0.delay}]", "sweep.0: none given; allowed: one of values, range, rows, draws, zip"),
+        (
+            "sweep: [{field: link.up.0.delay}]",
+            "sweep.0: none given; allowed: one of values, range, rows, every, draws, zip",
+        ),
         ("sweep: [{values: [1]}]", "sweep.0: needs either `field` or `fields`"),
         ("sweep: [{fields: {duration: 1}, values: [1]}]", "`fields` need a `name`"),
         ("sweep: [{name: a, fields: {duration: 1}, values: [x]}]", "'x' given; allowed: numbers"),
@@ -536,7 +542,10 @@ def test_no_scheduler_is_one_line(
             "margin: {field: link.up.0.delay, high: 1, tolerance: 0.1, across: who}",
             "margin.across: 'who' given; allowed: system, scenario, controller, scheme, link, seed",
         ),
-        ("sweep: [{field: duratoin, values: [1]}]", "duratoin: unknown key; allowed: system, scenario"),
+        (
+            "sweep: [{field: duratoin, values: [1]}]",
+            "duratoin: unknown key (did you mean duration?); allowed: description, system, scenario",
+        ),
         ("sweep: [{field: 'link up', values: [1]}]", "sweep.0.field: 'link up' given; allowed: "),
         (
             "sweep: [{field: link.up.0.delay, values: [-1]}]",
