@@ -158,7 +158,7 @@ def _systems(add: Add) -> None:
     command.add_argument("--devices", metavar="NAME,...", help=text)
     command.add_argument("--scenario", metavar="NAME", help="scenario with the dispatch to start from")
     command.add_argument("--linear", metavar="FILE", help="FILE.npz for the linear plant: A, B, C, D and names")
-    common(command)
+    common(command, of="system")
     command = add(
         "margin",
         "studies.margin",
@@ -167,7 +167,7 @@ def _systems(add: Add) -> None:
         "margin two_area_small --time-domain --max-delay 0.3",
     )
     named(command, "run", "runs", "; none: the defaults", nargs="?")
-    takes, text = between(0.01, 10.0, " s"), "longest delay; default: 1 s"
+    takes, text = between(0.01, 10.0, " s"), "longest delay, 0.01 to 10 s; default: 1 s"
     command.add_argument("--max-delay", type=takes, default=1.0, metavar="S", help=text)
     text = "also with the delay as a Pade approximation of order N, 1 to 10"
     command.add_argument("--pade", type=whole(1, 10), metavar="N", help=text)
@@ -192,11 +192,14 @@ def _studies(add: Add) -> None:
         "Make all runs of a study in parallel: tables, delay margins, pictures. An interrupted study is continued.",
         "sweep example",
         "sweep comparison --only scenario=small --only kind=none,LLC* --out results/comparison",
+        "sweep comparison --only scenario=small --only kind=LLC* --out results/llc --report results/llc/report.html",
         "sweep comparison --set system=smib --only scenario=light --only kind=none,LLC* --out results/comparison_smib",
     )
     named(command, "study", "studies")
     text = "only the points of a column's values or patterns, for example kind=LLC*,HBsWC*; repeatable"
     command.add_argument("--only", action="append", default=[], metavar="COLUMN=VALUE,...", help=text)
+    text = "also write one page with all runs side by side, for a browser; for at most 7 runs"
+    command.add_argument("--report", metavar="FILE.html", help=text)
     profile(command)
     jobs(command)
     check_step(command)
@@ -283,8 +286,8 @@ def _choices(add: Add) -> None:
     command.add_argument("--keep-all", action="store_true", help=text)
     text = "study with the training cases; default: search_SYSTEM, or search_SYSTEM_PROFILE"
     command.add_argument("--study", metavar="STUDY", help=text)
-    text = "training cases of the first round; default: 1"
-    command.add_argument("--draws", type=whole(1, 1000), default=1, metavar="N", help=text)
+    text = "training cases of the first rung; default: 1"
+    command.add_argument("--cases", type=whole(1, 1000), default=1, metavar="N", help=text)
     text = "first points: hypercube, the default; tuned: with those that `tune` chose; or a run's: name or YAML file"
     command.add_argument("--start", default="hypercube", metavar="START", help=text)
     text = "standard deviation of the other first points about --start, of a range of 1; default: a hypercube"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from facts_damping.cli import options
 from facts_damping.cli.commands import parser
 from facts_damping.errors import DegradedError, FactsDampingError, InputError, RecordingError, one_line
-from facts_damping.terminal import INTERRUPTED, INTERRUPTIONS, end_at_once
+from facts_damping.terminal import INTERRUPTED, INTERRUPTIONS, at_work, end_at_once
 
 if TYPE_CHECKING:
     import argparse
@@ -86,7 +86,8 @@ def _do(arguments: argparse.Namespace) -> None:
 
         forked.load()  # what nodes need, while this process loads what it needs itself
     module, _, name = arguments.function.partition(".")
-    getattr(importlib.import_module(f"facts_damping.cli.{module}"), name)(arguments)
+    with at_work(arguments.command):
+        getattr(importlib.import_module(f"facts_damping.cli.{module}"), name)(arguments)
 
 
 def _fail(reason: object, status: int) -> int:

@@ -72,12 +72,13 @@ def _names(kind: str) -> list[str]:
     return list(shipped(kind))
 
 
-def common(parser: argparse.ArgumentParser, *, sets: bool = True, out: bool = True, json: bool = True) -> None:
-    """Changes of fields, where results go, and JSON."""
+def common(
+    parser: argparse.ArgumentParser, *, sets: bool = True, of: str = "run", out: bool = True, json: bool = True
+) -> None:
+    """Changes of fields (`of`: what they are), where results go, and JSON."""
     if sets:
-        parser.add_argument(
-            "--set", action="append", default=[], metavar="KEY.PATH=VALUE", help="change a field of the run; repeatable"
-        )
+        text = f"change a field of the {of}; repeatable"
+        parser.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE", help=text)
     if out:
         parser.add_argument("--out", metavar="DIR", help="folder for results")
     if json:

@@ -16,7 +16,7 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import learnt_weights, loop
 from facts_damping.simulation.policies import step_times
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress, table, write_json, write_whole
+from facts_damping.terminal import Progress, clear_line, table, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -36,6 +36,7 @@ def out_folder(arguments: argparse.Namespace, name: str) -> Path:
 
 def say(arguments: argparse.Namespace, text: str) -> None:
     """Tell the user, unless standard output belongs to JSON."""
+    clear_line()
     if arguments.json != "-":
         sys.stdout.write(text + "\n")
 

@@ -7,15 +7,19 @@ from typing import TYPE_CHECKING
 
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
-from facts_damping.cli.runs import say
+from facts_damping.cli.runs import say, summarise
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.simulation import loop
+from facts_damping.studies.batch import make
 from facts_damping.terminal import Progress, clean_up_first, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse
+
+    from facts_damping.studies.sweep import Plan
 
 
 def tune(arguments: argparse.Namespace) -> None:
@@ -86,6 +90,7 @@ def sweep(arguments: argparse.Namespace) -> None:
     sets = [*([f"profile={arguments.profile}"] if arguments.profile else []), *arguments.set]
     plan = study.plan(arguments.study, sets, arguments.only, check_step=arguments.check_step)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
+    _check_report(arguments.report, plan, folder)
     progress = Progress(plan.name, "runs")
     clean_up_first()
     try:
@@ -110,6 +115,40 @@ def sweep(arguments: argparse.Namespace) -> None:
     pictures += sweep_plots.draw(rows, study.swept(plan), margins, across, folder)
     for path in (*pictures, *drawn.draw(plan, folder, arguments.jobs)):
         say(arguments, f"picture: {path}")
+    _report(arguments, plan)
+
+
+def _check_report(path: str | None, plan: Plan, folder: Path) -> None:
+    """Raise `InputError` where the runs of a study cannot stand on one page, or where that cannot be written."""
+    from facts_damping.analysis.plots import COLOURS
+
+    if path is None:
+        return
+    if plan.study.margin is not None:
+        raise InputError("--report: given with a study that searches margins; allowed: with other studies")
+    if len(plan.points) > len(COLOURS):
+        allowed = f"1 to {len(COLOURS)}, chosen by --only COLUMN=VALUE,..."
+        raise InputError(f"--report: given with {len(plan.points)} runs; allowed: {allowed}")
+    files.new_folder(folder)  # the page may be one of its files
+    files.check_writable(path, "--report", standard=False)
+
+
+def _report(arguments: argparse.Namespace, plan: Plan) -> None:
+    """One page with the runs of a study side by side, each named by what differs; they are made again."""
+    if arguments.report is None:
+        return
+    from facts_damping import report
+    from facts_damping.analysis import details
+
+    named, columns = [], plan.points[0].columns
+    differing = [name for name in columns if len({str(point.columns[name]) for point in plan.points}) > 1]
+    for point in plan.points:
+        told = ", ".join(str(point.columns[name]) for name in differing)
+        named.append((told or plan.name, loop.run(make(plan.base, point.changes))))
+    results = [summarise(record, None, None) | details.details(record) for _, record in named]
+    details.compare(results, 0)
+    report.write(Path(arguments.report), named, results)
+    say(arguments, f"report: {arguments.report}")
 
 
 def margin(arguments: argparse.Namespace) -> None:

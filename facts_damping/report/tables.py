@@ -191,7 +191,7 @@ def conditions(runs: Sequence[ReportedRun]) -> ReportTable:
         [Cell(field.replace("_", " ")), *(Cell(_said(run.record.asked.get(field))) for run in runs)] for field in fields
     ]
     rows.append([Cell("recording"), *(Cell(run.path) for run in runs)])
-    sentence = "The runs by the names in their files; what was given inline is called custom."
+    sentence = "The runs by the names in their files; what stands inline without a name is called custom."
     return ReportTable("conditions", "Conditions", sentence, ["", *(run.name for run in runs)], rows, runs=True)
 
 
@@ -200,7 +200,7 @@ def _said(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(_said, value)) or "none"
     if isinstance(value, dict):
-        return " ".join(str(value[key]) for key in ("name", "scheme") if value.get(key)) or "custom"
+        return " ".join(str(value[key]) for key in ("name", "scheme", "kind") if value.get(key)) or "custom"
     return NONE if value is None else str(value)
 
 

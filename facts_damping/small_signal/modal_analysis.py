@@ -122,7 +122,7 @@ def modes_text(modal: Modal) -> Iterator[str]:
             f"{mode.damping_ratio:14.4f}  {mode.label:<17}  {most}"
         )
     for mode in modal.swings:
-        yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: who swings against whom"
+        yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: machines that swing against each other"
         for group in _groups(mode):
             yield "  " + ", ".join(f"{name} {abs(value):.2f}" for name, value in group)
         if mode.residues:

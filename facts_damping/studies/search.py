@@ -53,7 +53,7 @@ OPTIONS = (
     "study",
     "against",
     "compensation",
-    "draws",
+    "cases",
     "worst",
     "start",
     "deviation",
@@ -71,7 +71,7 @@ class SearchTask(NamedTuple):
     devices: tuple[str, ...]  # none: with all that the system has
     budget: int
     seed: int
-    draws: int = 1  # of the first rung
+    cases: int = 1  # training cases of the first rung
     study: str | None = None  # whose draws they are; none: search_<system>
     worst: int = 100  # how many of the draws count, %: of each index the worst
     medians: bool = False  # of groups of draws count, instead of means
@@ -176,14 +176,14 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
     _check_start(task, asked)
     left, out = [Entry(one) for one in asked], list[Entry]()
     most = RUNGS if task.keep_all else rungs(len(left))
-    last = task.draws * GROWTH ** (most - 1)
+    last = task.cases * GROWTH ** (most - 1)
     known = draws(task.system, task.link, last + GROWTH * last, task.study, task.profile, task.against)
     counts = [len(left)]
     for _ in range(most - 1):
         counts.append(counts[-1] if task.keep_all else _going_on(counts[-1], left))
     counts.append(counts[-1])  # once more, on fresh draws
     for number in range(most):
-        own = known[: task.draws * GROWTH**number]
+        own = known[: task.cases * GROWTH**number]
         loops = task.budget / (most * len(left) * len(own))
         rung = Rung(number, own, max(1, round(loops / POPULATION)))
         left = run_all(partial(climb, task, rung), left, jobs, _part(progress, counts, number))

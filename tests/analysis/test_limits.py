@@ -94,5 +94,5 @@ def test_an_island_is_told() -> None:
     lines = [{"time": 1.0, "kind": "line_out", "line": name} for name in ("line_1", "line_2")]
     record = simulate(scenario=lines, duration=1.5, controllers=[])
     (island,) = [line for line in warnings(record) if line.startswith("island")]
-    assert island == "island without a reference to the rest from 1 s: buses B1, B2, B5, B6, B7"
+    assert island == "the grid has split at 1 s; apart from the rest: buses B1, B2, B5, B6, B7"
     assert not any("island" in line for line in warnings(simulate(scenario=lines[:1], duration=1.5)))

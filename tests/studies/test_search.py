@@ -288,7 +288,7 @@ def test_where_all_are_kept_each_has_the_same_budget(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(study, "climb", climb)
     monkeypatch.setattr(study, "judge", lambda _task, _against, e: e._replace(scores=(*e.scores, e.scores[-1])))
     monkeypatch.setattr(study, "draws", lambda _system, _link, number, *_: list(range(number)))
-    task = SearchTask("two_area", None, ("sssc",), 57600, 1, draws=2, keep_all=True, compensation="some")
+    task = SearchTask("two_area", None, ("sssc",), 57600, 1, cases=2, keep_all=True, compensation="some")
     found = search(task._replace(profile="deployment"), ["gaussian+sam", "LQG", "ANFTSC"], 1, quiet)
     who = [("LLC-tuned", None), *product(["gaussian+sam", "ANFTSC"], ["direct", "indirect"])]  # LQG has none
     assert Counter((entry.structure.name, entry.structure.scheme) for entry in found) == Counter(who)
@@ -420,7 +420,7 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
             "allowed: one whose controllers command sssc with",
         ),
         (["smib", "--scheme", "indirect", "--start", "best_smib"], "(LLC-tuned), or sssc with speed (indirect)"),
-        (["smib", "--draws", "0"], "0 given; allowed: 1 to 1000"),
+        (["smib", "--cases", "0"], "0 given; allowed: 1 to 1000"),
         (["smib", "--worst", "0"], "0 given; allowed: 1 to 100"),
         (["smib", "--worst", "25", "--medians"], "argument --medians: not allowed with argument --worst"),
         (
@@ -464,7 +464,7 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     )
     assert f"# {task.command(asked.controllers)}" == text.splitlines()[0]
     searched = structures(load_system(asked.system), asked.controllers, devices, asked.scheme)
-    first = asked.draws * GROWTH ** (rungs(len(searched)) - 1)
+    first = asked.cases * GROWTH ** (rungs(len(searched)) - 1)
     fresh = same_draws(asked.system, asked.link, first + GROWTH * first, asked.study)[first:]
     found = score(case.run.controllers[0], fresh, asked.worst, medians=asked.medians)
     assert found.value == pytest.approx(float(said[1]), abs=0.02)
