@@ -141,7 +141,6 @@ setup(
             "stepss==3.83",
             "tops==0.3.0",
         ],
-        "control": ["control>=0.10,<0.11"],  # the linear plant as `control.StateSpace`
         "fmi": ["fmpy==0.3.22"],  # FMUs as controllers; later ones bring CMake and Jupyter along
         "foxglove": ["foxglove-sdk>=0.30,<1"],  # for the node live_view
         "dask": ["distributed>=2024.1"],  # for `facts-damping sweep --scheduler`; versions are dates
@@ -152,7 +151,6 @@ setup(
         "test": [
             *DOCS,
             "colcon-common-extensions>=0.3,<1",  # tests/test_packaging.py
-            "control>=0.10,<0.11",
             "distributed>=2024.1",
             "fmpy==0.3.22",
             "foxglove-sdk>=0.30,<1",

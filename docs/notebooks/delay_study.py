@@ -27,7 +27,7 @@ table = fd.sweep(study).to_pandas()
 table.pivot_table(index="delay_s", columns="controller_name", values="ITAE")
 
 # %% [markdown]
-# `verdict` says what each run came to:
+# `verdict` is the outcome of each run:
 
 # %%
 table.pivot(index="delay_s", columns="controller_name", values="verdict")
@@ -53,6 +53,6 @@ found = fd.sweep(study)
 found.margins_to_pandas()[["controller_name", "margin_s", "low_s", "high_s"]]
 
 # %% [markdown]
-# The result with all controllers, several links and scenarios is in [delay studies](../delay_studies.md); how a study
-# file is written in [studies](../studies.md). For a linear controller `facts-damping margin` computes the margin
+# Results with all controllers, several links and scenarios are in [delay studies](../delay_studies.md); how to write a
+# study file is in [studies](../studies.md). For a linear controller `facts-damping margin` computes the margin
 # without simulating: [delay](../delay.md).

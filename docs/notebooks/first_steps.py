@@ -6,7 +6,8 @@
 #
 # The grid is Kundur's: two areas with two machines each, and two long lines between them, the tie. After a fault the
 # areas swing against each other at 0.6 Hz, the *interarea mode*. An SSSC, a voltage source in series with the tie,
-# can damp this mode if it knows how fast the areas move. Phasor measurement units (PMUs) tell it, over a network.
+# can damp this mode if its controller knows the speeds of the areas. Phasor measurement units (PMUs) send them over a
+# network.
 
 # %%
 # %matplotlib inline
@@ -16,7 +17,7 @@ import facts_damping as fd
 # ## Without control
 #
 # `two_area_deployment` is a run file that is shipped: PMUs with noise, a link with delay and jitter, governors. A line
-# of the tie is short-circuited at 2 s and trips 0.1 s later. With an empty list of controllers nobody acts.
+# of the tie is short-circuited at 2 s and trips 0.1 s later. With an empty list of controllers there is no control.
 
 # %%
 without = fd.simulate("two_area_deployment", controllers=[], supervision="off")
@@ -41,7 +42,7 @@ damped.plot("tie_power", beside={"no control": without})
 # %% [markdown]
 # ## With more delay
 #
-# Any field of the run can be changed, here the delay of the link's network on the way to the controller, s.
+# Any field of the run can be changed, here the whole link: 0.3 s on the way to the controller, none on the way back.
 
 # %%
 link = [{"stage": "network", "model": "constant", "delay": 0.3}]

@@ -2,7 +2,7 @@
 # # Recordings and replay
 #
 # Every run of the ROS 2 graph is recorded in one MCAP file with everything in it: measurements, setpoints, the run
-# itself, and the message definitions. This notebook records a run, reads the recording, and replays its
+# itself, and the message definitions. This notebook records a run, reads the recording, and feeds its
 # measurements to another controller.
 
 # %%
@@ -44,8 +44,8 @@ bool((recorded.frames.tobytes() == simulated.frames.tobytes()) and (recorded.iss
 # ## Replay
 #
 # `replay` feeds the recorded measurements to the same controller again, and compares its answers with the recorded
-# ones. With `--set` another controller gets them: it shows what it would have commanded. That is a *shadow*
-# evaluation, since its commands do not act.
+# ones. With `--set` another controller gets them, and the command shows what it would have commanded. That is a
+# *shadow* evaluation, since its commands do not act.
 
 # %%
 asked = [*program, "replay", folder / "large" / "recording"]

@@ -3,7 +3,7 @@
 #
 # A controller with a wrong sign excites the oscillation that it should damp. This notebook makes that mistake on
 # purpose, without and with a supervisor: a node between the controller and the devices that watches the grid, and
-# takes a harmful controller off.
+# trips a harmful controller.
 
 # %%
 # %matplotlib inline
@@ -12,7 +12,7 @@ import facts_damping as fd
 # %% [markdown]
 # ## The fault, without a supervisor
 #
-# `faults` lets a controller go wrong: from 2 s on its setpoints have the wrong sign.
+# `faults` makes a controller fail: from 2 s on its setpoints have the wrong sign.
 
 # %%
 wrong = [{"name": "LLC", "faults": [{"kind": "wrong_sign", "start": 2}]}]
@@ -22,8 +22,8 @@ alone.summary["verdict"]
 # %% [markdown]
 # ## With a supervisor
 #
-# `standard` is a preset of `config/supervision`. Each controller begins in *shadow*: it is heard, but does not act. At
-# `arm_at` it is *armed*.
+# `standard` is a preset of `config/supervision`. Each controller begins in *shadow*: it computes, but its setpoints
+# do not act. At `arm_at` it is *armed*.
 
 # %%
 guarded = fd.simulate("two_area_small", controllers=wrong, supervision="standard", arm_at=0.5)
@@ -36,6 +36,6 @@ guarded.plot("tie_power", beside={"wrong sign, no supervisor": alone})
 [(one["state"], round(one["time_s"], 2), one.get("cause")) for one in guarded.summary["supervision"][0]["changes"]]
 
 # %% [markdown]
-# Which monitors there are, and their limits: `facts-damping list monitors`. How they work, how a fallback takes over,
-# and how an operator arms again: [supervision](../supervision.md). What the supervisor achieves over
-# ten thousand random faults: [do no harm](../do_no_harm.md).
+# `facts-damping list monitors` shows all monitors with their limits. [Supervision](../supervision.md) explains how they
+# work, how a fallback takes over, and how an operator arms again. [Do no harm](../do_no_harm.md) shows what the
+# supervisor achieves over ten thousand random cases.

@@ -16,7 +16,8 @@ from facts_damping.environment import NAME
 # ## The environment
 #
 # An observation holds the newest signals that the link has delivered; an action is the setpoint of the device, as
-# a share of its limit. The reward is negative: how far the machines' speeds differ.
+# a share of its limit. The reward is minus a measure of how far the machines' speeds differ, with a small price on
+# effort.
 
 # %%
 env = gymnasium.make(NAME, run="two_area_large", link="pdci", duration=8, window=8)
@@ -58,4 +59,4 @@ for _ in range(10):
 print(f"reward without control {idle:.3f}, with the best policy {best:.3f}")
 
 # %% [markdown]
-# How a trained policy becomes a controller of a run, and then a ROS 2 node: [Gymnasium](../gymnasium.md).
+# [Gymnasium](../gymnasium.md) explains how a trained policy becomes a controller of a run, and a ROS 2 node.

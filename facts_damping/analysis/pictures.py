@@ -155,7 +155,8 @@ def _latencies(record: Record) -> list[Panel]:
         for name, values in parts.items():
             x, share = cdf(values)
             curves[name] = Curve(np.append(0.0, share), np.append(x[0], x), steps=True)
-        found += [Panel(HOPS[hop], curves)] if curves else []
+        delayed = any(curve.x is not None and np.any(curve.x > 0.0) for curve in curves.values())
+        found += [Panel(HOPS[hop], curves)] if delayed else []
     return found
 
 

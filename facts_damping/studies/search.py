@@ -10,6 +10,7 @@ best on draws that no rung has used, twice as many again, is chosen.
 from __future__ import annotations
 
 import math
+import sys
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -182,6 +183,7 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
     for _ in range(most - 1):
         counts.append(counts[-1] if task.keep_all else _going_on(counts[-1], left))
     counts.append(counts[-1])  # once more, on fresh draws
+    _say_what_is_made(task, counts[:-1])
     for number in range(most):
         own = known[: task.cases * GROWTH**number]
         loops = task.budget / (most * len(left) * len(own))
@@ -191,6 +193,16 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
         left, out = ranked[: counts[number + 1]], [*out, *ranked[counts[number + 1] :]]
     left = run_all(partial(judge, task, known[last:]), left, jobs, _part(progress, counts, most))
     return sorted([*left, *out], key=lambda entry: entry.rank)
+
+
+def _say_what_is_made(task: SearchTask, counts: Sequence[int]) -> None:
+    """That a budget is too small for more than the first points, where it is: each rung has a generation at least."""
+    least = [POPULATION * count * task.cases * GROWTH**number for number, count in enumerate(counts)]
+    share = task.budget / len(counts)
+    if all(round(share / loops) <= 1 for loops in least):
+        text = f"of {counts[0]} structures only the {POPULATION} first points are tried: {sum(least)} closed loops"
+        enough = 2 * len(counts) * max(least)
+        sys.stderr.write(f"--budget {task.budget}: {text}; two generations of all take {enough}\n")
 
 
 def _check_start(task: SearchTask, asked: Sequence[Structure]) -> None:
