@@ -60,14 +60,13 @@ explore: test-setup
 # What docs/images has is from the folder of the same name; what takes long goes on where it was interrupted.
 PAGES := results/pages
 QUOTED := architectures delay_margin preset_margin jitter loss bursts asymmetric_signals asymmetric_devices monte_carlo \
-    compensation prediction measurement measurement_margin
+    compensation prediction measurement measurement_margin jacobians portraits
 pages: demo
 	mkdir -p $(PAGES)/demo && cp results/demo/tie_power.png $(PAGES)/demo
 	$(BIN)/facts-damping validate --out docs/validation.md
-	$(BIN)/python docs/reference.py
-	$(BIN)/facts-damping compare --check-step --out $(PAGES)/comparison
-	$(BIN)/facts-damping jacobian --out $(PAGES)/jacobians
-	$(BIN)/facts-damping portray two_area large --out $(PAGES)/controllers
+	for system in two_area smib; do \
+	    $(BIN)/facts-damping sweep comparison --set system=$$system --check-step --out $(PAGES)/comparison_$$system || exit 1; \
+	done
 	$(BIN)/facts-damping margin two_area_small --pade 6 --time-domain --max-delay 0.42 --out $(PAGES)/margin
 	rm -rf $(PAGES)/large
 	$(BIN)/facts-damping run two_area_large --out $(PAGES)/large

@@ -74,6 +74,13 @@ def shared(*folders: str) -> list[tuple[str, list[str]]]:
     return list(found.items())
 
 
+DOCS = [  # for `mkdocs serve`
+    "mkdocs>=1.6,<2",
+    "mkdocs-jupyter>=0.25,<1",
+    "mkdocs-material>=9.6,<10",
+    "mkdocstrings[python]>=0.29,<2",
+]
+
 setup(
     name=NAME,
     version=version(),
@@ -98,6 +105,7 @@ setup(
     zip_safe=False,
     # Lower bounds: what runs on Python 3.10. Upper bounds: the next release that may break.
     install_requires=[
+        "argcomplete>=3,<4",
         "cmaes>=0.11,<0.14",
         "control>=0.10.1,<0.11",  # before, its ERA was not there
         "bokeh>=3.6,<4",  # analyze --report
@@ -133,16 +141,16 @@ setup(
             "stepss==3.83",
             "tops==0.3.0",
         ],
-        "control": ["control>=0.10,<0.11"],  # the linear plant as `control.StateSpace`
         "fmi": ["fmpy==0.3.22"],  # FMUs as controllers; later ones bring CMake and Jupyter along
         "foxglove": ["foxglove-sdk>=0.30,<1"],  # for the node live_view
         "dask": ["distributed>=2024.1"],  # for `facts-damping sweep --scheduler`; versions are dates
         "gymnasium": ["gymnasium>=1.0,<2"],  # for the environment
         "pandas": ["pandas<4"],  # for `to_pandas`
         "matpower": ["matpowercaseframes==2.1.1", "pandas<4"],  # for `facts-damping import`
+        "docs": DOCS,
         "test": [
+            *DOCS,
             "colcon-common-extensions>=0.3,<1",  # tests/test_packaging.py
-            "control>=0.10,<0.11",
             "distributed>=2024.1",
             "fmpy==0.3.22",
             "foxglove-sdk>=0.30,<1",

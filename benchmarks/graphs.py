@@ -17,7 +17,7 @@ from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
-from facts_damping.studies.compare import SYSTEMS, scenarios
+from facts_damping.studies.every import scenarios
 
 BOTH = ("devices=[sssc, statcom]", "controllers=[{signals: [speed, power], devices: [sssc, statcom]}]")
 ARRAYS = (
@@ -37,7 +37,7 @@ def differing(sets: list[str], folder: Path) -> list[str]:
 def runs(mimo_only: bool) -> list[tuple[str, list[str]]]:
     """Label and changes of every graph."""
     found = []
-    for system in SYSTEMS:
+    for system in ("two_area", "smib"):
         for scenario in scenarios(system):
             for name in VARIANTS:
                 for scheme in ("direct", "indirect"):

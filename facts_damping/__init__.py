@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from facts_damping.api import *  # noqa: F403 (types, for those who check them)
 
 PUBLIC = (  # of api
-    *("FactsDampingError", "InputError", "Result", "RunError", "Simulation", "Spec", "Sweep"),
+    *("FactsDampingError", "InputError", "RecordingError", "Result", "RunError", "Simulation", "Spec", "Sweep"),
     *("linear_plant", "load_recording", "modes", "simulate", "summarise", "sweep"),
 )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -33,8 +34,15 @@ def one_line(error: object) -> str:
     return " ".join(str(error).split())
 
 
+def meant(name: str, allowed: Iterable[str]) -> str:
+    """What a mistyped name may have been, as a part of a message; nothing where none is close."""
+    by_small = {one.lower(): one for one in allowed}
+    found = get_close_matches(name.lower(), by_small, 1, 0.8)
+    return f" (did you mean {by_small[found[0]]}?)" if found else ""
+
+
 def check_known(where: str, name: str, allowed: Iterable[str]) -> None:
     """Raise `InputError` where a name is not among those that there are."""
     names = list(allowed)
     if name not in names:
-        raise InputError(f"{where}: '{name}' given; allowed: {', '.join(names) or 'none'}")
+        raise InputError(f"{where}: '{name}' given{meant(name, names)}; allowed: {', '.join(names) or 'none'}")

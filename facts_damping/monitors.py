@@ -47,7 +47,7 @@ MONITORS = {
         "age of the oldest frame that its signals are made of",
         "s", 0.4, 0.01, 60.0, 0.05,
         "more than twice the 69 to 113 ms of the Pacific DC Intertie, with a frame that is lost, and less than most "
-        "controllers bear",
+        "controllers tolerate",
     ),
     "jitter": Monitor(
         "data",
@@ -119,15 +119,15 @@ MONITORS = {
         "controller",
         "share of the last 2 s in which an output is at the same limit",
         "-", 0.95, 0.01, 1.0, 2.0, "s", "trip",
-        "who damps changes sides with each half cycle, a second of a mode of 0.5 Hz, and may hold one for two after an "
-        "event; who stays for four is lost",
+        "an output that damps changes sign each half cycle, 1 s of a mode of 0.5 Hz, and may stay at a limit for two "
+        "of them after an event; one that stays for four does not damp",
     ),
     "reversals": Monitor(
         "controller",
         "reversals of an output by more than a tenth of its limit, over a second",
         "1/s", 12.0, 1.0, 1000.0, 0.5, "s", "warn",
-        "an oscillation of 2 Hz, the fastest of machines, reverses four times a second; thrice that is chatter. What "
-        "it does to the grid `harm` and `growing` judge; where the device suffers, have it trip (preset strict)",
+        "an oscillation of 2 Hz, the fastest of machines, reverses four times a second; three times as many are a "
+        "limit cycle. What it does to the grid is judged by `harm` and `growing`; the preset strict trips it",
     ),
     "weights": Monitor(
         "controller",
@@ -154,9 +154,9 @@ MONITORS = {
         "while the output is above a fifth of its limit",
         "1/s", 0.15, 0.0, 10.0, 0.4, CYCLES, "trip",
         "three cycles, as at the Pacific DC Intertie; beside the plant's own rate, so that an oscillation that control "
-        "sustains counts where there would be none, and one that it contains does not. Chosen on 3,000 draws of "
-        "training: of 40 controllers that do harm with nothing else amiss it finds 38. If it need not last, it trips a "
-        "lead-lag that just holds a grid which has lost a line",
+        "sustains counts where there would be none, and one that it contains does not. Chosen on 3,000 "
+        "training cases: of 40 controllers that do harm with nothing else amiss it finds 38. If it need not last, it "
+        "trips a lead-lag that just holds a grid which has lost a line",
     ),
     "frequency": Monitor(
         "grid",

@@ -75,7 +75,7 @@ ESTIMATE = np.dtype(
         ("signal", "i8"),  # index of the signal among the controller's
         ("device", "i8"),  # index of the device in the run
         ("measured_ns", "i8"),  # time of measurement of the newest frame it rests on; -1: none yet
-        ("jacobian", "f8"),  # p.u. of the signal per p.u. of setpoint, one frame ahead
+        ("jacobian", "f8"),  # p.u. of the signal per p.u. of setpoint, `horizon` frames ahead
         ("prediction", "f8"),  # p.u.; NaN: none yet
         ("error", "f8"),  # p.u., prediction less measurement; NaN: none yet
         ("ahead", "f8"),  # s, how far `change` looks ahead; NaN: not asked for

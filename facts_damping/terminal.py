@@ -11,34 +11,55 @@ import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
 
 INTERRUPTED = 130  # exit status
+SILENCE_S = 3.0  # so long a command says nothing
 PR_SET_PDEATHSIG = 1  # of prctl(2)
 INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM)  # a polite kill is one, too
+
+
+def duration(seconds: float) -> str:
+    """A time as people say it: 42 s, 3 min 20 s, 1 h 21 min."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 10:
+        return f"{minutes} min {rest} s"
+    minutes = round(whole / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
 
 
 class Progress:
     """A line of progress on standard error, where that is a terminal."""
 
+    shown: ClassVar[Progress | None] = None  # the one whose line stands on the terminal
+
     def __init__(self, label: str, unit: str = "ticks", *, shown: bool = True) -> None:
         self._label, self._unit, self._shown = label, unit, shown and sys.stderr.isatty()
-        self._began, self._before = time.monotonic(), 0
+        self._began, self._before, self._done, self._of = time.monotonic(), 0, 0, 1
 
     def __call__(self, done: int, of: int) -> None:
         """Show how far it is."""
+        self._done, self._of = done, of
         if self._shown:
-            took = time.monotonic() - self._began
-            width = 30
-            bar = "#" * (width * done // of)
-            left = took * (of - done) / (done - self._before) if done > self._before else 0.0
-            still = f", {left:.0f} s left" if left >= 1.0 else ""
-            sys.stderr.write(f"\r{self._label} [{bar:<{width}}] {done}/{of} {self._unit}, {took:.0f} s{still}\033[K")
+            Progress.shown = self
+            sys.stderr.write(str(self))
             sys.stderr.flush()
+
+    def __str__(self) -> str:
+        """The line."""
+        took, done, of = time.monotonic() - self._began, self._done, self._of
+        width = 30
+        bar = "#" * (width * done // of)
+        left = took * (of - done) / (done - self._before) if done > self._before else 0.0
+        still = f", {duration(left)} left" if left >= 1.0 else ""
+        return f"\r{self._label} [{bar:<{width}}] {done}/{of} {self._unit}, {duration(took)}{still}\033[K"
 
     def resume(self, done: int) -> None:
         """So many were done before: they say nothing of the time that is left."""
@@ -47,7 +68,48 @@ class Progress:
     def close(self) -> None:
         """End the line."""
         if self._shown:
+            Progress.shown = None
             sys.stderr.write("\n")
+
+
+_waiting = threading.Event()  # a line says that a command is at work
+
+
+@contextmanager
+def at_work(name: str) -> Iterator[None]:
+    """Where a command says nothing for `SILENCE_S`, a line on the terminal says that it works; progress stays current.
+
+    The line is written past `sys.stderr`, whose lock a command may hold.
+    """
+    began, over = time.monotonic(), threading.Event()
+
+    def tell() -> None:
+        while not over.wait(1.0):
+            took, line = time.monotonic() - began, Progress.shown
+            if line is not None:
+                os.write(2, str(line).encode())
+            elif took >= SILENCE_S:
+                _waiting.set()
+                os.write(2, f"\r{name}: {duration(took)}\033[K".encode())
+
+    if not sys.stderr.isatty():
+        yield
+        return
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        over.set()
+        teller.join()
+        clear_line()
+
+
+def clear_line() -> None:
+    """Take the line of `at_work` away, before something is said."""
+    if _waiting.is_set():
+        _waiting.clear()
+        os.write(2, b"\r\033[K")
 
 
 def table(

@@ -42,7 +42,7 @@ ARGUMENTS = {
     "namespace": ("", "namespace of the whole graph; empty: none"),
     "foxglove": ("", "port of a live view for Foxglove, such as 8765; empty: none"),
     "params_file": ("", "YAML file of parameters, a section a node; empty: none"),
-    "respawn": ("false", "true, unless in lockstep: links, controllers and identifiers that end are started again"),
+    "respawn": ("false", "true, unless in lockstep: start links, controllers, supervisors, identifiers again"),
 }
 NOTHING = ("none", "''", '""')  # for an empty argument, which `ros2 launch` does not take
 CHOICES = {"mode": ["lockstep", "realtime", "free"], "respawn": ["false", "true"]}

@@ -39,7 +39,7 @@ _LONG = (
         "test_search.py",
         "test_sweep.py",
     ),
-    *("test_what_holds.py", "test_reference.py", "test_graph.py", "test_nodes.py", "test_replay.py"),
+    *("test_what_holds.py", "test_site.py", "test_reference.py", "test_graph.py", "test_nodes.py", "test_replay.py"),
 )
 
 
@@ -48,7 +48,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Groups for `pytest -n`: files run side by side, long ones and those with graphs first."""
     items.sort(key=lambda item: (item.path.name not in _LONG, not _has_graph(item)))
     for item in items:
-        item.add_marker(pytest.mark.xdist_group(item.path.name))
+        if item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(item.path.name))
 
 
 def _has_graph(item: pytest.Item) -> bool:

@@ -11,15 +11,17 @@ import pytest
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case, load_system
+from facts_damping.cli.main import main
 from facts_damping.plant.build import build
 from facts_damping.plant.power_flow import solve
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise, modes
+from facts_damping.studies.sweep import plan
 
 if TYPE_CHECKING:
     from facts_damping.small_signal.linearisation import Eigenmode
 
-TEXT = (Path(__file__).parents[1] / "docs" / "tutorial_nine_bus.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[1] / "docs" / "tutorial_grid.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -30,7 +32,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         named = re.match(r"# (\w+\.yaml)\n", block)
         name = named[1] if named else "nine_bus.yaml"
         files[name] = files.get(name, "") + block
-    assert set(files) == {"nine_bus.yaml", "nine_bus_fault.yaml", "nine_bus_sssc.yaml", "nine_bus_control.yaml"}
+    runs = {"nine_bus_fault.yaml", "nine_bus_control.yaml"}
+    assert set(files) == {"nine_bus.yaml", "nine_bus_sssc.yaml", *runs, "nine_bus_margin.yaml"}
     for name, content in files.items():
         (tmp_path / name).write_text(content, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -70,3 +73,8 @@ def test_the_runs_come_to_their_end(folder: Path, run: str) -> None:
     assert result["stable"] is True
     assert f"{result['modes'][0]['damping_ratio']:.4f}" in TEXT
     assert f"{result['modes'][0]['frequency_hz']:.3f}" in TEXT
+
+
+def test_the_study_is_of_the_folders_class_and_the_lead_lag(folder: Path) -> None:
+    assert main(["new", "controller", "grid_damper"]) == 0
+    assert [point.columns["law"] for point in plan("nine_bus_margin.yaml", []).points] == ["grid_damper", "LLC"]

@@ -84,7 +84,7 @@ def _islands(record: Record) -> Iterator[str]:
         if len(parts) > 1:
             told = "; ".join(", ".join(part) for part in parts[1:])
             time = event["time_ns"] / NANOSECONDS
-            yield f"island without a reference to the rest from {time:g} s: buses {told}"
+            yield f"the grid has split at {time:g} s; apart from the rest: buses {told}"
 
 
 def _parts(system: Mapping[str, Any], names: list[str], out: set[str]) -> list[list[str]]:

@@ -17,13 +17,14 @@ from facts_damping.monitors import STATES
 from facts_damping.signals import CHANNELS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
     from facts_damping.analysis.indices import Regions
     from facts_damping.signals import Record
 
+SLIGHT, ROUND = 1e-6, 1e-7  # relative, absolute: a curve that moves by less stands still, but for round-off
 NEAR, MOST_SHOWN = 0.3, 3.0  # of its limit: a monitor is shown that came above the one, up to the other
 POWER, VOLTAGE = (list(CHANNELS).index(name) for name in ("active_power", "voltage_magnitude"))
 
@@ -64,6 +65,27 @@ class Picture(NamedTuple):
     over: str = "t [s]"
     logarithmic: bool = False
     words: tuple[str, ...] = ()
+
+
+def moves(picture: Picture, panel: Panel) -> bool:
+    """Whether a panel shows anything that changes, by more than round-off; steps of a state, and of a CDF, count."""
+    if picture.words or picture.over != Picture._field_defaults["over"]:
+        return True
+    for values in [
+        *(curve.values for curve in panel.curves.values()),
+        *([] if panel.dashed is None else [panel.dashed]),
+    ]:
+        known = values[np.isfinite(values)]
+        least = 0.0 if picture.logarithmic else ROUND
+        if len(known) and np.ptp(known) > max(SLIGHT * np.abs(known).max(), least):
+            return True
+    return False
+
+
+def shown(picture: Picture, panels: Sequence[dict[str, Panel]]) -> list[str]:
+    """Names of the panels of several records: those in which something moves in one of them."""
+    names = dict.fromkeys(name for one in panels for name in one)
+    return [name for name in names if any(name in one and moves(picture, one[name]) for one in panels)]
 
 
 def _speeds(record: Record) -> list[Panel]:
@@ -133,7 +155,8 @@ def _latencies(record: Record) -> list[Panel]:
         for name, values in parts.items():
             x, share = cdf(values)
             curves[name] = Curve(np.append(0.0, share), np.append(x[0], x), steps=True)
-        found += [Panel(HOPS[hop], curves)] if curves else []
+        delayed = any(curve.x is not None and np.any(curve.x > 0.0) for curve in curves.values())
+        found += [Panel(HOPS[hop], curves)] if delayed else []
     return found
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.pictures import PICTURES, Curve, Panel, Picture
+from facts_damping.analysis.pictures import PICTURES, Curve, Panel, Picture, shown
 from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.errors import InputError, check_known
 from facts_damping.signals import NANOSECONDS
@@ -31,6 +31,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#0
 SETPOINT, LIMIT, CLIFF = "setpoint in force", "limit", "ends of the cliff region"
 REGIONS = {"error floor": 0.9, "cliff": 0.06, "small error": 0.06}  # where their names stand, of the height
 NEARBY = 0.03  # of the time axis: events so close share a label
+NEAR = 0.5  # of a limit: from there on it is drawn
 NARROW = 0.05  # of the time axis: a region so narrow bears no name
 
 
@@ -66,7 +67,7 @@ def figure(names: Sequence[str], records: Sequence[tuple[str, Record]]) -> Figur
     """
     pictures = {picture.stem: picture for picture in PICTURES}
     if len(names) == 1 and names[0] in pictures:
-        found = _figure(pictures[names[0]], records)
+        found = _figure(pictures[names[0]], records, still=True)
         if found is None:
             raise InputError(f"plot: '{names[0]}' given, of which there is nothing; allowed: another picture")
         return found
@@ -76,16 +77,17 @@ def figure(names: Sequence[str], records: Sequence[tuple[str, Record]]) -> Figur
     def panels(record: Record) -> list[Panel]:
         return [Panel(f"{name} [{record.units[name]}]", {"": Curve(record.arrays[name])}) for name in names]
 
-    own = _figure(Picture("columns", "", "", panels, together=False), records)
+    own = _figure(Picture("columns", "", "", panels, together=False), records, still=True)
     if own is None:
         raise InputError("plot: no name given; allowed: at least one")
     return own
 
 
-def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure | None:
-    """One picture; none if no record has anything to show in it."""
-    shown = [(name, record, {panel.name: panel for panel in picture.panels(record)}) for name, record in records]
-    names = list(dict.fromkeys(panel for _, _, panels in shown for panel in panels))
+def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: bool = False) -> Figure | None:
+    """One picture; none if no record has anything to show in it. `still`: also what never moves."""
+    drawn = [(name, record, {panel.name: panel for panel in picture.panels(record)}) for name, record in records]
+    panels = [one for _, _, one in drawn]
+    names = list(dict.fromkeys(name for one in panels for name in one)) if still else shown(picture, panels)
     if not names:
         return None
     single = len(records) == 1
@@ -93,7 +95,7 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure |
     figure = Figure(figsize=(WIDTH, MARGIN + PANEL_HEIGHT * max(len(rows), 1.5)), layout="constrained")
     grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
     for axes, row in zip(grid, rows, strict=True):
-        for name, record, panel, label, place in _entries(shown, row, single=single, together=picture.together):
+        for name, record, panel, label, place in _entries(drawn, row, single=single, together=picture.together):
             _draw(axes, record, panel, label, place, named=bool(name))
         _dress(axes, picture.label if len(row) > 1 else "\n".join(filter(None, (row[0], picture.label))))
         axes.set_yscale("log" if picture.logarithmic else "linear")
@@ -104,7 +106,7 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure |
         grid[-1].set_xlim(*_span([record for _, record in records]))
         mark_events(list(grid), records[0][1])
         for axes, row in zip(grid, rows, strict=True):
-            for found in (shown[0][2][name].regions for name in row if single):
+            for found in (drawn[0][2][name].regions for name in row if single):
                 _name_regions(axes, found)
     grid[-1].set_xlabel(picture.over)
     figure.suptitle(picture.title, fontsize="medium", fontweight="bold", x=0.01, ha="left")
@@ -113,10 +115,10 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]]) -> Figure |
 
 
 def _entries(
-    shown: Sequence[tuple[str, Record, dict[str, Panel]]], row: Sequence[str], *, single: bool, together: bool
+    drawn: Sequence[tuple[str, Record, dict[str, Panel]]], row: Sequence[str], *, single: bool, together: bool
 ) -> Iterator[tuple[str, Record, Panel, str, int]]:
     """What an axes shows: record's name, record, panel, label and place of its colour."""
-    for position, (name, record, panels) in enumerate(shown):
+    for position, (name, record, panels) in enumerate(drawn):
         for offset, panel in enumerate(row):
             if panel in panels:
                 label = panel if single and together else name
@@ -136,13 +138,19 @@ def _draw(axes: Axes, record: Record, panel: Panel, label: str, place: int, *, n
         )
     if panel.dashed is not None:
         axes.plot(record.time_s, panel.dashed, color="0.1", linewidth=0.6, linestyle="--", label=SETPOINT)
-    for limit in panel.limits:
+    for limit in panel.limits if _near(panel) else ():
         axes.axhline(limit, color="#B00020", linewidth=0.8, linestyle=":", label=LIMIT)
     if panel.regions is not None:
         (curve,) = panel.curves.values()
         ends = np.array(panel.regions[:2])
         heights = np.interp(ends, curve.x, curve.values) if curve.x is not None else ends
         axes.plot(ends, heights, "o", color="0.1", markersize=3, label=CLIFF)
+
+
+def _near(panel: Panel) -> bool:
+    """Whether a curve comes near its limits: else they would make it small."""
+    most = max(float(np.nanmax(np.abs(curve.values), initial=0.0)) for curve in panel.curves.values())
+    return most > NEAR * max(map(abs, panel.limits), default=0.0)
 
 
 def _name_regions(axes: Axes, found: Regions | None) -> None:

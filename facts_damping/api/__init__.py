@@ -8,12 +8,13 @@ from facts_damping.api.results import Result, load_recording, simulate
 from facts_damping.api.stepping import Simulation
 from facts_damping.api.sweeps import Sweep, sweep
 from facts_damping.api.systems import linear_plant, modes
-from facts_damping.errors import FactsDampingError, InputError, RunError
+from facts_damping.errors import FactsDampingError, InputError, RecordingError, RunError
 from facts_damping.simulation.policies import Spec
 
 __all__ = [
     "FactsDampingError",
     "InputError",
+    "RecordingError",
     "Result",
     "RunError",
     "Simulation",

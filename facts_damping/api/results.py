@@ -33,7 +33,7 @@ class Result(Record):
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The figures of the run, as JSON has them (docs/commands.md)."""
+        """The figures of the run, as JSON has them (docs/results_json.md)."""
         return summarise(self)
 
     @property
@@ -49,7 +49,7 @@ class Result(Record):
         return made
 
     def plot(self, *names: str, beside: dict[str, Record] | None = None) -> Figure:
-        """A picture: names of `arrays`, over time, or one of `PICTURES` (docs/measures.md), `differences` by default.
+        """A picture: names of `arrays`, over time, or one of `PICTURES` (docs/running.md), `differences` by default.
 
         `beside`: other records by their names, drawn over it. Raises `InputError` for a name that is none.
         """

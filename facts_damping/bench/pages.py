@@ -98,7 +98,7 @@ def text(results: Sequence[Result], rates: Sequence[Rate]) -> list[str]:
 
 
 def document(results: Sequence[Result], rates: Sequence[Rate]) -> dict[str, Any]:
-    """The same as JSON (docs/commands.md)."""
+    """The same as JSON (docs/results_json.md)."""
     return {"equal_error": EQUAL_ERROR, "programs": [_document(one, results[0]) for one in results]} | {
         "lockstep": [{**one._asdict(), "failed": one.failed or None} for one in rates]
     }

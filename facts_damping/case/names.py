@@ -146,5 +146,11 @@ def label(run: dict[str, Any]) -> str:
     ]
     if run.get("measurement", "ideal") != "ideal":
         parts.append([run["measurement"]])
-    named = ("+".join(one if isinstance(one, str) else "custom" for one in part) for part in parts)
-    return "-".join(named).replace("/", "_")
+    return "-".join("+".join(map(_word, part)) for part in parts).replace("/", "_")
+
+
+def _word(given: Any) -> str:
+    """What was given by name; what stands inline by its own name, events by their kinds."""
+    if isinstance(given, list):
+        return "+".join(dict.fromkeys(event["kind"] for event in given)) or "steady"
+    return given if isinstance(given, str) else given.get("name") or "custom"

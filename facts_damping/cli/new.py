@@ -1,4 +1,4 @@
-"""What begins something of the user's own: a small folder to start from."""
+"""What begins something of the user's own: a small folder to start from, a key."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from facts_damping.cli.runs import say
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import new_folder
+from facts_damping.parameters.security import add_key
 from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
@@ -25,6 +26,20 @@ FILES = {
 
 
 def new(arguments: argparse.Namespace) -> None:
+    """A controller's folder, or a key."""
+    {"controller": _controller, "key": _key}[arguments.kind](arguments)
+
+
+def _key(arguments: argparse.Namespace) -> None:
+    """A new key for a graph."""
+    if arguments.out is not None:
+        raise InputError(f"--out {arguments.out}: given with a key; allowed: new key FILE.yaml")
+    number, before = add_key(Path(arguments.name))
+    also = f"; key {before[0]} is accepted, too" if before else ""
+    say(arguments, f"{arguments.name}: key {number} signs{also}; for the nodes of the graph alone")
+
+
+def _controller(arguments: argparse.Namespace) -> None:
     """A folder with a class, a run, a study, and a test that runs it in process and as a node."""
     name = arguments.name
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,40}", name):

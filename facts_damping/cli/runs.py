@@ -16,7 +16,7 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import learnt_weights, loop
 from facts_damping.simulation.policies import step_times
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress, table, write_json, write_whole
+from facts_damping.terminal import Progress, clear_line, table, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -36,12 +36,13 @@ def out_folder(arguments: argparse.Namespace, name: str) -> Path:
 
 def say(arguments: argparse.Namespace, text: str) -> None:
     """Tell the user, unless standard output belongs to JSON."""
+    clear_line()
     if arguments.json != "-":
         sys.stdout.write(text + "\n")
 
 
 def summarise(record: Record, wall_s: float | None, recording: str | None, method: str = "auto") -> dict[str, Any]:
-    """The JSON of a run (docs/commands.md)."""
+    """The JSON of a run (docs/results_json.md)."""
     from facts_damping.analysis import summary
 
     return {**summary.summarise(record, method=method), "wall_s": wall_s, "recording": recording}
@@ -300,7 +301,8 @@ def list_(arguments: argparse.Namespace) -> None:
     """What there is: systems, scenarios, controllers, links, supervision, monitors."""
     heads = ["name", "description"]
     if arguments.kind == "controllers":
-        rows, heads = _controllers(), ["name", "antecedent", "consequent", "parameter_count", "identifier", "schemes"]
+        rows = _controllers()
+        heads = ["name", "description", "parameter_count", "identifier", "schemes"]
     elif arguments.kind == "monitors":
         rows, heads = _monitors(), ["name", "group", "limit", "low", "high", "unit", "lasts", "lasts_unit", "follows"]
         heads.append("reason")
@@ -363,12 +365,3 @@ def import_(arguments: argparse.Namespace) -> None:
         sys.stdout.write(text)
     else:
         write_whole(Path(arguments.out), text)
-
-
-def keys(arguments: argparse.Namespace) -> None:
-    """A new key for a graph."""
-    from facts_damping.parameters.security import add_key
-
-    number, before = add_key(Path(arguments.file))
-    also = f"; key {before[0]} is accepted, too" if before else ""
-    say(arguments, f"{arguments.file}: key {number} signs{also}; for the nodes of the graph alone")

@@ -1,18 +1,19 @@
-"""What the commands that make many runs do: tune and search, compare, sweep, reproduce and others."""
+"""What the commands that make many runs do: tune and search, sweep, reproduce and others."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
-from facts_damping.cli.runs import out_folder, say
+from facts_damping.cli.runs import say, summarise
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.yaml_text import dump
+from facts_damping.simulation import loop
+from facts_damping.studies.batch import make
 from facts_damping.terminal import Progress, clean_up_first, write_json, write_whole
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def tune(arguments: argparse.Namespace) -> None:
 
 
 def search(arguments: argparse.Namespace) -> None:
-    """Choose a controller and its parameters on draws of training alone: all pairs, schemes, devices, compensations."""
+    """Choose a controller and its parameters on training cases alone: all pairs, schemes, devices, compensations."""
     from facts_damping.studies import search as study
     from facts_damping.studies import search_pages as pages
     from facts_damping.studies.tune import document
@@ -81,43 +82,23 @@ def search(arguments: argparse.Namespace) -> None:
     say(arguments, run if arguments.out is None else f"run: {arguments.out}")
 
 
-def compare(arguments: argparse.Namespace) -> None:
-    """Every controller, direct and indirect, on every scenario of some systems: tables of figures."""
-    from facts_damping.studies import compare as study
-
-    plan = study.plan(arguments.systems, arguments.controllers, _sets(arguments), check_step=arguments.check_step)
-    _carry_out(plan, None if arguments.out is None else Path(arguments.out), arguments)
-
-
 def sweep(arguments: argparse.Namespace) -> None:
     """Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."""
+    from facts_damping.studies import drawn, results, sweep_plots, tables
     from facts_damping.studies import sweep as study
 
-    plan = study.plan(arguments.study, _sets(arguments), check_step=arguments.check_step)
+    sets = [*([f"profile={arguments.profile}"] if arguments.profile else []), *arguments.set]
+    plan = study.plan(arguments.study, sets, arguments.only, check_step=arguments.check_step)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / plan.name
-    _carry_out(plan, folder, arguments, arguments.scheduler)
-
-
-def _sets(arguments: argparse.Namespace) -> list[str]:
-    """What is set in all runs, the profile first."""
-    return [*([f"profile={arguments.profile}"] if arguments.profile else []), *arguments.set]
-
-
-def _carry_out(plan: Plan, folder: Path | None, arguments: argparse.Namespace, scheduler: str | None = None) -> None:
-    """Make the runs of a study; what came out goes to the terminal and, where there is one, into a folder."""
-    from facts_damping.studies import results, sweep_plots, tables
-    from facts_damping.studies import sweep as study
-
+    _check_report(arguments.report, plan, folder)
     progress = Progress(plan.name, "runs")
     clean_up_first()
-    with TemporaryDirectory() as passing:
-        try:
-            found = study.run(plan, folder or Path(passing), arguments.jobs, scheduler, progress)
-        except KeyboardInterrupt:
-            left = f"the same command goes on where it stopped: {folder}" if folder else "nothing was written"
-            raise KeyboardInterrupt(left) from None
-        finally:
-            progress.close()
+    try:
+        found = study.run(plan, folder, arguments.jobs, arguments.scheduler, progress)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+    finally:
+        progress.close()
     rows, margins = study.rows(found), study.found_margins(plan, found)
     shares, across = study.found_shares(plan, found), study.across(plan)
     asked = plan.study.tables
@@ -125,61 +106,53 @@ def _carry_out(plan: Plan, folder: Path | None, arguments: argparse.Namespace, s
     write_json(arguments.json, {"rows": rows, "margins": margins, "shares": shares})
     for line in (*results.sweep_tables(rows, margins, shares, across), "", *figures):
         say(arguments, line)
-    if folder is None:
-        return
     if asked:
         write_whole(folder / "tables.md", "\n".join([f"# {plan.name}", "", plan.study.description, "", *figures]))
         say(arguments, f"tables: {folder / 'tables.md'}")
     for path in results.write(folder, rows, margins, shares):
         say(arguments, f"table: {path}")
-    pictures = sweep_plots.draw(rows, study.swept(plan), margins, across, folder)
-    for path in (*(tables.draw(rows, asked, folder) if asked else []), *pictures):
+    pictures = tables.draw(rows, asked, folder) if asked else []
+    pictures += sweep_plots.draw(rows, study.swept(plan), margins, across, folder)
+    for path in (*pictures, *drawn.draw(plan, folder, arguments.jobs)):
         say(arguments, f"picture: {path}")
+    _report(arguments, plan)
 
 
-def jacobian(arguments: argparse.Namespace) -> None:
-    """What identifiers estimate of the plant's Jacobian beside the true one, over runs of a centralised controller."""
-    from facts_damping.studies import jacobians as study
+def _check_report(path: str | None, plan: Plan, folder: Path) -> None:
+    """Raise `InputError` where the runs of a study cannot stand on one page, or where that cannot be written."""
+    from facts_damping.analysis.plots import COLOURS
 
-    folder = None if arguments.out is None else Path(arguments.out)
-    names = study.names(arguments.controllers)
-    progress = Progress("jacobian", "runs")
-    try:
-        rows = study.study(names, arguments.horizon, arguments.set, arguments.jobs, progress)
-        if folder is not None:
-            files.new_folder(folder)
-            for name in names:
-                case = study.scene(study.DRAWN, name, arguments.set)
-                study.draw(case, arguments.horizon, folder / f"{name}.png")
-    finally:
-        progress.close()
-    write_json(arguments.json, rows)
-    tables = study.jacobian_tables(rows)
-    if folder is not None:
-        write_whole(folder / "jacobians.md", "\n".join([*study.HEAD, *tables]).rstrip() + "\n")
-    for line in tables:
-        say(arguments, line)
+    if path is None:
+        return
+    if plan.study.margin is not None:
+        raise InputError("--report: given with a study that searches margins; allowed: with other studies")
+    if len(plan.points) > len(COLOURS):
+        allowed = f"1 to {len(COLOURS)}, chosen by --only COLUMN=VALUE,..."
+        raise InputError(f"--report: given with {len(plan.points)} runs; allowed: {allowed}")
+    files.new_folder(folder)  # the page may be one of its files
+    files.check_writable(path, "--report", standard=False)
 
 
-def portray(arguments: argparse.Namespace) -> None:
-    """Pictures of neuro-fuzzy controllers: memberships before and after a run, response beside the baselines."""
-    from facts_damping.control.table import kind
-    from facts_damping.neurofuzzy.table import VARIANTS
-    from facts_damping.studies import portraits
+def _report(arguments: argparse.Namespace, plan: Plan) -> None:
+    """One page with the runs of a study side by side, each named by what differs; they are made again."""
+    if arguments.report is None:
+        return
+    from facts_damping import report
+    from facts_damping.analysis import details
 
-    names = arguments.controllers or list(VARIANTS)
-    for name in names:
-        kind(name, "CONTROLLER")
-    folder, progress = out_folder(arguments, "portraits"), Progress("portray", "controllers")
-    try:
-        portraits.draw(arguments.system, arguments.scenario, names, folder, progress)
-    finally:
-        progress.close()
-    say(arguments, f"pictures: {folder}")
+    named, columns = [], plan.points[0].columns
+    differing = [name for name in columns if len({str(point.columns[name]) for point in plan.points}) > 1]
+    for point in plan.points:
+        told = ", ".join(str(point.columns[name]) for name in differing)
+        named.append((told or plan.name, loop.run(make(plan.base, point.changes))))
+    results = [summarise(record, None, None) | details.details(record) for _, record in named]
+    details.compare(results, 0)
+    report.write(Path(arguments.report), named, results)
+    say(arguments, f"report: {arguments.report}")
 
 
 def margin(arguments: argparse.Namespace) -> None:
-    """How much delay a loop of lead-lags bears, and its modes against delay, linearised with sampling and hold."""
+    """The delay margin of a loop with linear controllers, and its modes over the delay."""
     from facts_damping.studies import linear_margin as study
     from facts_damping.studies import linear_margin_pages as pages
     from facts_damping.studies.linear_margin_runs import beside

@@ -14,11 +14,17 @@ Choices = dict[str, dict[FieldPath, Any]]  # label: what it sets in the run
 
 
 class Bed(ParameterModel):
-    """A run that faults are drawn for, and what of it is drawn, too: one of each list."""
+    """A run for which faults are drawn, with fields that are drawn, too.
 
-    run: str | dict[str, Any] = Field({}, description="name under config/runs, path, or a run inline; none: defaults")
-    set: dict[FieldPath, Any] = Field({}, description="fields of the run that differ, path: value as in --set")
-    choose: dict[Name, Choices] = Field({}, description="list: label: path: value; one of each list is drawn")
+    In `choose`, one label of each list is drawn, and its fields are set in the run. For example, `choose: {link: {fast:
+    {link: fibre}, slow: {link: satellite}}}` draws one of two links.
+    """
+
+    run: str | dict[str, Any] = Field(
+        {}, description="run: name under config/runs, path, or inline, with supervision; empty: all defaults"
+    )
+    set: dict[FieldPath, Any] = Field({}, description="path: value, fields of the run that differ, as in `--set`")
+    choose: dict[Name, Choices] = Field({}, description="name of a list: label: path: value")
 
     @model_validator(mode="after")
     def _not_empty(self) -> Bed:
@@ -29,19 +35,29 @@ class Bed(ParameterModel):
 
 
 class Campaign(ParameterModel):
-    """Draws of (what fails) x (when) x (where) x (controller) x (scenario) x (link), and what must hold for each."""
+    """A fault campaign: random cases of [what fails](campaign_faults.md), when, where, and in which run.
 
-    description: str = ""
-    seed: int = quantity(0, "-", "seed of all draws", ge=0, le=2**31 - 1)
-    draws: int = quantity(..., "-", "how many", ge=1, le=1_000_000)
-    graphs: int = quantity(0, "-", "how many more draws are made as real graphs", ge=0, le=10_000)
-    graph_duration: float = quantity(8.0, "s", "simulated time of these", gt=0, le=1e3)
-    beds: dict[Name, Bed] = Field(..., min_length=1, description="name: a run; each is drawn as often as the others")
-    faults: dict[Name, float] = Field({}, description="fault: how often beside the others; without: all, equally often")
-    healthy: float = quantity(0.0, "-", "share of draws in which nothing fails", ge=0, le=1)
-    window: tuple[float, float] = Field((2.0, 8.0), strict=False, description="s, between which a fault begins")
+    `facts-damping campaign` checks for each case that supervised control [does no harm](do_no_harm.md). A case depends
+    on its number and the seed only.
+    """
+
+    description: str = Field("", description="text that `facts-damping list campaigns` shows")
+    seed: int = quantity(0, "-", "seed of all cases", ge=0, le=2**31 - 1)
+    draws: int = quantity(..., "-", "number of cases", ge=1, le=1_000_000)
+    graphs: int = quantity(0, "-", "number of further cases that run as graphs of real nodes", ge=0, le=10_000)
+    graph_duration: float = quantity(
+        8.0, "s", "simulated time of a graph; its fault begins at least 3 s before the end", gt=0, le=1e3
+    )
+    beds: dict[Name, Bed] = Field(..., min_length=1, description="name: run; each is drawn equally often")
+    faults: dict[Name, float] = Field(
+        {}, description="fault: how often it is drawn relative to the others, 0 to 1e6; empty: all equally often"
+    )
+    healthy: float = quantity(0.0, "-", "share of cases in which nothing fails", ge=0, le=1)
+    window: tuple[float, float] = Field(
+        (2.0, 8.0), strict=False, description="earliest and latest start of a fault in s, from 0.1 on"
+    )
     lasting: float = quantity(0.3, "-", "share of faults that last to the end", ge=0, le=1)
-    unsupervised: bool = Field(False, description="each draw once more without supervision")
+    unsupervised: bool = Field(False, description="true: each case is repeated without supervision")
 
     @model_validator(mode="after")
     def _ordered(self) -> Campaign:

@@ -10,15 +10,17 @@ from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 
 class DeviceModel(ParameterModel):
-    """What every kind has."""
+    """What all kinds of devices have."""
 
     if TYPE_CHECKING:
         v_max: float
         rate_max: float
 
-    name: Name
+    name: Name = Field(..., description="name, unique among lines, transformers and devices")
     kind: str
-    response_time: float = quantity(0.0, "s", "first-order lag behind its reference; 0: none", ge=0, le=10)
+    response_time: float = quantity(
+        0.0, "s", "time constant of the first-order lag behind the reference; 0: none", ge=0, le=10
+    )
     dead_time: float = quantity(0.0, "s", "time after which an accepted setpoint acts; 0: at once", ge=0, le=0.5)
 
     @model_validator(mode="before")
@@ -30,15 +32,15 @@ class DeviceModel(ParameterModel):
 
 
 class Series(DeviceModel):
-    """What every kind in series has: two buses, or a line in which it stands next to its `from` or `to` bus.
+    """What all kinds in series have: two buses, or a line in which it stands next to its `from` or `to` bus.
 
-    It acts behind an impedance, and where it is not installed it is its resistance alone.
+    It acts behind an impedance. If it is not installed, only its resistance remains.
     """
 
-    from_bus: Name | None = Field(None, alias="from")
-    to_bus: Name | None = Field(None, alias="to")
-    line: Name | None = Field(None, description="the line it stands in, instead of `from` and `to`")
-    end: Literal["from", "to"] = Field("from", description="which end of that line")
+    from_bus: Name | None = Field(None, alias="from", description="first bus; give `from` and `to`, or `line`")
+    to_bus: Name | None = Field(None, alias="to", description="second bus")
+    line: Name | None = Field(None, description="line in which it stands, instead of `from` and `to`")
+    end: Literal["from", "to"] = Field("from", description="end of that line next to which it stands")
     rs: float = quantity(..., "p.u.", "resistance of the coupling transformer", ge=1e-6, le=1)
     xs: float = quantity(..., "p.u.", "reactance of the coupling transformer", gt=0, le=1)
 
@@ -61,9 +63,9 @@ class Series(DeviceModel):
 
 
 class Parallel(DeviceModel):
-    """What every kind in parallel has: a bus. It is nothing where it is not installed."""
+    """What all kinds in parallel have: a bus. One that is not installed does nothing."""
 
-    bus: Name
+    bus: Name = Field(..., description="bus to which it is connected, and whose voltage it regulates")
 
     @property
     def buses(self) -> list[str]:
@@ -77,10 +79,10 @@ class Parallel(DeviceModel):
 
 
 class Transmission(DeviceModel):
-    """What every kind has that carries power between two buses: it is in service whether it is installed or not."""
+    """What all kinds have that carry power between two buses: they are in service whether installed or not."""
 
-    from_bus: Name = Field(..., alias="from")
-    to_bus: Name = Field(..., alias="to")
+    from_bus: Name = Field(..., alias="from", description="bus of the rectifier")
+    to_bus: Name = Field(..., alias="to", description="bus of the inverter")
 
     @property
     def buses(self) -> list[str]:
@@ -93,27 +95,34 @@ class Transmission(DeviceModel):
         return f"{self.from_bus}-{self.to_bus}"
 
 
-class Sssc(Series):
-    """A static synchronous series compensator; its setpoint is a voltage in quadrature to its current.
+def _kind() -> Any:
+    return Field(..., description="kind of device")
 
-    Regulators and DC link: docs/plant.md, after (2.87)-(2.89), (2.100)-(2.104) and appendix A.3.
+
+class Sssc(Series):
+    """A static synchronous series compensator ([SSSC](facts_devices.md)); data on the system base.
+
+    Its setpoint is a voltage in quadrature to its current. It stands between two buses, or in a line next to one of its
+    ends. In a line it has a bus of its own, `<line>.<device>`; its current counts in the direction of the line, and a
+    station that lists the line at this end measures the flow of the device. A line or a pair of buses has room for one
+    device. If it is not installed, only its resistance `rs` remains.
     """
 
-    kind: Literal["sssc"]
+    kind: Literal["sssc"] = _kind()
     rs: float = quantity(0.000053, "p.u.", "resistance of the coupling transformer", ge=1e-6, le=1)
     xs: float = quantity(0.0016, "p.u.", "reactance of the coupling transformer", gt=0, le=1)
-    v_max: float = quantity(0.1, "p.u.", "limit of the quadrature voltage setpoint", gt=0, le=1)
+    v_max: float = quantity(0.1, "p.u.", "limit of the setpoint, the quadrature voltage", gt=0, le=1)
     rate_max: float = quantity(5.0, "p.u./s", "rate limit of the quadrature voltage reference", gt=0, le=1000)
-    vp_max: float = quantity(0.1, "p.u.", "limit of the active converter voltage", gt=0, le=1)
-    vc_max: float = quantity(0.11, "p.u.", "limit of the converter voltage as a whole", gt=0, le=1)
-    Kp: float = quantity(0.00375, "-", "injected-voltage regulator, proportional gain", ge=0, le=10)
-    Ki: float = quantity(0.1875, "1/s", "injected-voltage regulator, integral gain", ge=0, le=1000)
-    Kd: float = quantity(0.4, "p.u.", "DC voltage regulator, proportional gain", ge=0, le=100)
-    Kdi: float = quantity(8.0, "p.u./s", "DC voltage regulator, integral gain", ge=0, le=1e4)
-    tau: float = quantity(0.006, "s", "DC link, C V^2 / S of the system base", ge=0.001, le=10)
-    g: float = quantity(0.0, "p.u.", "loss conductance of the DC link", ge=0, le=10)
+    vp_max: float = quantity(0.1, "p.u.", "limit of the active converter voltage, below `vc_max`", gt=0, le=1)
+    vc_max: float = quantity(0.11, "p.u.", "limit of the whole converter voltage", gt=0, le=1)
+    Kp: float = quantity(0.00375, "-", "proportional gain of the regulator of the injected voltage", ge=0, le=10)
+    Ki: float = quantity(0.1875, "1/s", "integral gain of the regulator of the injected voltage", ge=0, le=1000)
+    Kd: float = quantity(0.4, "p.u.", "proportional gain of the DC voltage regulator", ge=0, le=100)
+    Kdi: float = quantity(8.0, "p.u./s", "integral gain of the DC voltage regulator", ge=0, le=1e4)
+    tau: float = quantity(0.006, "s", "time constant of the DC link, C V^2 / S on the system base", ge=0.001, le=10)
+    g: float = quantity(0.0, "p.u.", "conductance of the DC link, for losses", ge=0, le=10)
     I_rated: float = quantity(10.0, "p.u.", "rated current; above it the DC regulator keeps its power", gt=0, le=1000)
-    enforce_rating: bool = Field(False, description="above I_rated the converter is bypassed")
+    enforce_rating: bool = Field(False, description="true: the converter is bypassed above `I_rated`")
     I_min: float = quantity(0.02, "p.u.", "current below which the converter is blocked", gt=0, le=1)
 
     @model_validator(mode="after")
@@ -124,59 +133,80 @@ class Sssc(Series):
 
 
 class Statcom(Parallel):
-    """A static synchronous compensator at a bus; its setpoint is an offset of its voltage reference.
+    """A static synchronous compensator ([STATCOM](facts_devices.md)) at a bus; data on the system base.
 
-    Regulators and DC link: docs/plant.md, after (2.90)-(2.92), (2.105)-(2.109) and appendix A.4.
+    Its setpoint is an offset of its voltage reference. With the default data the integration step must be at most 3.6
+    ms. One that is not installed does nothing.
     """
 
-    kind: Literal["statcom"]
+    kind: Literal["statcom"] = _kind()
     R: float = quantity(0.0073, "p.u.", "resistance of the coupling transformer", ge=0, le=10)
     L: float = quantity(0.22, "p.u.", "reactance of the coupling transformer", gt=0, le=10)
     v_max: float = quantity(..., "p.u.", "limit of the setpoint, an offset of the voltage reference", gt=0, le=1)
-    rate_max: float = quantity(..., "p.u./s", "rate limit of that offset", gt=0, le=1000)
-    I_max: float = quantity(..., "p.u.", "limit of active and of reactive current", gt=0, le=1000)
-    Kp: float = quantity(5.0, "p.u.", "AC voltage regulator, proportional gain: current per voltage", ge=0, le=1000)
-    Ki: float = quantity(1000.0, "p.u./s", "AC voltage regulator, integral gain", ge=0, le=1e5)
-    droop: float = quantity(0.0, "p.u.", "voltage per reactive current", ge=0, le=1)
-    Kd: float = quantity(4.0, "p.u.", "DC voltage regulator, proportional gain: current per voltage", ge=0, le=1000)
-    Kdi: float = quantity(80.0, "p.u./s", "DC voltage regulator, integral gain", ge=0, le=1e5)
-    Kc: float = quantity(0.3, "p.u.", "current regulator, proportional gain", ge=0, le=100)
-    Kci: float = quantity(10.0, "p.u./s", "current regulator, integral gain", ge=0, le=1e4)
-    Kf: float = quantity(0.22, "p.u.", "current regulator, feed-forward of the transformer's voltage", ge=0, le=10)
-    tau: float = quantity(0.006, "s", "DC link, C V^2 / S of the system base", ge=0.001, le=10)
-    g: float = quantity(0.0, "p.u.", "loss conductance of the DC link", ge=0, le=10)
-    enforce_rating: bool = Field(False, description="I_max limits the whole current, the active part first")
+    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", gt=0, le=1000)
+    I_max: float = quantity(..., "p.u.", "limit of the active and of the reactive current", gt=0, le=1000)
+    Kp: float = quantity(
+        5.0, "p.u.", "proportional gain of the AC voltage regulator: current per voltage", ge=0, le=1000
+    )
+    Ki: float = quantity(1000.0, "p.u./s", "integral gain of the AC voltage regulator", ge=0, le=1e5)
+    droop: float = quantity(0.0, "p.u.", "slope of the voltage: voltage per reactive current", ge=0, le=1)
+    Kd: float = quantity(
+        4.0, "p.u.", "proportional gain of the DC voltage regulator: current per voltage", ge=0, le=1000
+    )
+    Kdi: float = quantity(80.0, "p.u./s", "integral gain of the DC voltage regulator", ge=0, le=1e5)
+    Kc: float = quantity(0.3, "p.u.", "proportional gain of the current regulator", ge=0, le=100)
+    Kci: float = quantity(10.0, "p.u./s", "integral gain of the current regulator", ge=0, le=1e4)
+    Kf: float = quantity(0.22, "p.u.", "current regulator: feed-forward of the transformer's voltage", ge=0, le=10)
+    tau: float = quantity(0.006, "s", "time constant of the DC link, C V^2 / S on the system base", ge=0.001, le=10)
+    g: float = quantity(0.0, "p.u.", "conductance of the DC link, for losses", ge=0, le=10)
+    enforce_rating: bool = Field(
+        False, description="true: `I_max` limits the whole current, with priority for the active part"
+    )
     V_min: float = quantity(0.05, "p.u.", "voltage of its bus below which the converter is blocked", gt=0, le=0.9)
 
 
 class Svc(Parallel):
-    """A static var compensator at a bus; its setpoint is an offset of its voltage reference: docs/plant.md."""
+    """A static var compensator ([SVC](facts_devices.md)) at a bus; data on the system base.
 
-    kind: Literal["svc"]
+    Its setpoint is an offset of its voltage reference. The integration step must be below about 2.8 T/(1 + K X), with
+    the reactance X of the network behind its bus. One that is not installed does nothing.
+    """
+
+    kind: Literal["svc"] = _kind()
     v_max: float = quantity(..., "p.u.", "limit of the setpoint, an offset of the voltage reference", gt=0, le=1)
-    rate_max: float = quantity(..., "p.u./s", "rate limit of that offset", gt=0, le=1000)
-    B_max: float = quantity(..., "p.u.", "limit of the susceptance, capacitive", gt=0, le=1000)
-    B_min: float = quantity(..., "p.u.", "limit of the susceptance, inductive: negative", ge=-1000, le=0)
-    K: float = quantity(..., "p.u.", "regulator, susceptance per voltage: the inverse of its slope", gt=0, le=1e4)
-    T: float = quantity(0.05, "s", "time in which the susceptance follows", ge=0.001, le=10)
+    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", gt=0, le=1000)
+    B_max: float = quantity(..., "p.u.", "capacitive limit of the susceptance", gt=0, le=1000)
+    B_min: float = quantity(..., "p.u.", "inductive limit of the susceptance, negative", ge=-1000, le=0)
+    K: float = quantity(..., "p.u.", "gain of the regulator: susceptance per voltage, the inverse slope", gt=0, le=1e4)
+    T: float = quantity(0.05, "s", "time constant with which the susceptance follows", ge=0.001, le=10)
     V_min: float = quantity(0.05, "p.u.", "voltage of its bus below which it is blocked", gt=0, le=0.9)
 
 
 class Hvdc(Transmission):
-    """An HVDC link from a rectifier to an inverter; its setpoint is added to its power order: docs/plant.md."""
+    """An [HVDC link](hvdc.md) that carries power from a rectifier's bus to an inverter's bus.
 
-    kind: Literal["hvdc"]
-    P: float = quantity(..., "MW", "power order, taken from the `from` bus", ge=0, le=1e5)
-    P_max: float = quantity(..., "MW", "capacity, also with modulation", gt=0, le=1e5)
-    P_min: float = quantity(0.0, "MW", "least power, also with modulation", ge=0, le=1e5)
+    Its setpoint is power added to its order. Setpoints are in p.u. of the system base, powers of the link in MW: with a
+    base of 100 MVA a `v_max` of 0.5 is 50 MW. A link that is not installed stays in service and carries its order.
+    """
+
+    kind: Literal["hvdc"] = _kind()
+    P: float = quantity(..., "MW", "power order, taken from the `from` bus; from `P_min` to `P_max`", ge=0, le=1e5)
+    P_max: float = quantity(..., "MW", "largest power, also with modulation", gt=0, le=1e5)
+    P_min: float = quantity(0.0, "MW", "smallest power, also with modulation", ge=0, le=1e5)
     v_max: float = quantity(..., "p.u.", "limit of the setpoint, power added to the order", gt=0, le=1000)
-    rate_max: float = quantity(..., "p.u./s", "ramp limit of that power", gt=0, le=1e4)
-    loss: float = quantity(0.0, "-", "share of the power that the converters lose", ge=0, le=0.2)
-    R: float = quantity(0.0, "p.u.", "resistance of the line: loses R P^2", ge=0, le=10)
-    pf_from: float = quantity(1.0, "-", "power factor of the rectifier, which draws Q; 1: none", ge=0.5, le=1)
-    pf_to: float = quantity(1.0, "-", "power factor of the inverter, which draws Q; 1: none", ge=0.5, le=1)
-    V_min: float = quantity(0.7, "p.u.", "voltage of either bus below which power falls with its square", ge=0.1, le=1)
-    T: float = quantity(0.02, "s", "time in which each end knows of the other's voltage", ge=0.001, le=10)
+    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", gt=0, le=1e4)
+    loss: float = quantity(0.0, "-", "losses of the converters, as a share of the power", ge=0, le=0.2)
+    R: float = quantity(0.0, "p.u.", "resistance of the DC line, which loses R P^2", ge=0, le=10)
+    pf_from: float = quantity(
+        1.0, "-", "power factor of the rectifier, which draws reactive power; 1: none", ge=0.5, le=1
+    )
+    pf_to: float = quantity(1.0, "-", "power factor of the inverter, which draws reactive power; 1: none", ge=0.5, le=1)
+    V_min: float = quantity(
+        0.7, "p.u.", "voltage of either bus below which the power falls with its square", ge=0.1, le=1
+    )
+    T: float = quantity(
+        0.02, "s", "time constant with which each end learns of the voltage at the other end", ge=0.001, le=10
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> Hvdc:

@@ -12,18 +12,22 @@ SIZED = {"gain": 10.0, "weights": 1.0}  # kinds that have a size, and what it is
 
 
 class ControllerFault(ParameterModel):
-    """A controller that goes wrong for a time.
+    """A fault of a controller, for tests of supervision.
 
-    wrong_sign: its setpoints turned round; gain: multiplied by `size`; stuck: what they were at the start; random:
-    anything within the limits; bang_bang: from one limit to the other at each frame; nan: no numbers; weights: its
-    network's parameters moved, each by a normal number times `size`, at the start; hung: it says nothing, and then goes
-    on; dead: it says nothing, and then begins again, knowing nothing.
+    The setpoints are reversed (`wrong_sign`), multiplied by `size` (`gain`), held at their value at the start
+    (`stuck`), random within the limits (`random`), at one limit and the other in turn at each frame (`bang_bang`), or
+    not numbers (`nan`). `weights` displaces each parameter of the network once, by a normal random number times `size`.
+    A `hung` controller is silent and then continues; a `dead` one is silent and then starts again from the beginning.
     """
 
-    kind: Literal["wrong_sign", "gain", "stuck", "random", "bang_bang", "nan", "weights", "hung", "dead"]
-    start: float = quantity(0.0, "s", "from then on", ge=0, le=1e5)
-    duration: float | None = quantity(None, "s", "for so long; none: to the end", gt=0, le=1e5)
-    size: float | None = Field(None, ge=-1e3, le=1e3, description="of gain (none: 10) and weights (none: 1)")
+    kind: Literal["wrong_sign", "gain", "stuck", "random", "bang_bang", "nan", "weights", "hung", "dead"] = Field(
+        ..., description="kind of fault"
+    )
+    start: float = quantity(0.0, "s", "time at which the fault begins", ge=0, le=1e5)
+    duration: float | None = quantity(None, "s", "how long the fault lasts; none: to the end of the run", gt=0, le=1e5)
+    size: float | None = Field(
+        None, ge=-1e3, le=1e3, description="size of `gain` (none: 10) and of `weights` (none: 1); not for other kinds"
+    )
 
     @model_validator(mode="after")
     def _of_its_kind(self) -> ControllerFault:

@@ -9,7 +9,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, meant
 from facts_damping.parameters.validation import short
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 
@@ -49,7 +49,8 @@ def find(kind: str, name: str, within: str = "") -> Path:
         return plain  # without a look at all the others: a sweep asks often
     known = {n.removeprefix(within): f for n, f in shipped(kind).items() if n.startswith(within)}
     if name not in known:
-        raise InputError(f"{kind}: '{name}' given; allowed: {', '.join(known) or 'none'}, or the path of a YAML file")
+        told = f"{kind}: '{name}' given{meant(name, known)}"
+        raise InputError(f"{told}; allowed: {', '.join(known) or 'none'}, or the path of a YAML file")
     return known[name]
 
 

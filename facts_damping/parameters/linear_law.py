@@ -12,23 +12,29 @@ FORMS = (("A", "B", "C", "D"), ("num", "den"), ("zeros", "poles", "gain"))
 
 
 class LinearLaw(ParameterModel):
-    """u = K(s) y, or K(z): signals y and setpoints u in p.u.; one of `FORMS`.
+    """A linear law u = K(s) y, or K(z), from signals y to setpoints u, both in p.u.
 
-    dx/dt = A x + B y, u = C x + D y; or num(s) / den(s), the highest power first; or gain prod(s - zero) / prod(s -
-    pole). With `dt` it is discrete: x(k+1) instead of dx/dt, z instead of s.
+    It has one of three forms: dx/dt = A x + B y, u = C x + D y; or num(s) / den(s); or gain prod(s - zero) / prod(s -
+    pole). With `dt` it is discrete: x(k+1) in place of dx/dt, z in place of s.
     """
 
-    A: list[Row] | None = Field(None, description="(states, states)")
-    B: list[Row] | None = Field(None, description="(states, signals)")
-    C: list[Row] | None = Field(None, description="(devices, states)")
-    D: list[Row] | None = Field(None, description="(devices, signals); none: 0")
-    num: Polynomials | None = Field(None, description="numerator; of several signals or devices a matrix of them")
-    den: Polynomials | None = Field(None, description="denominator, likewise")
-    zeros: list[float | str] | None = Field(None, description="of one signal and device; complex ones as text, -1+2j")
-    poles: list[float | str] | None = Field(None, description="likewise")
-    gain: float | None = Field(None, description="factor of the products of zeros and poles")
+    A: list[Row] | None = Field(None, description="matrix of shape (states, states)")
+    B: list[Row] | None = Field(None, description="matrix of shape (states, signals)")
+    C: list[Row] | None = Field(None, description="matrix of shape (devices, states)")
+    D: list[Row] | None = Field(None, description="matrix of shape (devices, signals); none: 0")
+    num: Polynomials | None = Field(
+        None,
+        description="numerator, highest power first; for several signals or devices a row per device with an entry per "
+        "signal",
+    )
+    den: Polynomials | None = Field(None, description="denominator, in the same form as `num`")
+    zeros: list[float | str] | None = Field(
+        None, description="zeros, for one signal and device; complex values as text, such as -1+2j"
+    )
+    poles: list[float | str] | None = Field(None, description="poles, in the same form as `zeros`")
+    gain: float | None = Field(None, description="factor of the zeros and poles")
     dt: float | None = quantity(
-        None, "s", "period of a discrete one: that of the frames; none: continuous", gt=0, le=10
+        None, "s", "sampling period of a discrete law, that of the frames; none: continuous", gt=0, le=10
     )
 
     @model_validator(mode="after")

@@ -22,11 +22,14 @@ else:
 
 
 class Link(ParameterModel):
-    """A wide-area link: chains of stages from stations to controllers (up) and from there to devices (down)."""
+    """A wide-area [link](links.md): one chain of stages up to the controllers and one down to the devices.
 
-    description: str = ""
-    up: list[Stage] = []
-    down: list[Stage] = []
+    The delays of the stages in a chain add up. A chain without stages has no delay.
+    """
+
+    description: str = Field("", description="text that `facts-damping list links` shows")
+    up: list[Stage] = Field([], description="stages from the stations to the controllers, in order")
+    down: list[Stage] = Field([], description="stages from the controllers to the devices, in order")
 
     @model_validator(mode="after")
     def _where_it_has_a_meaning(self) -> Link:

@@ -10,19 +10,23 @@ from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 
 def _std(default: float | None) -> Any:
-    return quantity(default, "-", "standard deviation of P and of Q, relative to what the load draws", ge=0, le=0.2)
+    return quantity(
+        default, "-", "standard deviation of P and of Q, as a share of the power that the load draws", ge=0, le=0.2
+    )
 
 
 def _time_constant(default: float | None) -> Any:
-    return quantity(default, "s", "time in which the noise forgets what it was", ge=0.05, le=1e4)
+    return quantity(default, "s", "time constant of the noise: its correlation time", ge=0.05, le=1e4)
 
 
 def _correlation(default: float | None) -> Any:
-    return quantity(default, "-", "of the noise of P with that of Q; 1: the power factor stays", ge=-1, le=1)
+    return quantity(
+        default, "-", "correlation of the noise of P with that of Q; 1: the power factor is constant", ge=-1, le=1
+    )
 
 
 class OwnNoise(ParameterModel):
-    """Noise of a load where it differs from that of all."""
+    """Noise of one load; a field that is not given has the value for all loads."""
 
     std: float | None = _std(None)
     time_constant: float | None = _time_constant(None)
@@ -30,17 +34,16 @@ class OwnNoise(ParameterModel):
 
 
 class LoadNoise(ParameterModel):
-    """What each load draws more or less than it should: an Ornstein-Uhlenbeck process of P and one of Q.
+    """Random noise of all loads: an Ornstein-Uhlenbeck process for P and one for Q of each load.
 
-    Loads are independent of each other, and by default P and Q of a load are, too (F. Milano, R. Zarate-Minano, A
-    Systematic Method to Model Power Systems as Stochastic Differential Algebraic Equations, IEEE Trans. Power Systems
-    28 (2013) 4537-4544).
+    Different loads are independent of each other. By default P and Q of a load are independent, too (Milano and
+    Zarate-Minano, IEEE Trans. Power Systems 28 (2013) 4537-4544). The defaults are a choice, not measured values.
     """
 
     std: float = _std(0.01)
     time_constant: float = _time_constant(1.0)
     correlation: float = _correlation(0.0)
-    loads: dict[Name, OwnNoise] = Field({}, description="load: its own std, time_constant, correlation")
+    loads: dict[Name, OwnNoise] = Field({}, description="load: its own values, where they differ")
 
     def of(self, load: str) -> tuple[float, float, float]:
         """Standard deviation, time constant (s) and correlation of a load's noise."""

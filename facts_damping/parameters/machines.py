@@ -19,23 +19,31 @@ NEEDED = {
 
 
 class Machine(ParameterModel):
-    """A synchronous machine: dispatch, and data on its own rating. What a model does not need may be left out.
+    """A synchronous [machine](machines.md): its bus, its operating point and its data, on its own rating.
 
-    Without X'q and T'q0 the q axis has no transient circuit: a salient pole.
+    The model `classical` needs `Xd1`. `two_axis` needs `Xd`, `Xd1`, `Td01` and `Xq`; `cascade` needs these and `Xd2`,
+    `Td02`, `Xq2` and `Tq02`; `genrou` needs all of these and `Xl`. All but `classical` also take `Xq1` and `Tq01`, both
+    or neither; without them the machine has salient poles. Subtransient reactances must not exceed transient ones, nor
+    transient ones the synchronous ones, and `Xl` must be the smallest.
+
+    Exactly one machine is the slack, or none in a system with an infinite bus. A bus has at most one machine or
+    infinite bus.
     """
 
-    name: Name
-    bus: Name
-    area: Name | None = Field(None, description="area it belongs to: tells interarea from local modes")
+    name: Name = Field(..., description="name, unique among the machines")
+    bus: Name = Field(..., description="bus to which it is connected")
+    area: Name | None = Field(
+        None, description="area, to tell interarea modes from local ones; given for all machines or for none"
+    )
     rating: float = quantity(..., "MVA", "rated power, the base of its data", gt=0, le=1e5)
     model: Literal["classical", "two_axis", "cascade", "genrou"] = Field(
         "genrou",
-        description="classical: constant E' behind X'd; two_axis: transient circuits alone; "
-        "cascade: thesis (2.1)-(2.6), corrected; genrou: standard subtransient model with leakage",
+        description="`classical`: constant E' behind X'd; `two_axis`: transient circuits only; `cascade`: model of the "
+        "thesis, corrected; `genrou`: standard subtransient model with leakage reactance",
     )
-    P: float | None = quantity(None, "MW", "active power; none for the slack machine", ge=-1e5, le=1e5)
+    P: float | None = quantity(None, "MW", "active power; not given for the slack machine", ge=-1e5, le=1e5)
     V: float = quantity(..., "p.u.", "terminal voltage", gt=0.5, le=1.5)
-    slack: bool = Field(False, description="the machine that balances the power flow, where no infinite bus does")
+    slack: bool = Field(False, description="true: the machine that balances the power flow")
     angle: float = quantity(0.0, "deg", "angle of the slack machine's terminal voltage", ge=-360, le=360)
     H: float = quantity(..., "s", "inertia constant", gt=0, le=1000)
     D: float = quantity(0.0, "p.u.", "damping torque per speed deviation", ge=0, le=100)
@@ -45,14 +53,20 @@ class Machine(ParameterModel):
     Xd1: float | None = quantity(None, "p.u.", "d-axis transient reactance X'd", gt=0, le=5)
     Xd2: float | None = quantity(None, "p.u.", "d-axis subtransient reactance X''d", gt=0, le=5)
     Xq: float | None = quantity(None, "p.u.", "q-axis synchronous reactance", gt=0, le=10)
-    Xq1: float | None = quantity(None, "p.u.", "q-axis transient reactance X'q; none: salient pole", gt=0, le=5)
+    Xq1: float | None = quantity(None, "p.u.", "q-axis transient reactance X'q; none: salient poles", gt=0, le=5)
     Xq2: float | None = quantity(None, "p.u.", "q-axis subtransient reactance X''q", gt=0, le=5)
     Td01: float | None = quantity(None, "s", "d-axis transient open-circuit time constant T'd0", gt=0, le=100)
     Td02: float | None = quantity(None, "s", "d-axis subtransient open-circuit time constant T''d0", ge=0.005, le=10)
-    Tq01: float | None = quantity(None, "s", "q-axis transient open-circuit time constant T'q0", ge=0.005, le=100)
+    Tq01: float | None = quantity(
+        None, "s", "q-axis transient open-circuit time constant T'q0; none: salient poles", ge=0.005, le=100
+    )
     Tq02: float | None = quantity(None, "s", "q-axis subtransient open-circuit time constant T''q0", ge=0.005, le=10)
-    S10: float = quantity(0.0, "-", "saturation: extra field current at 1.0 p.u. flux", ge=0, le=10)
-    S12: float = quantity(0.0, "-", "saturation: extra field current at 1.2 p.u. flux; 0: none", ge=0, le=10)
+    S10: float = quantity(
+        0.0, "-", "saturation: extra field current at a flux of 1.0 p.u., relative to that without", ge=0, le=10
+    )
+    S12: float = quantity(
+        0.0, "-", "saturation at a flux of 1.2 p.u., above `S10`; 0: no saturation, as for `classical`", ge=0, le=10
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> Machine:
@@ -78,16 +92,16 @@ class Machine(ParameterModel):
 
 
 class ExciterModel(ParameterModel):
-    """What every excitation system has. A machine without one keeps its field voltage constant."""
+    """What all excitation systems have."""
 
-    machine: Name
+    machine: Name = Field(..., description="machine to which it belongs; not a `classical` one")
     model: str
     KA: float = quantity(200.0, "p.u.", "regulator gain", gt=0, le=5000)
     TR: float = quantity(0.02, "s", "time constant of the voltage transducer; 0: none, else at least 2 ms", ge=0, le=10)
-    KF: float = quantity(0.0, "p.u.", "gain of the rate feedback", ge=0, le=10)
+    KF: float = quantity(0.0, "p.u.", "gain of the rate feedback; 0: none", ge=0, le=10)
     TF: float = quantity(0.1, "s", "time constant of the rate feedback", ge=0.01, le=100)
-    minimum: float | None = quantity(None, "p.u.", "lower limit: Efd (static), VR (dc); none: unlimited", ge=-100, le=0)
-    maximum: float | None = quantity(None, "p.u.", "upper limit: Efd (static), VR (dc); none: unlimited", gt=0, le=100)
+    minimum: float | None = quantity(None, "p.u.", "lower limit of Efd (static) or of VR (dc)", ge=-100, le=0)
+    maximum: float | None = quantity(None, "p.u.", "upper limit of Efd (static) or of VR (dc)", gt=0, le=100)
 
     @model_validator(mode="after")
     def _transducer(self) -> ExciterModel:
@@ -97,11 +111,16 @@ class ExciterModel(ParameterModel):
 
 
 class StaticExciter(ExciterModel):
-    """A thyristor exciter: (2.24)-(2.28) with TA = TE = 0, and IEEE ST1A's transient gain reduction."""
+    """A [static exciter](machines.md), with the transient gain reduction of IEEE ST1A; at most one per machine.
 
-    model: Literal["static"]
-    TB: float = quantity(0.0, "s", "transient gain reduction, denominator; 0: none, else at least 10 ms", ge=0, le=100)
-    TC: float = quantity(0.0, "s", "transient gain reduction, numerator", ge=0, le=100)
+    A machine without an exciter has a constant field voltage.
+    """
+
+    model: Literal["static"] = Field(..., description="model of the exciter; if not given, `static`")
+    TB: float = quantity(
+        0.0, "s", "denominator of the transient gain reduction; 0: none, else at least 10 ms", ge=0, le=100
+    )
+    TC: float = quantity(0.0, "s", "numerator of the transient gain reduction; needs `TB`", ge=0, le=100)
 
     @model_validator(mode="after")
     def _reduction(self) -> StaticExciter:
@@ -113,13 +132,13 @@ class StaticExciter(ExciterModel):
 
 
 class DcExciter(ExciterModel):
-    """A self-excited DC exciter, IEEE DC1A."""
+    """A self-excited [DC exciter](machines.md), IEEE DC1A; at most one exciter per machine."""
 
-    model: Literal["dc"]
+    model: Literal["dc"] = Field(..., description="model of the exciter")
     TA: float = quantity(0.055, "s", "regulator time constant", ge=0.005, le=10)
     KE: float = quantity(1.0, "p.u.", "exciter constant", ge=-1, le=10)
     TE: float = quantity(0.36, "s", "exciter time constant", ge=0.01, le=10)
-    AEX: float = quantity(0.0, "p.u.", "saturation SE(Efd) = AEX exp(BEX Efd)", ge=0, le=10)
+    AEX: float = quantity(0.0, "p.u.", "factor of the saturation SE(Efd) = AEX exp(BEX Efd)", ge=0, le=10)
     BEX: float = quantity(0.0, "1/p.u.", "exponent of the saturation", ge=0, le=10)
 
 
@@ -135,14 +154,14 @@ Exciter = Annotated[
 
 
 class Stabiliser(ParameterModel):
-    """A power system stabiliser at a machine's speed: K s Tw/(1+s Tw) (1+s T1)/(1+s T2) (1+s T3)/(1+s T4).
+    """A [power system stabiliser](machines.md) from the machine's own speed to its exciter; at most one per machine.
 
-    (2.31)-(2.34), whose T1, T3 and T2, T4 are T1, T2 and T3, T4 here, as in IEEE PSS1A. Its output adds to
-    the exciter's reference.
+    `K s Tw/(1 + s Tw) (1 + s T1)/(1 + s T2) (1 + s T3)/(1 + s T4)`, numbered as in IEEE PSS1A. The defaults are
+    those of Kundur's example 12.6.
     """
 
-    machine: Name
-    enabled: bool = Field(True, description="false: there, but switched off")
+    machine: Name = Field(..., description="machine to which it belongs; with an exciter, unless the stabiliser is off")
+    enabled: bool = Field(True, description="false: switched off")
     K: float = quantity(20.0, "p.u./p.u.", "gain", ge=-1000, le=1000)
     Tw: float = quantity(10.0, "s", "time constant of the washout", ge=0.01, le=1000)
     T1: float = quantity(0.05, "s", "numerator of the first lead-lag section", ge=0, le=100)
@@ -154,18 +173,21 @@ class Stabiliser(ParameterModel):
 
 
 class Governor(ParameterModel):
-    """A hydraulic turbine with its governor (HYGOV), on the machine's rating. Without one Pm is constant."""
+    """A hydraulic turbine and its [governor](machines.md) (HYGOV), on the machine's rating; at most one per machine.
 
-    machine: Name
-    enabled: bool = Field(True, description="false: there, but switched off")
+    A machine without a governor has constant mechanical power.
+    """
+
+    machine: Name = Field(..., description="machine to which it belongs")
+    enabled: bool = Field(True, description="false: switched off")
     R: float = quantity(0.05, "p.u.", "permanent droop: speed per gate", ge=0, le=1)
     r: float = quantity(0.4, "p.u.", "temporary droop", gt=0, le=10)
     Tr: float = quantity(5.0, "s", "time constant of the temporary droop", ge=0.05, le=100)
     Tf: float = quantity(0.05, "s", "time constant of the filter", ge=0.01, le=10)
     Tg: float = quantity(0.2, "s", "time constant of the gate servo", ge=0.01, le=10)
-    rate_max: float = quantity(0.2, "p.u./s", "limit of the gate's velocity", gt=0, le=10)
-    gate_min: float = quantity(0.01, "p.u.", "smallest gate", ge=0.001, le=1)
-    gate_max: float = quantity(1.0, "p.u.", "largest gate", gt=0, le=2)
+    rate_max: float = quantity(0.2, "p.u./s", "largest velocity of the gate", gt=0, le=10)
+    gate_min: float = quantity(0.01, "p.u.", "smallest gate opening, below `gate_max`", ge=0.001, le=1)
+    gate_max: float = quantity(1.0, "p.u.", "largest gate opening", gt=0, le=2)
     Tw: float = quantity(1.0, "s", "water starting time", ge=0.05, le=20)
     At: float = quantity(1.2, "p.u.", "turbine gain: power per flow at rated head", gt=0, le=10)
     Dt: float = quantity(0.0, "p.u.", "turbine damping: power per speed deviation and gate", ge=0, le=10)

@@ -1,4 +1,4 @@
-"""How PMUs measure, as data: their filters, and what is wrong with what they say."""
+"""How PMUs measure, as data: their filters and their errors."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 
 class Noise(ParameterModel):
-    """Normal white noise of what is reported, after the filters: standard deviations."""
+    """Noise of the reported values, normal and white, added after the filters: standard deviations."""
 
-    magnitude: float = quantity(0.0, "p.u.", "of magnitudes, relative to them", ge=0, le=1)
-    angle: float = quantity(0.0, "rad", "of angles", ge=0, le=3)
+    magnitude: float = quantity(0.0, "p.u.", "noise of magnitudes, relative to the magnitude", ge=0, le=1)
+    angle: float = quantity(0.0, "rad", "noise of angles", ge=0, le=3)
     frequency: float = quantity(
-        0.0, "Hz", "of the frequency, and of the rotor speed where that is reported", ge=0, le=5
+        0.0, "Hz", "noise of the frequency, and of the rotor speed if that is reported", ge=0, le=5
     )
-    rocof: float = quantity(0.0, "Hz/s", "of the rate of change of frequency", ge=0, le=100)
+    rocof: float = quantity(0.0, "Hz/s", "noise of the rate of change of frequency", ge=0, le=100)
 
 
 class Clock(ParameterModel):
-    """Error of a station's clock: ahead of UTC by `offset`, and by `drift` more and more once it has lost the time.
+    """The error of a station's clock: a constant offset, and a drift after the clock has lost the satellites.
 
-    The stamp of a frame is wrong by it, and so are its angles: by -2 pi f_0 times the error.
+    The error shifts the time stamps of the station's frames, and their angles by -2 pi f_0 times the error.
     """
 
-    offset: float = quantity(0.0, "s", "how far it is ahead, always", ge=-1, le=1)
-    lost: float | None = quantity(None, "s", "when it loses the time of the satellites; none: never", ge=0, le=1e5)
-    drift: float = quantity(0.0, "s/s", "how fast it runs ahead from then on", ge=-1e-3, le=1e-3)
+    offset: float = quantity(0.0, "s", "how far the clock is ahead of UTC", ge=-1, le=1)
+    lost: float | None = quantity(None, "s", "time at which the clock loses the satellites; none: never", ge=0, le=1e5)
+    drift: float = quantity(0.0, "s/s", "rate at which the clock gains time from then on", ge=-1e-3, le=1e-3)
 
     @model_validator(mode="after")
     def _drifts_alone(self) -> Clock:
@@ -40,26 +40,29 @@ class Clock(ParameterModel):
 
 
 class StationErrors(ParameterModel):
-    """What is wrong at one station, where it is not what is wrong at all."""
+    """Errors of one station, in place of those of all stations."""
 
-    noise: Noise | None = Field(None, description="none: that of all stations")
-    clock: Clock | None = Field(None, description="none: that of all stations")
+    noise: Noise | None = Field(None, description="noise of this station; none: that of all stations")
+    clock: Clock | None = Field(None, description="clock of this station; none: that of all stations")
 
 
 class BadData(ParameterModel):
-    """Wrong frames of some stations for a time.
+    """Wrong frames of some stations for some time.
 
-    stuck: values stay what they are at the start; spike: now and then magnitudes, speed and ROCOF are larger by a
-    share; wrong_sign: a current transformer the wrong way round; swapped_phases: two phases of the voltage exchanged,
-    so that the positive sequence of a balanced voltage is gone; invalid: marked as data error, without values.
+    `stuck`: values stay as they are at the start. `spike`: in some frames magnitudes, speed and ROCOF (the rate of
+    change of frequency) are larger by the share `size`. `wrong_sign`: a current transformer is connected the wrong way
+    round. `swapped_phases`: two phases of the voltage are exchanged, so that a balanced voltage has no positive
+    sequence. `invalid`: frames are marked as data error and have no values.
     """
 
-    kind: Literal["stuck", "spike", "wrong_sign", "swapped_phases", "invalid"]
-    stations: list[Name] | None = Field(None, min_length=1, description="none: all")
-    start: float = quantity(0.0, "s", "first time of measurement concerned", ge=0, le=1e5)
-    duration: float | None = quantity(None, "s", "for so long; none: to the end", gt=0, le=1e5)
-    probability: float = quantity(0.01, "-", "share of frames (spike)", ge=0, le=1)
-    size: float = quantity(0.5, "-", "how much larger, relative (spike)", ge=-10, le=10)
+    kind: Literal["stuck", "spike", "wrong_sign", "swapped_phases", "invalid"] = Field(
+        ..., description="what is wrong with the frames"
+    )
+    stations: list[Name] | None = Field(None, min_length=1, description="stations concerned; none: all")
+    start: float = quantity(0.0, "s", "time of measurement of the first wrong frame", ge=0, le=1e5)
+    duration: float | None = quantity(None, "s", "how long frames are wrong; none: to the end", gt=0, le=1e5)
+    probability: float = quantity(0.01, "-", "share of the frames that are wrong; for `spike` only", ge=0, le=1)
+    size: float = quantity(0.5, "-", "share by which values are larger; for `spike` only", ge=-10, le=10)
 
     @model_validator(mode="after")
     def _of_spikes(self) -> BadData:
@@ -70,18 +73,18 @@ class BadData(ParameterModel):
 
 
 class Measurement(ParameterModel):
-    """How the PMUs of a run measure; the default is the thesis's: rotor speeds and exact phasors, at once."""
+    """How the PMUs of a run [measure](measurement.md); by default rotor speeds and exact phasors, without latency."""
 
-    description: str = ""
+    description: str = Field("", description="text that `facts-damping list measurement` shows")
     filter: Literal["ideal", "p_class", "m_class"] = Field(
-        "ideal", description="ideal: exact; p_class, m_class: the reference filters of IEEE/IEC 60255-118-1, annex D"
+        "ideal", description="none (`ideal`), or the reference filter of class P or M of IEEE/IEC 60255-118-1, annex D"
     )
-    noise: Noise = Noise()
-    clock: Clock = Clock()
+    noise: Noise = Field(Noise(), description="noise of all stations")
+    clock: Clock = Field(Clock(), description="error of the clocks of all stations")
     quantisation: Literal["none", "int16"] = Field(
-        "none", description="int16: 16-bit integers of IEEE C37.118.2, polar, 0.1 mrad, 1 mHz, 0.01 Hz/s"
+        "none", description="`int16`: the 16-bit integers of IEEE C37.118.2, polar, 0.1 mrad, 1 mHz, 0.01 Hz/s"
     )
-    voltage_range: float = quantity(2.0, "p.u.", "largest voltage of 16 bits", gt=0, le=100)
-    current_range: float = quantity(40.0, "p.u.", "largest current of 16 bits", gt=0, le=1e4)
-    stations: dict[Name, StationErrors] = Field({}, description="station: what differs there")
-    bad_data: list[BadData] = []
+    voltage_range: float = quantity(2.0, "p.u.", "largest voltage that 16 bits can express", gt=0, le=100)
+    current_range: float = quantity(40.0, "p.u.", "largest current that 16 bits can express", gt=0, le=1e4)
+    stations: dict[Name, StationErrors] = Field({}, description="station: its own noise and clock")
+    bad_data: list[BadData] = Field([], description="wrong frames, one entry for each time and kind")

@@ -16,14 +16,19 @@ DEFAULT_PROFILE = "thesis"  # whose fields are the defaults of a run
 
 
 class Profile(ParameterModel):
-    """Fields of a run that a profile sets; what a run says itself goes before it."""
+    """A [profile](profiles.md): assumptions that apply to any run; a field that a run file sets itself is kept."""
 
-    description: str = ""
-    set: dict[FieldPath, Any] = Field({}, description="fields of the run, path: value; `*`: where there are entries")
-    systems: dict[Name, dict[FieldPath, Any]] = Field({}, description="system: what is set for it alone")
-    signals: dict[Name, Name] = Field({}, description="signal: the one that controllers are given in its place")
+    description: str = Field("", description="text that `facts-damping list profiles` shows")
+    set: dict[FieldPath, Any] = Field(
+        {}, description="path: value, fields of the run as in `--set`; `*` is every entry of a list, if there are any"
+    )
+    systems: dict[Name, dict[FieldPath, Any]] = Field(
+        {}, description="system: path: value, fields that are set for this system only"
+    )
+    signals: dict[Name, Name] = Field({}, description="signal: the signal that controllers receive in its place")
     fixed_model: bool = Field(
-        False, description="controllers are designed on this system, whatever a run changes in it afterwards"
+        False,
+        description="true: controllers are designed on the system as this profile has it, whatever a run then changes",
     )
 
     def given(self, signals: Iterable[str]) -> list[str]:

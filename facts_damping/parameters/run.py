@@ -20,22 +20,27 @@ Namespace = Annotated[str, StringConstraints(max_length=64, pattern=f"^{_PART}(/
 
 
 def _time() -> float:
-    return quantity(..., "s", "when it happens, from the start of the run", ge=0, le=1e5)  # type: ignore[no-any-return]
+    return quantity(..., "s", "time of the event, from the start of the run", ge=0, le=1e5)  # type: ignore[no-any-return]
+
+
+def _kind() -> Any:
+    return Field(..., description="kind of event")
 
 
 class Fault(ParameterModel):
-    """A balanced three-phase fault at a bus, or on a line at a fraction of its length from its first bus.
-
-    With `duration` it clears itself; otherwise it lasts until a `clear` event or the end.
-    """
+    """A balanced three-phase fault at a bus or on a line."""
 
     time: float = _time()
-    kind: Literal["fault"]
-    bus: Name | None = None
-    line: Name | None = None
-    location: float = quantity(0.5, "-", "place on the line, as fraction of its length", gt=0, lt=1)
-    duration: float | None = quantity(None, "s", "time to self-clearing", gt=0, le=1e5)
-    r: float = quantity(0.0, "p.u.", "fault resistance; 0 with x = 0: bolted", ge=0, le=1e3)
+    kind: Literal["fault"] = _kind()
+    bus: Name | None = Field(None, description="faulted bus; give either this or `line`")
+    line: Name | None = Field(None, description="faulted line; give either this or `bus`")
+    location: float = quantity(
+        0.5, "-", "place of the fault on the line, as a fraction of the line's length from its first bus", gt=0, lt=1
+    )
+    duration: float | None = quantity(
+        None, "s", "time until the fault clears itself; none: until a `clear` event or the end of the run", gt=0, le=1e5
+    )
+    r: float = quantity(0.0, "p.u.", "fault resistance; with r = x = 0 the fault is bolted", ge=0, le=1e3)
     x: float = quantity(0.0, "p.u.", "fault reactance", ge=0, le=1e3)
 
     @model_validator(mode="after")
@@ -46,12 +51,12 @@ class Fault(ParameterModel):
 
 
 class Clear(ParameterModel):
-    """The end of the fault at a bus or on a line."""
+    """The end of a fault at a bus or on a line."""
 
     time: float = _time()
-    kind: Literal["clear"]
-    bus: Name | None = None
-    line: Name | None = None
+    kind: Literal["clear"] = _kind()
+    bus: Name | None = Field(None, description="bus of the fault; give either this or `line`")
+    line: Name | None = Field(None, description="line of the fault; give either this or `bus`")
 
     @model_validator(mode="after")
     def _one_place(self) -> Clear:
@@ -61,37 +66,44 @@ class Clear(ParameterModel):
 
 
 class LineSwitch(ParameterModel):
-    """A line or transformer taken out, or put back in."""
+    """A line or transformer is taken out of service (`line_out`) or put back into service (`line_in`)."""
 
     time: float = _time()
-    kind: Literal["line_out", "line_in"]
-    line: Name
+    kind: Literal["line_out", "line_in"] = _kind()
+    line: Name = Field(..., description="line or transformer that is switched")
 
 
 class LoadStep(ParameterModel):
-    """A load that changes to (1 + change) times its value at the start."""
+    """A load changes to (1 + change) times its value at the start of the run.
+
+    A second step replaces the first; it does not add to it.
+    """
 
     time: float = _time()
-    kind: Literal["load_step"]
-    load: Name
-    change: float = quantity(..., "-", "relative change, -0.1: ten per cent less", ge=-1, le=10)
+    kind: Literal["load_step"] = _kind()
+    load: Name = Field(..., description="load that changes")
+    change: float = quantity(..., "-", "relative change; -0.1 is ten per cent less", ge=-1, le=10)
 
 
 class MechanicalPowerStep(ParameterModel):
-    """A mechanical power that changes to (1 + change) times its value at the start."""
+    """The mechanical power of a machine changes to (1 + change) times its value at the start of the run.
+
+    A second step replaces the first; it does not add to it. If the machine has a governor, the step changes the
+    reference of the governor, and the turbine follows.
+    """
 
     time: float = _time()
-    kind: Literal["mechanical_power_step"]
-    machine: Name
-    change: float = quantity(..., "-", "relative change, 0.1: ten per cent more", ge=-2, le=10)
+    kind: Literal["mechanical_power_step"] = _kind()
+    machine: Name = Field(..., description="machine whose power changes")
+    change: float = quantity(..., "-", "relative change; 0.1 is ten per cent more", ge=-2, le=10)
 
 
 class GeneratorTrip(ParameterModel):
-    """A machine disconnected for good."""
+    """A machine is disconnected for the rest of the run."""
 
     time: float = _time()
-    kind: Literal["generator_trip"]
-    machine: Name
+    kind: Literal["generator_trip"] = _kind()
+    machine: Name = Field(..., description="machine that is disconnected")
 
 
 Event = Annotated[
@@ -100,70 +112,102 @@ Event = Annotated[
 
 
 class Scenario(ParameterModel):
-    """A list of events, with the duration that a run needs to show what they do."""
+    """Events that disturb a system, and the duration of a run that shows their effect."""
 
-    name: Name
-    description: str = ""
-    duration: float = quantity(20.0, "s", "default duration of a run", gt=0, le=1e5)
-    dispatch: dict[Name, float] = Field({}, description="machine: active power at the start in MW, where it differs")
-    events: list[Event] = []
+    name: Name = Field(..., description="name of the scenario")
+    description: str = Field("", description="text that `facts-damping list scenarios` shows")
+    duration: float = quantity(20.0, "s", "duration of runs that do not set their own", gt=0, le=1e5)
+    dispatch: dict[Name, float] = Field(
+        {},
+        description="machine: active power at the start in MW, where it differs from the system's; the slack machine "
+        "has none",
+    )
+    events: list[Event] = Field([], description="events, in any order; those at the same time act together")
 
 
 class Weights(ParameterModel):
-    """Adapted parameters of a neuro-fuzzy controller and its identifier, as a run left them."""
+    """What a neuro-fuzzy controller and its identifier had learnt at the end of a run.
 
-    name: Name
-    scheme: Literal["direct", "indirect"]
-    controller: list[float] | None = Field(None, description="parameters of its network; none: as at the start")
-    identifier: list[float] | None = Field(None, description="parameters of its identifier's network")
+    Each list has the memberships first, input by input, then the consequents, rule by rule and output by output. The
+    inputs of a controller are the error and its change, signal by signal; those of an identifier are the signals, then
+    the setpoints.
+    """
+
+    name: Name = Field(..., description="name of the controller")
+    scheme: Literal["direct", "indirect"] = Field(..., description="scheme of the controller")
+    controller: list[float] | None = Field(
+        None, description="parameters of the controller's network; none: those that it starts with"
+    )
+    identifier: list[float] | None = Field(
+        None, description="parameters of the identifier's network; none: those that it starts with, or a direct scheme"
+    )
 
 
 class Fmu(ParameterModel):
-    """An FMU as a controller, whose variables are called otherwise than its signals and devices."""
+    """An FMU whose variables do not have the names of the controller's signals and devices."""
 
-    file: str = Field(..., description="an FMU of FMI 2 or 3, for co-simulation")
-    inputs: dict[Name, str] = Field({}, description="signal: name of its input, where that differs")
-    outputs: dict[Name, str] = Field({}, description="device: name of its output, where that differs")
+    file: str = Field(..., description="FMU of FMI 2 or 3 for co-simulation")
+    inputs: dict[Name, str] = Field({}, description="signal: input, where its name is not that of the signal")
+    outputs: dict[Name, str] = Field({}, description="device: output, where its name is not that of the device")
 
 
 class Controller(ParameterModel):
-    """A controller node: which row of the table of controllers, what it is given, what it commands."""
+    """A [controller](controllers.md): its type, the signals that it receives, the devices that it commands.
+
+    Only one controller commands a device, apart from its fallback. Several controllers may receive the same signal.
+    """
 
     name: Name = Field(
         "LLC",
-        description="a row of `facts-damping list controllers`, antecedent+consequent, or of the user's own any other",
+        description="name in `facts-damping list controllers`, a pair `antecedent+consequent`, or any other name for a "
+        "controller of your own",
     )
     linear: str | dict[str, Any] | None = Field(
-        None, description="a law of the user's own: .yaml, .npz or .mat file, or inline; none: that of its name"
+        None, description="linear law of your own: a .yaml, .npz or .mat file, or inline"
     )
     policy: str | None = Field(
-        None, description="a class of the user's own: module:Class, path/to/file.py:Class, or an entry point"
+        None, description="Python class of your own: `file.py:Class`, `module:Class`, or an entry point"
     )
-    fmu: str | Fmu | None = Field(None, description="an FMU of the user's own, FMI 2 or 3, for co-simulation")
-    external: bool = Field(False, description="a node of the user's own, which the graph waits for")
+    fmu: str | Fmu | None = Field(
+        None, description="FMU of your own: its file, or a mapping if names of variables differ"
+    )
+    external: bool = Field(False, description="true: a node of your own that you start; the graph waits for it")
     command: list[str] | None = Field(
-        None, min_length=1, description="a node of the user's own: its command, started and stopped with the graph"
+        None, min_length=1, description="command of a node of your own, which is started and stopped with the graph"
     )
-    scheme: Literal["direct", "indirect"] | None = Field(None, description="neuro-fuzzy only; none: indirect")
+    scheme: Literal["direct", "indirect"] | None = Field(
+        None, description="scheme of a neuro-fuzzy controller; none: `indirect`"
+    )
     devices: list[Name] = Field(["sssc"], min_length=1, description="installed devices that it commands")
-    signals: list[Name] = Field(["speed"], min_length=1, description="signals of the system that it is given")
-    profile: Literal["deployed", "thesis"] = Field("deployed", description="guards of adaptation: on, or all off")
+    signals: list[Name] = Field(
+        ["speed"],
+        min_length=1,
+        description="signals of the system that it receives, each once: one for a lead-lag, up to 16 for others",
+    )
+    profile: Literal["deployed", "thesis"] = Field(
+        "deployed", description="guards of a neuro-fuzzy controller's adaptation: on (`deployed`) or off (`thesis`)"
+    )
     parameters: dict[str, float | str | list[float]] = Field(
-        {}, description="its parameters where they differ from the table's; a list has an entry a signal or device"
+        {},
+        description="parameters that differ from the tuned or default ones; a list has one entry per signal or device",
     )
     compensation: Literal["none", "lead", "phasor", "prediction", "smith"] = Field(
-        "none", description="what is done about delay; prediction: indirect only; smith is refused, with the reason"
+        "none",
+        description="method of delay compensation; `prediction` is for indirect controllers, `smith` is always refused",
     )
-    weights: str | Weights | None = Field(None, description="file of adapted weights to start from, or these inline")
+    weights: str | Weights | None = Field(
+        None, description="weights that a neuro-fuzzy controller starts from: the path of a file, or inline"
+    )
     link: str | dict[str, Any] | None = Field(
-        None, description="a link of its own: name under config/links, path, or a link inline; none: the run's"
+        None, description="link of its own: name under config/links, path, or inline; none: the link of the run"
     )
     fallback_of: int | None = quantity(
-        None, "-", "place in the run of the controller that it stands in for; none: it is nobody's", ge=0, le=15
+        None, "-", "index in the run of the controller that it is the fallback of; none: it is no fallback", ge=0, le=15
     )
-    faults: list[ControllerFault] = Field([], description="what goes wrong with it: for campaigns")
+    faults: list[ControllerFault] = Field([], description="faults of the controller, for tests of supervision")
     namespace: Namespace | None = Field(
-        None, description="ROS namespace, below that of the graph, of its nodes and its own link; none: the graph's"
+        None,
+        description="ROS namespace of its nodes and of its own link, below that of the graph; none: that of the graph",
     )
 
     @field_validator("namespace")
@@ -185,57 +229,90 @@ class Controller(ParameterModel):
 
 
 class TunedController(ParameterModel):
-    """Parameters that a search has chosen for a controller, and what they reached in training."""
+    """Parameters that a search has chosen for one controller and scheme."""
 
-    name: Name
-    scheme: Literal["direct", "indirect"] | None = None
-    compensation: Literal["none", "lead", "phasor", "prediction"] = Field("none", description="chosen with them")
-    objective: float = Field(..., description="what the search made small (docs/controllers.md)")
-    parameters: dict[str, float | str | list[float]]
+    name: Name = Field(..., description="name of the controller, as in a run")
+    scheme: Literal["direct", "indirect"] | None = Field(
+        None, description="scheme of a neuro-fuzzy controller; none: another controller"
+    )
+    compensation: Literal["none", "lead", "phasor", "prediction"] = Field(
+        "none", description="delay compensation with which the parameters were chosen"
+    )
+    objective: float = Field(
+        ..., description="value reached: of `tune` the objective in p.u. s², of `search` the score on fresh cases"
+    )
+    parameters: dict[str, float | str | list[float]] = Field(
+        ..., description="chosen parameters; a list has one entry per signal or device"
+    )
 
 
 class Tuned(ParameterModel):
-    """What `facts-damping tune` or `search` chose for a system: how, and for which controllers."""
+    """Parameters of controllers that `facts-damping tune` or `search` has chosen for a system."""
 
-    system: Name
-    profile: Name = Field("thesis", description="the profile that they were chosen in")
-    scenario: Name = Field(..., description="the scenario of training")
-    signals: list[Name] = Field(..., description="the signals that they were given")
-    devices: list[Name] = Field(..., description="the devices that they commanded")
-    measurement: Literal["ideal", "p_class", "m_class"] = Field("ideal", description="the filter behind the signals")
-    command: str = Field(..., description="the command that chose them")
-    controllers: list[TunedController]
+    system: Name = Field(..., description="name of the system")
+    profile: Name = Field("thesis", description="profile in which the parameters were chosen")
+    scenario: Name = Field(..., description="training scenario")
+    signals: list[Name] = Field(..., description="signals that the controllers received")
+    devices: list[Name] = Field(..., description="devices that were installed, and that the controllers commanded")
+    measurement: Literal["ideal", "p_class", "m_class"] = Field("ideal", description="filter of the PMUs")
+    command: str = Field(..., description="command that chose the parameters")
+    controllers: list[TunedController] = Field(
+        ..., description="chosen parameters, one entry per controller and scheme"
+    )
 
 
 class Run(ParameterModel):
-    """One closed loop, as the user writes it; system, scenario, measurement and link name a file or stand inline."""
+    """One closed loop: a system, a scenario, PMUs, a link, devices and controllers.
 
-    system: str | dict[str, Any] = Field("two_area", description="name under config/systems, path, or a system inline")
-    scenario: str | list[Any] = Field("small", description="name under config/scenarios, path, or a list of events")
-    devices: list[Name] = Field(["sssc"], description="devices of the system that are installed")
-    controllers: list[Controller] = Field([Controller()], max_length=16)
-    link: str | dict[str, Any] = Field("ideal", description="name under config/links, path, or a link inline")
-    measurement: str | dict[str, Any] = Field(
-        "ideal", description="how its PMUs measure: name under config/measurement, path, or inline"
+    Fields that name a file also take its content inline; `scenario` then takes a list of events. The defaults fit the
+    system `two_area`. See [run files](run_files.md).
+    """
+
+    description: str = Field("", description="text that `facts-damping list runs` shows")
+    system: str | dict[str, Any] = Field("two_area", description="system: name under config/systems, path, or inline")
+    scenario: str | list[Any] = Field(
+        "small", description="scenario: name under config/scenarios, path, or a list of events"
     )
-    watchdog: Watchdog | None = Field(Watchdog(), description="of every device; `off`: none")
+    devices: list[Name] = Field(
+        ["sssc"], description="devices of the system that are installed, each once; an empty list installs none"
+    )
+    controllers: list[Controller] = Field(
+        [Controller()], max_length=16, description="controllers, at most 16; an empty list is the open loop"
+    )
+    link: str | dict[str, Any] = Field("ideal", description="link: name under config/links, path, or inline")
+    measurement: str | dict[str, Any] = Field(
+        "ideal", description="how the PMUs measure: name under config/measurement, path, or inline"
+    )
+    watchdog: Watchdog | None = Field(
+        Watchdog(), description="watchdog of every device; `off`: a device holds its last setpoint for ever"
+    )
     supervision: str | dict[str, Any] | None = Field(
-        None, description="of every controller: name under config/supervision, path, or inline; `off`: none"
+        None, description="supervision of all controllers: name under config/supervision, path, or inline; `off`: none"
     )
     arm_at: float | None = quantity(
-        None, "s", "when supervised controllers are armed; none: when an operator says so", ge=0, le=1e5
+        None, "s", "time at which supervised controllers are armed; none: an operator arms them", ge=0, le=1e5
     )
-    security: Security | None = Field(None, description="of the messages of its graph; none: not signed")
+    security: Security | None = Field(None, description="keys that sign the messages of the graph; none: not signed")
     load_noise: LoadNoise | None = Field(None, description="random noise of all loads; `off`: none")
     frame_rate: int = quantity(60, "frames/s", "PMU frames per second", ge=1, le=1000)
-    duration: float | None = quantity(None, "s", "simulated time; none: the scenario's", gt=0, le=1e5)
-    seed: int = quantity(0, "-", "seed of all randomness", ge=0, le=2**31 - 1)
-    profile: str | None = Field(None, description="name under config/profiles, or path: its fields, but for the run's")
-    model: str | dict[str, Any] | None = Field(
-        None, description="the system that controllers and supervisors are designed on; none: the plant as it is"
+    duration: float | None = quantity(
+        None, "s", "simulated time, at most 2,000,000 frames; none: the duration of the scenario", gt=0, le=1e5
     )
-    tuning: Name = Field("thesis", description="profile in which the parameters were chosen that controllers leave out")
-    asked: dict[str, Any] | None = Field(None, description="in stored runs: the run as the user wrote it, by names")
+    seed: int = quantity(
+        0, "-", "seed of everything random: jitter, loss, noise of links, PMUs and loads", ge=0, le=2**31 - 1
+    )
+    profile: str | None = Field(
+        None, description="profile: name under config/profiles, or path; it sets fields that the run does not set"
+    )
+    model: str | dict[str, Any] | None = Field(
+        None,
+        description="system on which controllers and supervisors are designed: name, path or inline, with the devices, "
+        "stations and signals of the plant; none: the plant itself",
+    )
+    tuning: Name = Field(
+        "thesis", description="profile of the tuned parameters that apply where a controller gives none"
+    )
+    asked: dict[str, Any] | None = Field(None, description="in stored runs: the run with the names that were given")
 
     @field_validator("watchdog", "load_noise", "supervision", mode="before")
     @classmethod

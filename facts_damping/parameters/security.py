@@ -25,24 +25,26 @@ HEAD = "# Keys of a graph: the first signs, all are accepted. For its nodes alon
 
 
 class Security(ParameterModel):
-    """How the messages of a run's graph are protected (docs/signatures.md)."""
+    """How the messages of a graph are protected, see [signatures](signatures.md)."""
 
-    keys: str = Field(description="file of keys that frames and setpoints are signed with")
+    keys: str = Field(description="file of the keys that sign PMU frames and setpoints")
 
 
 class Key(ParameterModel):
-    """One key, by its number."""
+    """One key and its number."""
 
-    id: int = quantity(..., "-", "number of the key, which a signature names", ge=1, le=2**32 - 1)
+    id: int = quantity(..., "-", "number of the key; a signature contains it", ge=1, le=2**32 - 1)
     key: Annotated[str, StringConstraints(pattern=rf"^[0-9a-f]{{{2 * KEY_BYTES}}}$")] = Field(
         description="64 hexadecimal digits"
     )
 
 
 class Keys(ParameterModel):
-    """A file of keys."""
+    """A file of keys, written by `facts-damping new key`; only its owner may be able to read it (mode 0600)."""
 
-    keys: list[Key] = Field(min_length=1, max_length=KEPT)
+    keys: list[Key] = Field(
+        min_length=1, max_length=KEPT, description="one or two keys; the first one signs, both are accepted"
+    )
 
 
 def read_keys(path: Path) -> dict[int, bytes]:

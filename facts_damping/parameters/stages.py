@@ -20,31 +20,44 @@ def _share(default: Any, description: str) -> Any:
     return quantity(default, "-", description, ge=0, le=1)
 
 
+def _model(name: str) -> Any:
+    return Field(name, description="model of the stage")
+
+
+def _label(default: str) -> Any:
+    return Field(default, description="label: the part of the path that the stage stands for")
+
+
 class StageModel(ParameterModel):
-    """What all stages have: a model, a label, and on which entries they act."""
+    """What all stages have: a model, a label, and the entries on which they act."""
 
     if TYPE_CHECKING:
         model: str
 
-    stage: Literal["pmu", "network", "alignment", "computation", "actuator"] = "network"
+    stage: Literal["pmu", "network", "alignment", "computation", "actuator"] = _label("network")
     channels: list[Name] | None = Field(
-        None, min_length=1, description="stations, or signals and so all their stations (up), devices (down); none: all"
+        None,
+        min_length=1,
+        description="stations, or signals with all their stations (up), or devices (down), on which it acts; none: all",
     )
-    start: float = quantity(0.0, "s", "it acts on what is sent from then on", ge=0, le=1e5)
-    duration: float | None = quantity(None, "s", "and for so long; none: to the end", gt=0, le=1e5)
+    start: float = quantity(0.0, "s", "it acts on what is sent from this time on", ge=0, le=1e5)
+    duration: float | None = quantity(None, "s", "how long it acts; none: to the end", gt=0, le=1e5)
 
 
 class Constant(StageModel):
-    """The same delay for all."""
+    """The same delay for every entry.
 
-    model: Literal["constant"] = "constant"
+    If the PMUs have a filter of their own, constant stages labelled `pmu` delay nothing: they stand for that filter.
+    """
+
+    model: Literal["constant"] = _model("constant")
     delay: float = _delay(0.0, "delay")
 
 
 class Uniform(StageModel):
-    """Delays that are equally likely within bounds."""
+    """Delays with a uniform distribution; `low` must not be above `high`."""
 
-    model: Literal["uniform"] = "uniform"
+    model: Literal["uniform"] = _model("uniform")
     low: float = _delay(..., "shortest delay")
     high: float = _delay(..., "longest delay")
 
@@ -56,11 +69,11 @@ class Uniform(StageModel):
 
 
 class Normal(StageModel):
-    """Delays of a normal distribution, cut off: drawn again outside its bounds."""
+    """Delays with a normal distribution, drawn again outside the bounds; the mean must lie between them."""
 
-    model: Literal["normal"] = "normal"
-    mean: float = _delay(..., "mean before cutting off")
-    std: float = _delay(..., "standard deviation before cutting off")
+    model: Literal["normal"] = _model("normal")
+    mean: float = _delay(..., "mean of the distribution before it is cut off")
+    std: float = _delay(..., "standard deviation of the distribution before it is cut off")
     low: float = _delay(0.0, "shortest delay")
     high: float = _delay(LONGEST_S, "longest delay")
 
@@ -74,30 +87,35 @@ class Normal(StageModel):
 
 
 class Gamma(StageModel):
-    """A shortest delay and what a gamma distribution adds: mean delay + shape scale."""
+    """A shortest delay plus a gamma distribution; the mean is delay + shape scale."""
 
-    model: Literal["gamma"] = "gamma"
+    model: Literal["gamma"] = _model("gamma")
     delay: float = _delay(0.0, "shortest delay")
-    shape: float = quantity(..., "-", "shape k of what is added", gt=0, le=1e3)
-    scale: float = _delay(..., "scale theta of what is added")
+    shape: float = quantity(..., "-", "shape k of the gamma distribution", gt=0, le=1e3)
+    scale: float = _delay(..., "scale theta of the gamma distribution")
 
 
 class Lognormal(StageModel):
-    """A shortest delay and what a lognormal distribution adds: mean delay + median exp(sigma^2 / 2)."""
+    """A shortest delay plus a lognormal distribution; the mean is delay + median exp(sigma^2 / 2)."""
 
-    model: Literal["lognormal"] = "lognormal"
+    model: Literal["lognormal"] = _model("lognormal")
     delay: float = _delay(0.0, "shortest delay")
-    median: float = _delay(..., "median of what is added")
-    sigma: float = quantity(..., "-", "standard deviation of its logarithm", ge=0, le=3)
+    median: float = _delay(..., "median of the lognormal distribution")
+    sigma: float = quantity(..., "-", "standard deviation of the logarithm", ge=0, le=3)
 
 
 class Trace(StageModel):
-    """Measured delays in their order, entry by entry, from the beginning again after the last; none: it was lost."""
+    """Measured delays, entry by entry in their order; after the last one the trace begins again.
 
-    model: Literal["trace"] = "trace"
-    file: str | None = Field(None, description="CSV (a column `delay_s`, or one a channel), or a recording")
+    Give either `file` or `delays`.
+    """
+
+    model: Literal["trace"] = _model("trace")
+    file: str | None = Field(
+        None, description="CSV file with a column `delay_s`, or with one column per channel; or a recording"
+    )
     delays: list[float | None] | dict[Name, list[float | None]] | None = Field(
-        None, description="the delays themselves, s: for all channels, or a list a channel"
+        None, description="delays in s, one list for all channels or one per channel; `null` is a lost entry"
     )
 
     @model_validator(mode="after")
@@ -114,73 +132,84 @@ class Trace(StageModel):
 
 
 class Bernoulli(StageModel):
-    """Entries lost one by one, each with the same probability."""
+    """Independent loss of entries, each with the same probability."""
 
-    model: Literal["bernoulli"] = "bernoulli"
+    model: Literal["bernoulli"] = _model("bernoulli")
     loss: float = _share(..., "probability that an entry is lost")
 
 
 class GilbertElliott(StageModel):
-    """Losses in bursts: a channel is good or bad (Gilbert 1960, Elliott 1963); on average a share p_GB / (p_GB + p_BG).
+    """Loss in bursts: each channel is in a good or a bad state (Gilbert 1960, Elliott 1963).
 
-    It starts in the stationary state.
+    The share of the bad state is p_GB / (p_GB + p_BG), also at the start.
     """
 
-    model: Literal["gilbert_elliott"] = "gilbert_elliott"
-    p_GB: float = _share(..., "probability to turn from good to bad at an entry")
-    p_BG: float = _share(..., "probability to turn from bad to good")
-    loss_G: float = _share(0.0, "probability of loss while good")
-    loss_B: float = _share(1.0, "probability of loss while bad")
+    model: Literal["gilbert_elliott"] = _model("gilbert_elliott")
+    p_GB: float = _share(..., "probability of a change from good to bad at an entry")
+    p_BG: float = _share(..., "probability of a change from bad to good at an entry")
+    loss_G: float = _share(0.0, "probability that an entry is lost in the good state")
+    loss_B: float = _share(1.0, "probability that an entry is lost in the bad state")
 
 
 class Duplicate(StageModel):
-    """Entries that arrive twice: from here on a copy goes its own way."""
+    """Copies of entries, with delays of their own in the following stages."""
 
-    model: Literal["duplicate"] = "duplicate"
+    model: Literal["duplicate"] = _model("duplicate")
     probability: float = _share(..., "probability that an entry is copied")
 
 
 class InOrder(StageModel):
     """No overtaking: an entry leaves after those that were sent before it on its channel."""
 
-    model: Literal["in_order"] = "in_order"
+    model: Literal["in_order"] = _model("in_order")
 
 
 class Wait(StageModel):
-    """A data concentrator: the stations' entries of one frame leave together; what comes after the wait is dropped."""
+    """A data concentrator: the entries of one frame leave together; entries after the wait are dropped.
 
-    model: Literal["wait"] = "wait"
-    stage: Literal["pmu", "network", "alignment", "computation", "actuator"] = "alignment"
+    On the way up only.
+    """
+
+    model: Literal["wait"] = _model("wait")
+    stage: Literal["pmu", "network", "alignment", "computation", "actuator"] = _label("alignment")
     wait: float = _delay(..., "longest wait")
-    reference: Literal["first", "stamp"] = Field("first", description="from the first arrival, or from the time stamp")
-    send: Literal["complete", "timeout"] = Field("complete", description="once all are there, or at the wait's end")
-    missing: Literal["drop", "hold"] = Field("drop", description="hold: a missing entry is its last one, stamped anew")
+    reference: Literal["first", "stamp"] = Field(
+        "first", description="the wait counts from the first arrival of the frame, or from its time stamp"
+    )
+    send: Literal["complete", "timeout"] = Field(
+        "complete", description="when entries leave: once all have arrived, or always at the end of the wait"
+    )
+    missing: Literal["drop", "hold"] = Field(
+        "drop", description="`hold`: a missing entry is replaced by the last one of its station, with the new stamp"
+    )
 
 
 class Playout(StageModel):
-    """A play-out buffer: entries leave at the given age, so their delay is constant; those that come later at once."""
+    """A play-out buffer: entries leave at a fixed age, so their delay is constant; later ones leave at once."""
 
-    model: Literal["playout"] = "playout"
-    delay: float = _delay(..., "age, from the measurement")
+    model: Literal["playout"] = _model("playout")
+    delay: float = _delay(..., "age at which an entry leaves, from the time of measurement")
 
 
 class _Disturbance(StageModel):
-    """Disturbed data."""
+    """What all stages have that disturb values."""
 
-    measurement: Channel | None = Field(None, description="of a frame's values; none: all")
+    measurement: Channel | None = Field(
+        None, description="value of a frame that is disturbed, on the way up only; none: all values"
+    )
 
 
 class Freeze(_Disturbance):
-    """Values stay what they are at the start."""
+    """Values stay as they are at `start`."""
 
-    model: Literal["freeze"] = "freeze"
+    model: Literal["freeze"] = _model("freeze")
 
 
 class Replay(_Disturbance):
-    """Values of the window before the start, again and again."""
+    """Values of the time before `start` are repeated, again and again."""
 
-    model: Literal["replay"] = "replay"
-    window: float = quantity(..., "s", "length of the window", gt=0, le=600)
+    model: Literal["replay"] = _model("replay")
+    window: float = quantity(..., "s", "length of the time that is repeated, at most `start`", gt=0, le=600)
 
     @model_validator(mode="after")
     def _has_begun(self) -> Replay:
@@ -190,45 +219,45 @@ class Replay(_Disturbance):
 
 
 class Bias(_Disturbance):
-    """Values and an offset."""
+    """An offset is added to values."""
 
-    model: Literal["bias"] = "bias"
-    bias: float = quantity(..., "p.u. or rad", "what is added", ge=-1e3, le=1e3)
+    model: Literal["bias"] = _model("bias")
+    bias: float = quantity(..., "p.u. or rad", "offset that is added", ge=-1e3, le=1e3)
 
 
 class Scale(_Disturbance):
-    """Values times a factor."""
+    """Values are multiplied by a factor."""
 
-    model: Literal["scale"] = "scale"
-    factor: float = quantity(..., "-", "factor", ge=-1e3, le=1e3)
+    model: Literal["scale"] = _model("scale")
+    factor: float = quantity(..., "-", "factor by which values are multiplied", ge=-1e3, le=1e3)
 
 
 class Ramp(_Disturbance):
-    """Values and an offset that grows from zero at the start."""
+    """An offset that grows from zero at `start` is added to values."""
 
-    model: Literal["ramp"] = "ramp"
-    rate: float = quantity(..., "p.u./s or rad/s", "growth", ge=-1e3, le=1e3)
+    model: Literal["ramp"] = _model("ramp")
+    rate: float = quantity(..., "p.u./s or rad/s", "rate at which the offset grows", ge=-1e3, le=1e3)
 
 
 class Noise(_Disturbance):
-    """Values and normal white noise of mean zero: every value of every entry by itself."""
+    """Normal white noise of mean zero is added, drawn for each value of each entry."""
 
-    model: Literal["noise"] = "noise"
-    std: float = quantity(..., "p.u. or rad", "standard deviation", ge=0, le=1e3)
+    model: Literal["noise"] = _model("noise")
+    std: float = quantity(..., "p.u. or rad", "standard deviation of the noise", ge=0, le=1e3)
 
 
 class Flip(_Disturbance):
-    """Bits that are turned over on the way, one in an entry's values. Where messages are signed, such a one is lost."""
+    """One bit of a value of an entry is inverted; with [signed messages](signatures.md) such an entry is lost."""
 
-    model: Literal["flip"] = "flip"
-    probability: float = _share(..., "probability that a bit of an entry is turned over")
+    model: Literal["flip"] = _model("flip")
+    probability: float = _share(..., "probability that a bit of an entry is inverted")
 
 
 class Spoof(StageModel):
-    """Time stamps that are wrong by an offset."""
+    """Time stamps are wrong by an offset."""
 
-    model: Literal["spoof"] = "spoof"
-    offset: float = quantity(..., "s", "added to the time of measurement", ge=-LONGEST_S, le=LONGEST_S)
+    model: Literal["spoof"] = _model("spoof")
+    offset: float = quantity(..., "s", "offset that is added to the time of measurement", ge=-LONGEST_S, le=LONGEST_S)
 
 
 # What a stage of a link may be.

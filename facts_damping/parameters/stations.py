@@ -1,4 +1,4 @@
-"""What is measured as data: PMUs, the signals that controllers may be given, the measures of performance indices."""
+"""What is measured, as data: PMUs, the signals that controllers may receive, the measures of performance indices."""
 
 from __future__ import annotations
 
@@ -23,12 +23,18 @@ Channel = Literal[
 
 
 class Station(ParameterModel):
-    """A PMU: at a machine's terminals, or at a bus with the branches whose flow out of the bus it measures."""
+    """A PMU at the terminals of a machine, or at a bus.
 
-    name: Name
-    machine: Name | None = None
-    bus: Name | None = None
-    branches: list[Name] = []
+    It reports voltage, its frequency, current and power: at a machine the power out of the machine, at a bus that into
+    the `branches`. A station at a machine also reports the rotor speed if PMUs are [ideal](measurement.md).
+    """
+
+    name: Name = Field(..., description="name, unique among the stations")
+    machine: Name | None = Field(None, description="machine at whose terminals it measures; give either this or `bus`")
+    bus: Name | None = Field(None, description="bus at which it measures; give either this or `machine`")
+    branches: list[Name] = Field(
+        [], description="lines, transformers or series devices at the bus, whose flows out of the bus are added"
+    )
 
     @model_validator(mode="after")
     def _one_place(self) -> Station:
@@ -38,17 +44,20 @@ class Station(ParameterModel):
 
 
 class Signal(ParameterModel):
-    """A measured signal: a weighted sum of one channel over stations, or its deviation from the start.
+    """A signal that controllers may receive: a weighted sum of one measured quantity over stations.
 
-    Frequencies count as speeds do, by their deviation in p.u. of the nominal one; ROCOF in p.u./s of it.
+    Magnitudes, powers and speeds are in p.u., angles in rad. A frequency counts as its deviation in p.u. of the nominal
+    frequency, so the weights of a speed serve it too; ROCOF, its rate of change, counts in p.u./s. Angles count only
+    against each other: their weights must be whole numbers that sum to zero, and the sum is between -pi and pi.
 
-    A washout s T / (1 + s T) takes away what stays; with T far below the period of a swing it is its rate of change.
+    The washout `s T/(1 + s T)` removes constant parts. With T far below the period of a swing it gives T times the rate
+    of change. A controller computes it from its frames by the bilinear transform, starting at rest.
     """
 
-    channel: Channel
+    channel: Channel = Field(..., description="measured quantity")
     weights: dict[Name, float] = Field(..., min_length=1, description="station: weight")
-    deviation: bool = Field(False, description="true: minus the first value that is received")
-    washout: float = quantity(0.0, "s", "time constant of the washout; 0: none", ge=0, le=1e3)
+    deviation: bool = Field(False, description="true: the first value that the controller receives is subtracted")
+    washout: float = quantity(0.0, "s", "time constant T of the washout; 0: none", ge=0, le=1e3)
 
     @model_validator(mode="after")
     def _angles_differ(self) -> Signal:
@@ -59,7 +68,11 @@ class Signal(ParameterModel):
 
 
 class Measures(ParameterModel):
-    """The speed differences that the performance indices (4.108) sum up: names of signals."""
+    """The speed differences from which [performance indices](measures.md) are computed.
 
-    local: list[Name] = []
-    interarea: list[Name] = []
+    Both lists name signals of the channel `speed_deviation`. If both are empty, the speed of each station at a machine
+    counts against that of the first one, or beside an infinite bus against synchronous speed.
+    """
+
+    local: list[Name] = Field([], description="signals that are local speed differences")
+    interarea: list[Name] = Field([], description="signals that are interarea speed differences")

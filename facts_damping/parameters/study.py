@@ -12,6 +12,8 @@ from facts_damping.parameters.files import FIELD_PATH
 FieldPath = Annotated[str, StringConstraints(max_length=200, pattern=rf"^{FIELD_PATH}$")]
 Number = int | float
 Criterion = Literal["unstable", "not_damped"]
+Every = Literal["scenario", "controller", "network"]
+Drawn = Literal["jacobian", "portrait"]
 
 # What each distribution needs; `low` and `high` cut the others off where they are given.
 NEEDED = {
@@ -23,11 +25,13 @@ NEEDED = {
 
 
 class Target(ParameterModel):
-    """Where a swept value goes: one field of the run, or several, each with a factor."""
+    """Where a value goes: into one field of the run, or into several, each with a factor."""
 
-    name: Name | None = Field(None, description="column of the table; none: the field's path")
-    field: FieldPath | None = Field(None, description="field of the run, by its path as in --set")
-    fields: dict[FieldPath, float] | None = Field(None, min_length=1, description="path: factor, for several fields")
+    name: Name | None = Field(None, description="column of the table; none: the path of the field")
+    field: FieldPath | None = Field(None, description="path of the field that takes the value, as in `--set`")
+    fields: dict[FieldPath, float] | None = Field(
+        None, min_length=1, description="path: factor, for several fields; each takes the value times its factor"
+    )
 
     @property
     def factors(self) -> dict[str, float]:
@@ -47,12 +51,12 @@ class Target(ParameterModel):
 
 
 class Range(ParameterModel):
-    """Evenly spaced values from `start` on: two of `stop`, `step` and `number` say which."""
+    """Evenly spaced values; give two of `stop`, `step` and `number`."""
 
-    start: Number = 0
-    stop: Number | None = Field(None, description="the last value, if the step meets it")
-    step: Number | None = None
-    number: int | None = quantity(None, "-", "how many values", ge=1, le=1_000_000)
+    start: Number = Field(0, description="first value")
+    stop: Number | None = Field(None, description="last value, if the steps meet it")
+    step: Number | None = Field(None, description="difference between two values")
+    number: int | None = quantity(None, "-", "number of values", ge=1, le=1_000_000)
 
     @model_validator(mode="after")
     def _two(self) -> Range:
@@ -66,16 +70,22 @@ class Range(ParameterModel):
 
 
 class Variable(Target):
-    """A random variable."""
+    """A random variable that is drawn for fields of the run.
 
-    distribution: Literal["uniform", "loguniform", "normal", "lognormal"]
-    low: float | None = Field(None, description="least value; of normal and lognormal: cut off there")
-    high: float | None = Field(None, description="largest value; of normal and lognormal: cut off there")
-    mean: float | None = Field(None, description="normal: mean before it is cut off")
-    std: float | None = Field(None, gt=0, description="normal: standard deviation before it is cut off")
-    median: float | None = Field(None, gt=0, description="lognormal: median before it is cut off")
-    sigma: float | None = Field(None, gt=0, description="lognormal: standard deviation of the logarithm")
-    whole: bool = Field(False, description="rounded to whole numbers")
+    `uniform` and `loguniform` need `low` and `high`, `normal` needs `mean` and `std`, `lognormal` needs `median` and
+    `sigma`. The last two are cut off at `low` and `high` if these are given.
+    """
+
+    distribution: Literal["uniform", "loguniform", "normal", "lognormal"] = Field(
+        ..., description="distribution of the values"
+    )
+    low: float | None = Field(None, description="smallest value")
+    high: float | None = Field(None, description="largest value")
+    mean: float | None = Field(None, description="mean of `normal`, before it is cut off")
+    std: float | None = Field(None, gt=0, description="standard deviation of `normal`, before it is cut off")
+    median: float | None = Field(None, gt=0, description="median of `lognormal`, before it is cut off")
+    sigma: float | None = Field(None, gt=0, description="standard deviation of the logarithm of `lognormal`")
+    whole: bool = Field(False, description="true: values are rounded to whole numbers")
 
     @model_validator(mode="after")
     def _complete(self) -> Variable:
@@ -97,20 +107,22 @@ class Variable(Target):
 
 
 class Kind(ParameterModel):
-    """A kind of draw: fields that it sets, and random variables of its own."""
+    """A kind of random case: fields that it sets, and random variables of its own."""
 
-    set: dict[FieldPath, Any] = {}
-    variables: list[Variable] = []
+    set: dict[FieldPath, Any] = Field({}, description="path: value, fields of the run that all its cases have")
+    variables: list[Variable] = Field([], description="random variables that only its cases have")
 
 
 class Draws(ParameterModel):
-    """Values of random variables, drawn together from the study's seed; with `kinds` each draw is one of these."""
+    """Random cases: all variables are drawn together, from the seed of the study."""
 
-    number: int = quantity(..., "-", "how many draws", ge=1, le=1_000_000)
-    method: Literal["plain", "latin_hypercube"] = Field("plain", description="independent draws, or one in each stripe")
-    variables: list[Variable] = Field([], description="of all draws")
+    number: int = quantity(..., "-", "number of cases", ge=1, le=1_000_000)
+    method: Literal["plain", "latin_hypercube"] = Field(
+        "plain", description="independent draws, or a Latin hypercube sample"
+    )
+    variables: list[Variable] = Field([], description="random variables of all cases")
     kinds: dict[str, Kind] | None = Field(
-        None, min_length=1, description="kind: what only its draws have; they come in turn, and the axis is called so"
+        None, min_length=1, description="name: kind of case; cases are of each kind in turn; the axis needs a `name`"
     )
 
     @model_validator(mode="after")
@@ -127,18 +139,29 @@ class Draws(ParameterModel):
 
 
 class Axis(Target):
-    """What is swept: values or a range of a field, rows of several fields, draws, or axes side by side."""
+    """An axis of a sweep; give exactly one of `values`, `range`, `rows`, `every`, `draws` and `zip`.
 
-    values: list[Any] | None = Field(None, min_length=1)
-    range: Range | None = None
-    rows: list[dict[FieldPath, Any]] | None = Field(None, min_length=1, description="each sets several fields at once")
-    labels: list[str | Number] | None = Field(None, description="what the column `name` says of each row")
-    draws: Draws | None = None
-    zip: list[Axis] | None = Field(None, min_length=1, description="axes of the same length, stepped together")
+    `values` and `range` need `field`, or `fields` and `name`; the others have fields of their own.
+    """
+
+    values: list[Any] | None = Field(None, min_length=1, description="values of any type")
+    range: Range | None = Field(None, description="evenly spaced values")
+    rows: list[dict[FieldPath, Any]] | None = Field(
+        None, min_length=1, description="path: value, several fields that each row sets at once"
+    )
+    labels: list[str | Number] | None = Field(
+        None, description="with `rows` and `name`: text of each row in the column"
+    )
+    every: Every | None = Field(
+        None,
+        description="all scenarios of the system but `training`, all controllers, or the eleven neuro-fuzzy networks",
+    )
+    draws: Draws | None = Field(None, description="random values")
+    zip: list[Axis] | None = Field(None, min_length=1, description="axes of the same length, side by side")
 
     @model_validator(mode="after")
     def _one_kind(self) -> Axis:
-        kinds = ("values", "range", "rows", "draws", "zip")
+        kinds = ("values", "range", "rows", "every", "draws", "zip")
         given = [kind for kind in kinds if getattr(self, kind) is not None]
         if len(given) != 1:
             raise ValueError(f"{', '.join(given) or 'none'} given; allowed: one of {', '.join(kinds)}")
@@ -168,14 +191,19 @@ def _check_numbers(values: list[Any], fields: dict[str, float] | None) -> None:
 
 
 class Margin(Target):
-    """The search of the first value at which a run fails: a coarse grid, then bisection of the first change."""
+    """A search for the first value at which a run fails: a coarse grid, then bisection."""
 
-    low: float = 0.0
-    high: float
+    low: float = Field(0.0, description="smallest value")
+    high: float = Field(..., description="largest value")
     tolerance: float = quantity(..., "that of the field", "width of the last bracket", gt=0)
-    coarse: int = quantity(21, "-", "values of the grid from low to high", ge=2, le=10_000)
-    criteria: list[Criterion] = Field(["unstable"], min_length=1, description="what counts as failing, each by itself")
-    across: str = Field("scenario", description="column of the table whose values stand side by side")
+    coarse: int = quantity(21, "-", "number of values from `low` to `high` that are always run", ge=2, le=10_000)
+    criteria: list[Criterion] = Field(
+        ["unstable"],
+        min_length=1,
+        description="what counts as failure, with a margin for each: synchronism is lost or the network has no "
+        "solution (`unstable`), or the verdict is not `damped` (`not_damped`)",
+    )
+    across: str = Field("scenario", description="column whose values stand side by side in table and picture")
 
     @model_validator(mode="after")
     def _ordered(self) -> Margin:
@@ -186,26 +214,42 @@ class Margin(Target):
 
 
 class Tables(ParameterModel):
-    """Tables of figures for a page, one below the other: a row a controller, say, for each scenario of each system."""
+    """Tables of results, written to `tables.md`: one for each scenario of each system."""
 
-    rows: list[str] = Field(["controller", "scheme"], min_length=1, description="columns that say what a row is")
+    rows: list[str] = Field(["controller", "scheme"], min_length=1, description="columns that identify a row")
     across: str | None = Field(
-        None, description="column whose values stand side by side, a table for each figure; none: the figures do"
+        None,
+        description="column whose values stand side by side, with a table for each result; none: the results are side "
+        "by side in one table",
     )
-    figures: list[str] = Field(..., min_length=1, description="columns that are shown")
+    figures: list[str] = Field(..., min_length=1, description="columns with the results that are shown")
 
 
 class Study(ParameterModel):
-    """Many closed loops: a base run, what is changed in it, what is swept over, what margin is searched."""
+    """A [study](studies.md) of many closed loops: a base run, the fields that vary, perhaps a margin to search."""
 
-    description: str = ""
-    run: str | dict[str, Any] = Field({}, description="name under config/runs, path, or a run inline; none: defaults")
-    set: dict[FieldPath, Any] = Field({}, description="fields of the run that differ, path: value as in --set")
-    seed: int = quantity(0, "-", "seed of all draws", ge=0, le=2**31 - 1)
-    sweep: list[Axis] = Field([], description="axes; every value of one with every value of the others")
-    margin: Margin | None = Field(None, description="searched at every point of the sweep")
-    modes: bool = Field(True, description="also find the interarea mode of each run")
-    check_step: bool = Field(
-        False, description="each also with half the integration step; of a margin those at its ends"
+    description: str = Field("", description="text that `facts-damping list studies` shows")
+    run: str | dict[str, Any] = Field(
+        {}, description="base run: name under config/runs, path, or inline; empty: all defaults"
     )
-    tables: Tables | None = Field(None, description="of figures of all runs; none: no page of tables")
+    set: dict[FieldPath, Any] = Field({}, description="path: value, fields of the run that differ, as in `--set`")
+    seed: int = quantity(0, "-", "seed of all random cases", ge=0, le=2**31 - 1)
+    sweep: list[Axis] = Field([], description="axes; every value of one meets every value of the others")
+    margin: Margin | None = Field(None, description="margin that is searched at every point of the sweep")
+    modes: bool = Field(True, description="true: the interarea mode of each run is identified, too")
+    check_step: bool = Field(
+        False,
+        description="true: runs are repeated with half the integration step; in a margin search those at the ends of "
+        "the brackets",
+    )
+    jacobian: int | None = quantity(
+        None,
+        "frames",
+        "horizon of the plant's true Jacobian, which is compared with the identified one; none: no comparison",
+        ge=1,
+        le=60,
+    )
+    tables: Tables | None = Field(None, description="tables of results; none: no tables")
+    pictures: list[Drawn] = Field(
+        [], description="pictures of each point: its identifier (`jacobian`), its network (`portrait`)"
+    )

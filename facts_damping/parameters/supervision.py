@@ -12,64 +12,85 @@ from facts_damping.parameters.base import ParameterModel, quantity
 
 
 class Threshold(ParameterModel):
-    """Where a monitor differs from its row of the table (docs/supervision.md)."""
+    """Settings of one monitor; a field that is not given has the value in `facts-damping list monitors`."""
 
-    limit: float | None = Field(None, description="more is too much, in the monitor's unit; none: the table's")
-    lasts: float | None = quantity(None, "s, or cycles", "how long it must last; none: the table's", ge=0, le=1e4)
-    follows: Literal["warn", "fall_back", "trip"] | None = Field(None, description="what follows; none: the table's")
+    limit: float | None = Field(None, description="limit in the unit of the monitor")
+    lasts: float | None = quantity(
+        None, "s, or cycles", "time for which the limit must be exceeded, in the unit of the monitor", ge=0, le=1e4
+    )
+    follows: Literal["warn", "fall_back", "trip"] | None = Field(
+        None, description="consequence: a warning, the fallback takes over, or the controller is tripped"
+    )
 
 
 class Arming(ParameterModel):
-    """When a controller's setpoints begin to act, and how softly."""
+    """When the setpoints of a controller begin and cease to act, and by which ramps."""
 
-    probe: bool = Field(False, description="true: only after a probe that says that the plant answers as known")
-    ramp: float = quantity(1.0, "s", "time in which the output's share goes from 0 to 1", ge=0, le=1e3)
-    trip_ramp: float = quantity(0.3, "s", "time in which the output goes to zero", ge=0, le=1e3)
-    fall_back_ramp: float = quantity(0.5, "s", "time in which one controller takes over from another", ge=0, le=1e3)
-    recovery: float = quantity(3.0, "s", "time that data must be sound until the fallback gives back", ge=0, le=1e4)
+    probe: bool = Field(
+        False, description="true: the controller is armed only after a probe in which the plant responds as expected"
+    )
+    ramp: float = quantity(
+        1.0, "s", "time in which the share of the controller's output rises from 0 to 1 after arming", ge=0, le=1e3
+    )
+    trip_ramp: float = quantity(0.3, "s", "time in which the output goes to zero after a trip", ge=0, le=1e3)
+    fall_back_ramp: float = quantity(
+        0.5, "s", "time in which the fallback takes over from the controller, or gives back", ge=0, le=1e3
+    )
+    recovery: float = quantity(
+        3.0, "s", "time for which data must be sound before the fallback gives back to the controller", ge=0, le=1e4
+    )
 
 
 class Authority(ParameterModel):
-    """How much of a device a controller may use; the default is all of it."""
+    """How much of a device a controller may use; by default all of it."""
 
-    share: float = quantity(1.0, "-", "of the device's limit", gt=0, le=1)
-    rate: float | None = quantity(None, "p.u./s", "largest rate of a setpoint; none: any", gt=0, le=1e6)
+    share: float = quantity(1.0, "-", "largest setpoint, as a share of the device's limit", gt=0, le=1)
+    rate: float | None = quantity(None, "p.u./s", "largest rate of change of a setpoint; none: any", gt=0, le=1e6)
     energy: float | None = quantity(
-        None, "s", "full output, squared, that may be used in a minute, half of it at once; none: any", gt=0, le=60
+        None, "s", "seconds of squared full output per minute, half of them at once; none: any number", gt=0, le=60
     )
 
 
 class Probe(ParameterModel):
-    """Two tones beside the mode on one device after the other, in shadow: does the plant answer as known?"""
+    """A test, before arming, of whether the plant responds as its model predicts.
 
-    start: float | None = quantity(None, "s", "when it begins; none: when an operator asks", ge=0, le=1e5)
-    amplitude: float = quantity(0.1, "-", "of a tone, as share of the device's limit", gt=0, le=0.5)
-    cycles: float = quantity(8.0, "-", "how long it takes a device, in cycles of the mode", ge=2, le=1e3)
-    apart: float = quantity(0.18, "-", "the tones' distance from the mode, as share of its frequency", gt=0, lt=0.9)
-    coherence: float = quantity(0.5, "-", "least coherence of the answer", ge=0, lt=1)
-    gain: float = quantity(3.0, "-", "largest ratio of the answer and the known one, either way", ge=1, le=1e3)
-    phase: float = quantity(60.0, "deg", "largest difference of phase", ge=0, le=180)
+    Each device in turn gets two small tones, one below and one above the frequency of the mode.
+    """
+
+    start: float | None = quantity(
+        None, "s", "time at which the probe begins; none: when an operator starts it", ge=0, le=1e5
+    )
+    amplitude: float = quantity(0.1, "-", "amplitude of a tone, as a share of the device's limit", gt=0, le=0.5)
+    cycles: float = quantity(8.0, "-", "duration for each device, in cycles of the mode", ge=2, le=1e3)
+    apart: float = quantity(0.18, "-", "distance of the tones from the mode, as a share of its frequency", gt=0, lt=0.9)
+    coherence: float = quantity(0.5, "-", "smallest coherence of the response that passes", ge=0, lt=1)
+    gain: float = quantity(
+        3.0, "-", "largest ratio of the response to that of the model, or the inverse, that passes", ge=1, le=1e3
+    )
+    phase: float = quantity(60.0, "deg", "largest difference in phase from the model that passes", ge=0, le=180)
 
 
 class Absence(ParameterModel):
-    """A supervisor that fails for a time: the campaign's."""
+    """A failure of the supervisor, for campaigns."""
 
-    kind: Literal["dead", "hung"] = Field(..., description="dead: it begins again knowing nothing; hung: where it was")
-    start: float = quantity(..., "s", "from then on", ge=0, le=1e5)
-    duration: float | None = quantity(None, "s", "for so long; none: to the end", gt=0, le=1e5)
+    kind: Literal["dead", "hung"] = Field(
+        ..., description="afterwards the supervisor starts anew (`dead`) or continues where it was (`hung`)"
+    )
+    start: float = quantity(..., "s", "time at which the supervisor fails", ge=0, le=1e5)
+    duration: float | None = quantity(None, "s", "how long the failure lasts; none: to the end", gt=0, le=1e5)
 
 
 class Supervision(ParameterModel):
-    """The supervisor of each controller (docs/supervision.md)."""
+    """Settings of the [supervisor](supervision.md) beside each controller."""
 
-    description: str = ""
+    description: str = Field("", description="text that `facts-damping list supervision` shows")
     monitors: dict[str, Threshold | None] = Field(
-        {}, description="monitor: where it differs from the table; `off`: it is not watched"
+        {}, description="monitor: settings that differ from `facts-damping list monitors`, or `off`"
     )
-    arming: Arming = Arming()
-    authority: Authority = Authority()
-    probe: Probe = Probe()
-    fault: Absence | None = Field(None, description="when it fails: for campaigns; none: never")
+    arming: Arming = Field(Arming(), description="when a controller begins and ceases to act")
+    authority: Authority = Field(Authority(), description="how much of a device a controller may use")
+    probe: Probe = Field(Probe(), description="test of the plant before arming")
+    fault: Absence | None = Field(None, description="failure of the supervisor itself; none: it does not fail")
 
     @field_validator("monitors", mode="before")
     @classmethod

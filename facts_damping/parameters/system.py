@@ -21,28 +21,30 @@ else:
 
 
 class System(ParameterModel):
-    """A power system: everything that does not change from run to run."""
+    """A power system: all that does not change from run to run. See [system files](system_files.md)."""
 
-    name: Name
-    description: str = ""
+    name: Name = Field(..., description="name of the system; shipped scenarios are found under this name")
+    description: str = Field("", description="text that `facts-damping list systems` and `modes` show")
     base_power: float = quantity(100.0, "MVA", "system base", gt=0, le=1e5)
     frequency: float = quantity(60.0, "Hz", "nominal frequency", ge=10, le=400)
-    line_model: Literal["pi", "distributed"] = Field("pi", description="distributed: long-line correction")
+    line_model: Literal["pi", "distributed"] = Field(
+        "pi", description="model of lines; `distributed`: with the correction for long lines"
+    )
     step: float = quantity(1 / 480, "s", "longest step of the integrator", ge=1e-5, le=0.02)
-    buses: list[Bus] = Field(..., min_length=1)
-    lines: list[Line] = []
-    transformers: list[Transformer] = []
-    loads: list[Load] = []
-    shunts: list[Shunt] = []
-    infinite_buses: list[InfiniteBus] = []
-    machines: list[Machine] = Field(..., min_length=1)
-    exciters: list[Exciter] = []
-    stabilisers: list[Stabiliser] = []
-    governors: list[Governor] = []
-    devices: list[Device] = []
-    stations: list[Station] = Field(..., min_length=1)
-    signals: dict[Name, Signal] = {}
-    measures: Measures = Measures()
+    buses: list[Bus] = Field(..., min_length=1, description="nodes of the network, at least one")
+    lines: list[Line] = Field([], description="transmission lines")
+    transformers: list[Transformer] = Field([], description="two-winding transformers")
+    loads: list[Load] = Field([], description="loads that depend on voltage and frequency")
+    shunts: list[Shunt] = Field([], description="capacitors and reactors")
+    infinite_buses: list[InfiniteBus] = Field([], description="buses of constant voltage")
+    machines: list[Machine] = Field(..., min_length=1, description="synchronous machines, at least one")
+    exciters: list[Exciter] = Field([], description="excitation systems, at most one per machine")
+    stabilisers: list[Stabiliser] = Field([], description="power system stabilisers, at most one per machine")
+    governors: list[Governor] = Field([], description="turbines with governors, at most one per machine")
+    devices: list[Device] = Field([], description="devices that a run can install")
+    stations: list[Station] = Field(..., min_length=1, description="PMUs, at least one")
+    signals: dict[Name, Signal] = Field({}, description="name: signal that controllers may receive")
+    measures: Measures = Field(Measures(), description="speed differences for the performance indices")
 
     @model_validator(mode="after")
     def _consistent(self) -> System:

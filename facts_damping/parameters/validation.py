@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, meant
 from facts_damping.parameters.base import ParameterModel
 
 M = TypeVar("M", bound=ParameterModel)
@@ -67,9 +67,12 @@ def _unknown(model: type[ParameterModel], location: tuple[int | str, ...], given
     """What is wrong with a key that its model does not have; a member of a union may be the wrong one."""
     here = _model_at(model, location)
     fields = here.model_fields.items() if here is not None else ()
-    allowed = ", ".join(field.alias or name for name, field in fields if name != "asked") or "none"
+    names = [field.alias or name for name, field in fields if name != "asked"]
+    allowed, close = ", ".join(names) or "none", meant(str(location[-1]), names)
     tag = _tag(here, location) if here is not None else None
-    return f"{short(given)} given; allowed for {tag}: {allowed}" if tag else f"unknown key; allowed: {allowed}"
+    if tag:
+        return f"{short(given)} given{close}; allowed for {tag}: {allowed}"
+    return f"unknown key{close}; allowed: {allowed}"
 
 
 def origin(field: str, source: str, sets: dict[str, str] | None) -> str:

@@ -1,7 +1,7 @@
 """The HVDC link: power from one bus to another by order, and what is left of it at low voltage; compiled.
 
 Its first port is at the inverter's bus, to which it gives power; the other one at the rectifier's. A setpoint is added
-to the power order (docs/plant.md).
+to the power order (docs/hvdc.md).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The converter stands between two buses as a voltage drop `v = (v_p + j v_q) I / |I|` behind its
 transformer `rs + j xs`; a setpoint is capacitive positive, so the wanted drop is u = -setpoint
-(thesis 2.42, 2.87-2.89, 2.100-2.104; docs/plant.md).
+(thesis 2.42, 2.87-2.89, 2.100-2.104; docs/facts_devices.md).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The static synchronous compensator: converter, regulators, DC link; compiled.
 
 A current i_d + j i_q flows into the network, the d axis along the voltage of the bus (ideal phase-locked
-loop); a setpoint is an offset of the voltage reference (thesis 2.90-2.92, 2.105-2.109; docs/plant.md).
+loop); a setpoint is an offset of the voltage reference (thesis 2.90-2.92, 2.105-2.109; docs/facts_devices.md).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The static var compensator: a susceptance that follows a voltage regulator; compiled.
 
-A setpoint is an offset of the voltage reference (docs/plant.md).
+A setpoint is an offset of the voltage reference (docs/facts_devices.md).
 """
 
 from __future__ import annotations

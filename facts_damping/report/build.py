@@ -8,16 +8,19 @@ from facts_damping.analysis.supervision import trips
 from facts_damping.report import tables
 from facts_damping.report.charts import charts, modes
 from facts_damping.report.contents import Report, Section
+from facts_damping.report.lead import lead, tiles
 from facts_damping.report.maps import maps
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+    from typing import Any
 
     from facts_damping.report.contents import ReportedRun
     from facts_damping.signals import Record
 
 # Pictures of `analysis.pictures` by section.
+FIRST = ("tie_power", "differences")  # of these the first that there is
 TIME = ("differences", "tie_power", "speeds", "voltage", "centre_of_angle")
 LEARNT = ("jacobian", "learning_rate")
 MOST_EVENTS = 12  # that are named one by one
@@ -30,9 +33,11 @@ def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
     """
     unlike = differences([run.record for run in runs])
     improvements = [] if unlike else tables.improvements(runs, baseline)
+    first = charts(runs, FIRST)[:1]
     sections = [
+        Section("What happened", first),
         Section("Summary", [tables.summary(runs, not unlike), *improvements]),
-        Section("Over time", charts(runs, TIME)),
+        Section("Over time", charts(runs, [stem for stem in TIME if stem not in [one.key for one in first]])),
         Section("Performance indices", charts(runs, ("indices",))),
         Section("Modes", [tables.modes(runs), *modes(runs), *maps(runs)]),
         Section("Control effort", [*charts(runs, ("injected_voltage",)), tables.effort(runs)]),
@@ -45,8 +50,10 @@ def build(runs: Sequence[ReportedRun], baseline: int = 0) -> Report:
     return Report(
         title=names[0] if len(names) == 1 else f"{len(names)} runs side by side",
         names=names,
+        lead=lead(runs, baseline, not unlike),
+        tiles=tiles(runs),
         remarks=[*_unlike(unlike), *(remark for run in runs for remark in _remarks(run))],
-        events=sorted([*_events([run.record for run in runs]), *_trips(runs)]),
+        events=sorted({*_events([run.record for run in runs]), *_trips(runs), *_releases(runs), *_cuts(runs)}),
         sections=[section for section in sections if section.items],
     )
 
@@ -86,6 +93,35 @@ def _trips(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
         for run in runs
         for time, controller, cause in trips(run.summary.get("supervision") or ())
     ]
+
+
+def _releases(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
+    """Time (s) of each release of a device by its watchdog."""
+    several = len(runs) > 1
+    return [
+        (round(one["time_s"], 3), f"{run.name}: " * several + f"{one['device']} released")
+        for run in runs
+        for one in run.summary.get("releases") or ()
+    ]
+
+
+def _cuts(runs: Sequence[ReportedRun]) -> list[tuple[float, str]]:
+    """Begin and end (s) of the times in which a link loses everything."""
+    found = {
+        (round(time, 3), f"link {what}")
+        for run in runs
+        for stage in _stages(run.record.configuration)
+        if stage.get("loss") == 1.0 and stage.get("duration") is not None
+        for time, what in ((stage["start"], "cut"), (stage["start"] + stage["duration"], "back"))
+        if time <= float(run.record.time_s[-1])
+    }
+    return sorted(found)
+
+
+def _stages(configuration: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """All stages of a run's links, those of controllers too."""
+    links = [configuration.get("link"), *(one.get("link") for one in configuration.get("controllers") or ())]
+    return [stage for link in links if isinstance(link, dict) for part in ("up", "down") for stage in link[part]]
 
 
 def _events(records: Sequence[Record]) -> list[tuple[float, str]]:

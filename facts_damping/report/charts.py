@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.analysis.measures import event_times
-from facts_damping.analysis.pictures import PICTURES, Picture
+from facts_damping.analysis.pictures import PICTURES, Picture, shown
 from facts_damping.analysis.ringdown import interval
 from facts_damping.report.contents import Chart, Curve, Panel
 from facts_damping.report.traces import detailed, steps
@@ -52,10 +52,10 @@ def charts(runs: Sequence[ReportedRun], stems: Sequence[str]) -> list[Chart]:
 
 def _chart(picture: Picture, runs: Sequence[ReportedRun]) -> Chart:
     """One picture: a panel for each name that a run has."""
-    found: dict[str, list[tuple[int, analysed.Panel]]] = {}
-    for index, run in enumerate(runs):
-        for panel in picture.panels(run.record):
-            found.setdefault(panel.name, []).append((index, panel))
+    drawn = [{panel.name: panel for panel in picture.panels(run.record)} for run in runs]
+    found = {
+        name: [(index, one[name]) for index, one in enumerate(drawn) if name in one] for name in shown(picture, drawn)
+    }
     over_time = picture.over == Picture._field_defaults["over"]
     panels = [panel for panel in (_panel(*one, runs, over_time) for one in found.items()) if panel.curves]
     return Chart(

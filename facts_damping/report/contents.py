@@ -103,6 +103,13 @@ class Maps(NamedTuple):
     maps: Sequence[Map]
 
 
+class Tile(NamedTuple):
+    """A figure that is seen first: its name, what it is of each run."""
+
+    title: str
+    values: Sequence[str]
+
+
 class Section(NamedTuple):
     """A chapter of the report."""
 
@@ -111,10 +118,12 @@ class Section(NamedTuple):
 
 
 class Report(NamedTuple):
-    """All of it: names of the runs, remarks above everything else, events (s, text), sections."""
+    """All of it: names of the runs, what came out in a sentence, tiles, remarks, events (s, text), sections."""
 
     title: str
     names: Sequence[str]
+    lead: str
+    tiles: Sequence[Tile]
     remarks: Sequence[str]
     events: Sequence[tuple[float, str]]
     sections: Sequence[Section]

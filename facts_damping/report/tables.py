@@ -41,14 +41,16 @@ def summary(runs: Sequence[ReportedRun], comparable: bool) -> ReportTable:
     """The figures of all runs; if they can be compared, with the best and the worst of each row marked."""
     rows = []
     for label, path, form in ROWS:
+        texts = [row_text(run.summary, path, form) for run in runs]
+        if all(text == NONE for text in texts):
+            continue
         judged = comparable and label in LARGEST_IS_BEST
         worth = [find(run.summary, JUDGED_BY.get(label, path)) for run in runs]
         marks = ranked(worth, LARGEST_IS_BEST[label]) if judged else [UNMARKED] * len(runs)
-        texts = [row_text(run.summary, path, form) for run in runs]
         cells = [Cell(text, mark) for text, mark in zip(texts, marks, strict=True)]
         rows.append([Cell(label.strip()), *cells])
     rows += [[Cell(label), *map(Cell, cells)] for label, cells in more_rows([run.summary for run in runs])]
-    sentence = "All figures of the runs side by side."
+    sentence = "All figures of the runs side by side; those that no run has are left out."
     if comparable and len(runs) > 1:
         sentence += " ▲ is the best of a row, ▼ the worst; a dash is a figure that the run does not have."
     return ReportTable("summary", "Summary", sentence, ["", *(run.name for run in runs)], rows, runs=True)
@@ -189,7 +191,7 @@ def conditions(runs: Sequence[ReportedRun]) -> ReportTable:
         [Cell(field.replace("_", " ")), *(Cell(_said(run.record.asked.get(field))) for run in runs)] for field in fields
     ]
     rows.append([Cell("recording"), *(Cell(run.path) for run in runs)])
-    sentence = "The runs by the names in their files; what was given inline is called custom."
+    sentence = "The runs by the names in their files; what stands inline without a name is called custom."
     return ReportTable("conditions", "Conditions", sentence, ["", *(run.name for run in runs)], rows, runs=True)
 
 
@@ -198,7 +200,7 @@ def _said(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(_said, value)) or "none"
     if isinstance(value, dict):
-        return " ".join(str(value[key]) for key in ("name", "scheme") if value.get(key)) or "custom"
+        return " ".join(str(value[key]) for key in ("name", "scheme", "kind") if value.get(key)) or "custom"
     return NONE if value is None else str(value)
 
 

@@ -29,7 +29,7 @@ class Contender(NamedTuple):
     devices: tuple[str, ...]
     compensation: str
     changes: dict[str, Any]
-    score: float | None = None  # on draws of training that chose nothing; none: it was not searched
+    score: float | None = None  # on training cases that chose nothing; none: it was not searched
 
     @property
     def chosen(self) -> bool:

@@ -13,7 +13,7 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.reproduction.agreement import ComparedRun, name
 from facts_damping.reproduction.printed import LLC, SCENARIOS, SMOOTHNESS, Who
 from facts_damping.studies import sweep
-from facts_damping.studies.compare import NONE
+from facts_damping.studies.every import NONE
 from facts_damping.studies.structures import PORTS
 from facts_damping.terminal import Progress
 

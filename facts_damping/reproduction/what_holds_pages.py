@@ -98,13 +98,19 @@ def percent(found: Effect) -> str:
     """How much less or more the index is than the reference's, with its interval: -31 % [-40, -20]."""
     if found.ratio is None or found.low is None or found.high is None:
         return "-"
-    low, middle, high = (100.0 * (value - 1.0) for value in (found.low, found.ratio, found.high))
-    return f"{middle:+.0f} % [{low:+.0f}, {high:+.0f}]"
+    low, middle, high = (_signed(value) for value in (found.low, found.ratio, found.high))
+    return f"{middle} % [{low}, {high}]"
 
 
 def ratio(found: Effect) -> str:
     """The same without the interval."""
-    return "-" if found.ratio is None else f"{100.0 * (found.ratio - 1.0):+.0f} %"
+    return "-" if found.ratio is None else f"{_signed(found.ratio)} %"
+
+
+def _signed(ratio: float) -> str:
+    """A ratio as a change in per cent; no change has no sign."""
+    change = round(100.0 * (ratio - 1.0))
+    return f"{change:+d}" if change else "0"
 
 
 def span(one: Borne) -> str:
@@ -165,7 +171,8 @@ def everybody_table(ranked: Sequence[Ranked]) -> str:
                 ", ".join(reasons),
             ]
         )
-    titles = ["", "controller", "training", "ITAE over no control", "kept", "saturated", "tripped", "not ranked for"]
+    titles = ["", "controller", "training", "ITAE relative to no control", "kept", "saturated", "tripped"]
+    titles += ["why not ranked"]
     return "\n".join(terminal.table(titles, rows, 2, markdown=True))
 
 
@@ -176,7 +183,7 @@ def answer_table(answers: Sequence[Answer], *events: str) -> str:
         + [percent(one.events[event]) if event in one.events else "-" for event in events]
         for one in answers
     ]
-    titles = ["", "beside", "new events", "new conditions", *events]
+    titles = ["controller", "relative to", "new events", "new conditions", *events]
     return "\n".join(terminal.table(titles, rows, 2, markdown=True))
 
 
@@ -203,13 +210,13 @@ def picture(told: Judgement) -> Figure:
             )
     axes[0].set_xticks(range(len(events)), events, rotation=35, ha="right")
     axes[0].set_yticks(range(len(own)), [one.who for one in own])
-    axes[0].set_title("ITAE over no control, by event (bold: the interval says so)", fontsize="medium")
+    axes[0].set_title("ITAE relative to no control, by event (bold: the interval excludes 0)", fontsize="medium")
     for k, borne in enumerate(told.borne):
         known = [(1000.0 * d, f.ratio) for d, f in sorted(borne.by_delay.items()) if f.ratio is not None]
         style = {"color": COLOURS[k % len(COLOURS)], "ls": ("-", "--", ":", "-.")[k // len(COLOURS) % 4]}
         axes[1].plot(*np.array(known).reshape(-1, 2).T, label=borne.who.label, lw=1.2, **style)
     axes[1].axhline(1.0, color="0.4", lw=0.8)
-    axes[1].set(yscale="log", xlabel="more delay, ms", ylabel="ITAE over that of no control", ylim=(0.14, 1.3))
+    axes[1].set(yscale="log", xlabel="more delay, ms", ylabel="ITAE relative to no control", ylim=(0.14, 1.3))
     axes[1].grid(visible=True, color="0.92")
     axes[1].set_yticks(shown := [0.15, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0], [f"{one:g}" for one in shown], minor=False)
     axes[1].set_yticks([], minor=True)

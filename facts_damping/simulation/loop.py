@@ -54,6 +54,8 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.residues import Residues
     from facts_damping.supervision.model import Supervisors, SupervisorState
 
+TICKS_AT_ONCE = 3600  # between them other threads have their turn
+
 
 class Loop(NamedTuple):
     """Everything a closed loop consists of: frozen parameters and state, each part by itself, and what it records."""
@@ -157,7 +159,7 @@ def run_loop(loop: Loop) -> None:
     Raises `RunError` where a program of the user's own has failed.
     """
     restarts, last = Restarts(loop.bank, loop.bank_state), loop.signals.time_ns.size
-    begins, goes_on = [0, *restarts.ticks(last), last], True
+    begins, goes_on = sorted({*restarts.ticks(last), *range(0, last, TICKS_AT_ONCE), last}), True
     for first, until in pairwise(begins):
         restarts.begin(first)
         goes_on = goes_on and halves(*loop[:-1], 2 * first, 2 * until)

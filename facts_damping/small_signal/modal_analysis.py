@@ -13,11 +13,12 @@ from facts_damping.small_signal.relative_gains import FREQUENCIES_HZ, Interactio
 from facts_damping.terminal import save_picture, table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from facts_damping.parameters.system import System
 
+SHORT, APART = 0.15, 0.35  # of the longest arrow; rad: labels of short ones would hide each other
 BODE_HZ = (0.05, 5.0)
 SHOWN_STATES = 4
 
@@ -56,7 +57,7 @@ def analyse(system: System, devices: Sequence[str]) -> Modal:
 
 
 def document(modal: Modal) -> dict[str, Any]:
-    """The JSON of `modes` (docs/commands.md)."""
+    """The JSON of `modes` (docs/results_json.md)."""
     return {
         "power_flow": {"buses": modal.built.flow.buses(modal.system.base_power)},
         "devices": modal.devices,
@@ -121,7 +122,7 @@ def modes_text(modal: Modal) -> Iterator[str]:
             f"{mode.damping_ratio:14.4f}  {mode.label:<17}  {most}"
         )
     for mode in modal.swings:
-        yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: who swings against whom"
+        yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: machines that swing against each other"
         for group in _groups(mode):
             yield "  " + ", ".join(f"{name} {abs(value):.2f}" for name, value in group)
         if mode.residues:
@@ -174,18 +175,28 @@ def _plot_shapes(modal: Modal, path: Path) -> Path:
     figure = Figure(figsize=(3.6 * columns, 3.9 * rows), layout="constrained")
     for i, mode in enumerate(modal.swings):
         axes = figure.add_subplot(rows, columns, i + 1, projection="polar")
-        for name, value in mode.shape.items():
+        for value in mode.shape.values():
             axes.annotate(
                 "", xy=(float(np.angle(value)), abs(value)), xytext=(0, 0), arrowprops={"arrowstyle": "->", "lw": 1.5}
             )
-            if abs(value) > 0.15:  # shorter ones would hide each other
-                axes.text(float(np.angle(value)), 1.08 * abs(value), name, ha="center", va="center", fontsize=8)
+        for name, (angle, radius) in _label_places(mode.shape).items():
+            axes.text(angle, radius, name, ha="center", va="center", fontsize=8)
         axes.set_ylim(0, 1.15)
         axes.set_yticklabels([])
         axes.set_title(f"{mode.frequency_hz:.3f} Hz, damping {mode.damping_ratio:.3f}\n{mode.label}", fontsize=9)
     figure.suptitle(f"{modal.system.name}: mode shapes (speeds, relative to the fastest)", fontsize=10)
     save_picture(figure, path, dpi=150)
     return path
+
+
+def _label_places(shape: Mapping[str, complex]) -> dict[str, tuple[float, float]]:
+    """Angle (rad) and radius of each label: at the tip of a long arrow; of short ones around them, apart."""
+    found = {name: (float(np.angle(v)), 1.08 * abs(v)) for name, v in shape.items() if abs(v) > SHORT}
+    before = -np.inf
+    for angle, name in sorted((float(np.angle(v)), name) for name, v in shape.items() if abs(v) <= SHORT):
+        before = max(angle, before + APART)
+        found[name] = (before, 2 * SHORT)
+    return found
 
 
 def _plot_transfer(modal: Modal, path: Path) -> Path:

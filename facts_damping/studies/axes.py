@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
 from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, check_known
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -53,6 +54,22 @@ def points(study: Study) -> list[Point]:
         if twice:
             raise InputError(f"sweep: {what} '{twice[0]}' given by two axes; allowed: one")
     return [joined(parts) for parts in product(*expanded)]
+
+
+def chosen(points: list[Point], only: Sequence[str]) -> list[Point]:
+    """The points whose columns have the values asked for: texts such as `kind=LLC*,HBsWC direct`, of patterns."""
+    for text in only:
+        name, _, patterns = text.partition("=")
+        check_known(f"--only {text}", name, points[0].columns)
+        values = list(dict.fromkeys(str(point.columns[name]) for point in points))
+        asked = [pattern.strip() for pattern in patterns.split(",")]
+        for pattern in asked:
+            if not any(fnmatchcase(value, pattern) for value in values):
+                raise InputError(
+                    f"--only {text}: '{pattern}' given; allowed: {', '.join(values)}, or a pattern of them"
+                )
+        points = [p for p in points if any(fnmatchcase(str(p.columns[name]), pattern) for pattern in asked)]
+    return points
 
 
 def expand(axis: Axis, random: np.random.Generator, where: str) -> list[Point]:

@@ -22,6 +22,7 @@ from facts_damping.parameters.run import Run
 from facts_damping.plant.model import copy
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_plant, needs_residues, plant_residues
+from facts_damping.studies import true_jacobian
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -43,6 +44,7 @@ GROWTH = {"value": "growth_per_s", "low": "growth_low_per_s", "high": "growth_hi
 # With half the integration step; the second is the change of the index that changes most.
 CHECKED = ("converged", "step_change", "verdict_half_step")
 INTERAREA = ("interarea_hz", "interarea_damping_ratio")
+CUSTOM = "custom"  # what stands inline, in the place of a name
 NAMED = ("system", "scenario", "link")
 IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
 
@@ -51,12 +53,16 @@ _residues: dict[str, Residues | None] = {}
 
 
 class Base(NamedTuple):
-    """What all runs of a study have in common: the content of a run file, where it is from, what is set in it."""
+    """What all runs of a study have in common: the content of a run file, where it is from, what is set in it.
+
+    `modes`, `jacobian`: what is asked of them beside, as in the study.
+    """
 
     content: dict[str, Any]
     source: str
     set: dict[str, Any]
     modes: bool
+    jacobian: int | None = None
 
 
 class RunRequest(NamedTuple):
@@ -72,8 +78,14 @@ class RunRequest(NamedTuple):
 
 
 def make(base: Base, changes: Mapping[str, Any]) -> Case:
-    """The case of a run. Raises `InputError` that begins with the `--set` that is at fault."""
-    return loading.changed_case(deepcopy(base.content), base.source, {**base.set, **changes})
+    """The case of a run. Raises `InputError` that begins with the `--set` that is at fault.
+
+    Where a change takes all controllers away, nothing is set below them.
+    """
+    values = {**base.set, **changes}
+    if changes.get("controllers") == []:
+        values = {path: value for path, value in values.items() if not path.startswith("controllers.")}
+    return loading.changed_case(deepcopy(base.content), base.source, values)
 
 
 def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
@@ -83,7 +95,11 @@ def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
         case = make(base, task.changes)
         row |= {**identity(case), **task.columns, "horizon_s": case.duration}
         finer = closed_loop(loop.with_half_step(case)) if task.check_step else None
-        row |= {**figures(closed_loop(case), finer, modes=base.modes), "error": None}
+        record = closed_loop(case)
+        row |= figures(record, finer, modes=base.modes)
+        if base.jacobian is not None:
+            row |= true_jacobian.figures(case, true_jacobian.follow(case, record, base.jacobian))
+        row["error"] = None
     except FactsDampingError as error:
         row["error"] = one_line(error)
     except Exception as error:  # noqa: BLE001 (whatever a run dies of, the others go on)
@@ -95,7 +111,7 @@ def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
     """System, scenario and link by the names that were given; `custom` for one that stands inline."""
     values = {**base.content, **base.set, **changes}
     given = {name: values.get(name, Run.model_fields[name].default) for name in NAMED}
-    return {name: value if isinstance(value, str) else "custom" for name, value in given.items()}
+    return {name: value if isinstance(value, str) else CUSTOM for name, value in given.items()}
 
 
 def identity(case: Case) -> dict[str, Any]:

@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 
 WORDS = {
     "within_limits": "outputs within limits, rates and authority",
-    "lets_go": "the device at zero within time-out and ramp after the last good setpoint",
-    "zero_after_trip": "zero said for good once tripped",
-    "device_at_zero": "the device at zero once tripped",
+    "lets_go": "the device at zero within time-out and ramp after the last accepted setpoint",
+    "zero_after_trip": "the supervisor sends zero from a trip to the end of the run",
+    "device_at_zero": "the device at zero after a trip",
     "cause_recorded": "every trip has its cause recorded",
-    "keeps_synchronism": "synchronism kept where it is kept without control",
+    "keeps_synchronism": "synchronism kept if it is kept without control",
     "does_no_harm": f"ITAE at most {HARM:g} times that without control",
     "recorded": "the recording complete and readable",
-    "as_computed": "the recording is the in-process run, bit for bit",
-    "nothing_forged_acts": "nothing forged acts",
+    "as_computed": "the recording equal to the in-process run, bit for bit",
+    "nothing_forged_acts": "no forged message has an effect",
 }
-CHATTER = MONITORS["reversals"].limit
+CYCLING, FREQUENT = "limit cycle at the control rate", MONITORS["reversals"].limit
 LISTED = 4  # places that are named where something does not hold
 
 
@@ -46,7 +46,7 @@ def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> list[str]:
         failed = [row for row in asked if not row[name]]
         places = _most(failed, lambda row: f"{row['fault']}, {row['bed']} {row.get('scenario', '')}".strip())
         lines.append([WORDS[name], str(len(asked)), str(len(failed)), percent(len(failed), len(asked)), places])
-    return table(["what must hold", "draws", "does not", "%", "most of them"], lines, 1, markdown=True)
+    return table(["what must hold", "cases", "violated", "%", "most frequent"], lines, 1, markdown=True)
 
 
 def fault_table(rows: Rows) -> list[str]:
@@ -59,7 +59,7 @@ def fault_table(rows: Rows) -> list[str]:
             counts = [sum(row[name] is not None for row in own) for name in ("fallback_s", "tripped_s")]
             causes = _most([row for row in own if row["detected_s"] is not None], _cause)
             lines.append([fault, str(len(own)), *map(str, counts), *_times(found), causes])
-    heads = ["fault", "armed", "fell back", "tripped", "median, s", "99 %, s", "by"]
+    heads = ["fault", "armed", "fell back", "tripped", "median, s", "99 %, s", "monitor"]
     return table(heads, lines, 1, markdown=True)
 
 
@@ -71,7 +71,8 @@ def grid_table(rows: Rows) -> list[str]:
         for fault, row in FAULTS.items()
         if row.wrong
     }
-    groups["nothing fails, the network chatters"] = lambda row: row["fault"] == NOTHING and row["reversals"] > CHATTER
+    calm = f"nothing fails, {CYCLING}"
+    groups[calm] = lambda row: row["fault"] == NOTHING and row["reversals"] > FREQUENT
     for name, fits in groups.items():
         own = [row for row in rows if fits(row) and row["unsupervised_keeps_synchronism"] is not None]
         if own:
@@ -80,7 +81,7 @@ def grid_table(rows: Rows) -> list[str]:
                 for which in ("", "unsupervised_")
             ]
             lines.append([name, str(len(own)), *(" / ".join(pair) for pair in zip(*cells, strict=True))])
-    heads = ["what is wrong", "draws", "synchronism lost", "ITAE, median", "ITAE, 90 %", "ITAE, 99 %"]
+    heads = ["what is wrong", "cases", "synchronism lost", "ITAE, median", "ITAE, 90 %", "ITAE, 99 %"]
     return table(heads, lines, 1, markdown=True)
 
 
@@ -97,10 +98,10 @@ def place_table(rows: Rows) -> list[str]:
         lines.append([" ".join(place), str(len(own)), without, str(len(above)), str(calm), str(len(bare))])
     heads = [
         "system, scenario",
-        "draws",
+        "cases",
         "ITAE without control",
         f"above {HARM:g}",
-        "of it before a fault",
+        "of these before a fault",
         "unsupervised",
     ]
     return table(heads, lines, 1, markdown=True)
@@ -114,10 +115,13 @@ def cost_table(rows: Rows) -> list[str]:
     interval = share(len(false), len(sound)) if sound else {"low": 0.0, "high": 1.0}
     pairs = [row["ITAE"] / row["unsupervised_ITAE"] for row in sound if row["ITAE"] and row["unsupervised_ITAE"]]
     found = [
-        ["draws in which nothing fails", str(len(healthy))],
-        ["of these sound: damped without supervision, ITAE at most that without control, no chatter", str(len(sound))],
+        ["cases in which nothing fails", str(len(healthy))],
+        [
+            f"of these sound: damped without supervision, ITAE at most that without control, no {CYCLING}",
+            str(len(sound)),
+        ],
         ["of these tripped or fallen back", f"{len(false)}: {_interval(interval)}"],
-        ["ITAE with supervision, that without it as 1: median, 99 %", _both(pairs)],
+        ["ITAE with supervision relative to without: median, 99 %", _both(pairs)],
     ]
     return table(["what", "found"], found, 1, markdown=True)
 
@@ -133,7 +137,7 @@ def controller_table(rows: Rows) -> list[str]:
         kept = sum(not row["keeps_synchronism"] for row in own)
         counts = [str(len(own)), f"{tripped} of {len(calm)}", str(harmful), str(kept)]
         lines.append([" ".join(part for part in name if part), *counts])
-    heads = ["controller", "draws", "tripped, nothing failing", f"ITAE above {HARM:g}", "synchronism lost"]
+    heads = ["controller", "cases", "tripped although nothing failed", f"ITAE above {HARM:g}", "synchronism lost"]
     return table(heads, sorted(lines), 1, markdown=True)
 
 
@@ -215,10 +219,11 @@ def sections(rows: Rows, graphs: Rows) -> dict[str, list[str]]:
 
 
 def counts(rows: Rows) -> str:
-    """How many draws there were, in words."""
+    """How many cases there were, in words."""
     errors = sum(row["error"] is not None for row in rows)
-    kinds = len({row["fault"] for row in rows if row["error"] is None})
-    return f"{len(rows)} draws of {kinds} faults" + (f", {errors} with an error" if errors else "")
+    kinds = len({row["fault"] for row in rows if row["error"] is None} - {NOTHING})
+    told = {0: "without a fault", 1: "with one fault"}.get(kinds, f"with {kinds} faults")
+    return f"{len(rows)} cases {told}" + (f", {errors} with an error" if errors else "")
 
 
 def _cause(row: dict[str, Any]) -> str:

@@ -59,10 +59,11 @@ def margin_text(found: Margin, beside: Beside | None) -> Iterator[str]:
     if beside is not None:
         yield from _runs(found, beside)
     heads = [f"{name}: Hz, ratio" for name in names(found)]
-    yield "\ndelay ms  " + "".join(f"{head:>26}" for head in heads) + "   growth 1/s of, Hz"
+    wide = max(26, *(len(head) + 2 for head in heads))
+    yield "\ndelay ms  " + "".join(f"{head:>{wide}}" for head in heads) + "   growth 1/s of, Hz"
     for i in rows(found):
         if found.delays[i] <= shown_to(found) + 1e-9:
-            cells = "".join(f"{_cell(track.modes[i]):>26}" for track in found.tracks)
+            cells = "".join(f"{_cell(track.modes[i]):>{wide}}" for track in found.tracks)
             worst = found.worst[i]
             yield f"{1e3 * found.delays[i]:8.0f}  {cells}{worst.real:13.4f}{worst.imag / (2.0 * np.pi):8.3f}"
 
@@ -113,7 +114,7 @@ def nearest(found: Margin, delay: float, hertz: float) -> linearisation.Eigenmod
 
 
 def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
-    """The JSON of `margin` (docs/commands.md)."""
+    """The JSON of `margin` (docs/results_json.md)."""
     made: dict[str, Any] = {
         "run": found.case.summary(),
         "link_delays_s": found.own,

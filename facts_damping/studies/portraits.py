@@ -10,17 +10,12 @@ from matplotlib.figure import Figure
 
 from facts_damping.analysis.measures import speed_differences
 from facts_damping.analysis.plots import COLOURS
-from facts_damping.case.controllers import tuned
-from facts_damping.case.loading import load_case
 from facts_damping.control.bank import controller_network
-from facts_damping.control.table import kind
 from facts_damping.neurofuzzy.network import Network, forward, passes
-from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.studies.pages import save
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -28,7 +23,6 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
-    from facts_damping.studies.tune import Scheme
 
 INPUTS = ("e / scale", "de / change scale")
 BASELINES = {"none": ("#999999", 1.0), "LLC": ("#56B4E9", 1.2), "LLC-tuned": ("#009E73", 1.2)}
@@ -44,13 +38,6 @@ class Portrait(NamedTuple):
     net: Network
     moments: dict[str, NDArray[np.float64]]
     reach: float  # inputs are clipped to it
-
-
-def scene(system: str, scenario: str, name: str, scheme: Scheme) -> Case:
-    """A run of a controller; `none` is the run without."""
-    own = ["controllers=[]"] if name == "none" else [f"controllers.0.name={name}"]
-    own += [f"controllers.0.scheme={scheme}"] if scheme else []
-    return load_case(None, [f"system={system}", f"scenario={scenario}", *own])
 
 
 def portrait(case: Case) -> Portrait:
@@ -84,54 +71,43 @@ def surface(
     return degrees, output
 
 
-def draw(system: str, scenario: str, names: Sequence[str], folder: Path, progress: Callable[[int, int], None]) -> None:
-    """One PNG a controller: a row a scheme, with both inputs' memberships and the response."""
-    files.new_folder(folder)
-    have = [name for name in BASELINES if name != "LLC-tuned" or (name, None) in tuned(system)]
-    baselines = {name: loop.run(scene(system, scenario, name, None)) for name in have}
-    asked = [name for name in names if kind(name).network is not None]
-    for i, name in enumerate(asked):
-        schemes: tuple[Scheme, ...] = ("direct", "indirect")
-        runs = {str(scheme): portrait(scene(system, scenario, name, scheme)) for scheme in schemes}
-        save(_picture(f"{name} on {system}, {scenario}", runs, baselines), folder / f"{name}.png")
-        progress(i + 1, len(asked))
+def draw(case: Case, baselines: dict[str, Case], path: Path) -> None:
+    """One PNG of a run: memberships of both inputs, what the network answers, the response beside the baselines."""
+    one = portrait(case)
+    figure = Figure(figsize=(13.0, 3.2), layout="constrained")
+    axes: Any = figure.subplots(1, 4, width_ratios=[1, 1, 1, 1.8])
+    x = np.linspace(-one.reach, one.reach, 601)
+    for (moment, theta), style in zip(one.moments.items(), STYLES, strict=True):
+        degrees, output = surface(one.net, theta, x)
+        for i in range(len(INPUTS)):
+            for j, colour in enumerate(RULES):
+                axes[i].plot(x, degrees[:, i, j], style, color=colour, lw=1.2)
+        axes[2].plot(x, np.clip(output, -1.0, 1.0), style, color="black", lw=1.2, label=moment)
+    for i, label in enumerate(INPUTS):
+        axes[i].set(xlabel=label, ylim=(-0.05, 1.08))
+    axes[0].set_ylabel("degree of membership")
+    axes[2].set(xlabel=INPUTS[0], ylabel="setpoint / limit, de = 0", ylim=(-1.1, 1.1))
+    c = case.controllers[0]
+    _response(axes[3], one.record, c.name, {name: loop.run(own) for name, own in baselines.items()})
+    figure.legend(*axes[2].get_legend_handles_labels(), loc="outside lower center", ncols=len(STYLES))
+    figure.suptitle(f"{c.name} {c.scheme} on {case.run.system}, {case.run.scenario}", x=0.01, ha="left")
+    save(figure, path)
 
 
-def _picture(title: str, runs: dict[str, Portrait], baselines: dict[str, Record]) -> Figure:
-    figure = Figure(figsize=(13.0, 5.8), layout="constrained")
-    axes: Any = figure.subplots(len(runs), 4, width_ratios=[1, 1, 1, 1.8], squeeze=False)
-    for row, (scheme, one) in zip(axes, runs.items(), strict=True):
-        x = np.linspace(-one.reach, one.reach, 601)
-        for (moment, theta), style in zip(one.moments.items(), STYLES, strict=True):
-            degrees, output = surface(one.net, theta, x)
-            for i in range(len(INPUTS)):
-                for j, colour in enumerate(RULES):
-                    row[i].plot(x, degrees[:, i, j], style, color=colour, lw=1.2)
-            row[2].plot(x, np.clip(output, -1.0, 1.0), style, color="black", lw=1.2, label=moment)
-        for i, label in enumerate(INPUTS):
-            row[i].set(xlabel=label, ylim=(-0.05, 1.08))
-        row[0].set_ylabel(f"{scheme}\ndegree of membership")
-        row[2].set(xlabel=INPUTS[0], ylabel="setpoint / limit, de = 0", ylim=(-1.1, 1.1))
-        _response(row[3], one.record, scheme, baselines)
-    figure.legend(*axes[0][2].get_legend_handles_labels(), loc="outside lower center", ncols=len(STYLES))
-    figure.suptitle(title)
-    return figure
-
-
-def _response(axes: Axes, record: Record, scheme: str, baselines: dict[str, Record]) -> None:
+def _response(axes: Axes, record: Record, name: str, baselines: dict[str, Record]) -> None:
     """The last speed difference that is judged (interarea where there is one), 1e-3 p.u."""
     differences = speed_differences(record)
-    name = list(differences)[-1]
+    shown = list(differences)[-1]
     for label, (colour, width) in BASELINES.items():
         if label in baselines:
             axes.plot(
                 baselines[label].time_s,
-                1e3 * speed_differences(baselines[label])[name],
+                1e3 * speed_differences(baselines[label])[shown],
                 color=colour,
                 lw=width,
                 label=label,
             )
-    axes.plot(record.time_s, 1e3 * differences[name], color=COLOURS[1], lw=1.5, label=scheme)
-    span = 1.6e3 * float(np.max(np.abs(differences[name])))
-    axes.set(xlabel="time [s]", ylabel=f"{name} [1e-3 p.u.]", xlim=(0, record.time_s[-1]), ylim=(-span, span))
+    axes.plot(record.time_s, 1e3 * differences[shown], color=COLOURS[1], lw=1.5, label=name)
+    span = 1.6e3 * float(np.max(np.abs(differences[shown])))
+    axes.set(xlabel="time [s]", ylabel=f"{shown} [1e-3 p.u.]", xlim=(0, record.time_s[-1]), ylim=(-span, span))
     axes.legend(fontsize="x-small", loc="upper right")

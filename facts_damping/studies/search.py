@@ -10,6 +10,7 @@ best on draws that no rung has used, twice as many again, is chosen.
 from __future__ import annotations
 
 import math
+import sys
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -53,7 +54,7 @@ OPTIONS = (
     "study",
     "against",
     "compensation",
-    "draws",
+    "cases",
     "worst",
     "start",
     "deviation",
@@ -71,7 +72,7 @@ class SearchTask(NamedTuple):
     devices: tuple[str, ...]  # none: with all that the system has
     budget: int
     seed: int
-    draws: int = 1  # of the first rung
+    cases: int = 1  # training cases of the first rung
     study: str | None = None  # whose draws they are; none: search_<system>
     worst: int = 100  # how many of the draws count, %: of each index the worst
     medians: bool = False  # of groups of draws count, instead of means
@@ -176,14 +177,15 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
     _check_start(task, asked)
     left, out = [Entry(one) for one in asked], list[Entry]()
     most = RUNGS if task.keep_all else rungs(len(left))
-    last = task.draws * GROWTH ** (most - 1)
+    last = task.cases * GROWTH ** (most - 1)
     known = draws(task.system, task.link, last + GROWTH * last, task.study, task.profile, task.against)
     counts = [len(left)]
     for _ in range(most - 1):
         counts.append(counts[-1] if task.keep_all else _going_on(counts[-1], left))
     counts.append(counts[-1])  # once more, on fresh draws
+    _say_what_is_made(task, counts[:-1])
     for number in range(most):
-        own = known[: task.draws * GROWTH**number]
+        own = known[: task.cases * GROWTH**number]
         loops = task.budget / (most * len(left) * len(own))
         rung = Rung(number, own, max(1, round(loops / POPULATION)))
         left = run_all(partial(climb, task, rung), left, jobs, _part(progress, counts, number))
@@ -191,6 +193,16 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
         left, out = ranked[: counts[number + 1]], [*out, *ranked[counts[number + 1] :]]
     left = run_all(partial(judge, task, known[last:]), left, jobs, _part(progress, counts, most))
     return sorted([*left, *out], key=lambda entry: entry.rank)
+
+
+def _say_what_is_made(task: SearchTask, counts: Sequence[int]) -> None:
+    """That a budget is too small for more than the first points, where it is: each rung has a generation at least."""
+    least = [POPULATION * count * task.cases * GROWTH**number for number, count in enumerate(counts)]
+    share = task.budget / len(counts)
+    if all(round(share / loops) <= 1 for loops in least):
+        text = f"of {counts[0]} structures only the {POPULATION} first points are tried: {sum(least)} closed loops"
+        enough = 2 * len(counts) * max(least)
+        sys.stderr.write(f"--budget {task.budget}: {text}; two generations of all take {enough}\n")
 
 
 def _check_start(task: SearchTask, asked: Sequence[Structure]) -> None:

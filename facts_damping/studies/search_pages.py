@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.studies.compare import NONE
+from facts_damping.studies.every import NONE
 from facts_damping.studies.scoring import REFERENCE
 from facts_damping.studies.tune import SCENARIO
 from facts_damping.terminal import table
@@ -26,7 +26,9 @@ def run_file(task: SearchTask, command: str, entry: Entry) -> str:
     own = ("name", "scheme", "devices", "signals", "compensation", "parameters")
     given = entry.controller.model_dump() if entry.controller else {}
     link = task.link or ("ideal" if task.profile == DEFAULT_PROFILE else None)
+    name = f"{entry.structure.name} {entry.structure.scheme or ''}".strip()
     kept = {
+        "description": f"{task.system}: {name}, as a search chose it",
         "profile": None if task.profile == DEFAULT_PROFILE else task.profile,
         "system": task.system,
         "scenario": SCENARIO,
@@ -39,8 +41,8 @@ def run_file(task: SearchTask, command: str, entry: Entry) -> str:
     reached, fresh = entry.scores[-2:]
     head = [
         f"# {command}",
-        f"# On the draws of training that chose its parameters: score {reached.value:.4f}; {_percent(reached)}.",
-        f"# On draws of training that none had seen: score {fresh.value:.4f}; {_percent(fresh)}.",
+        f"# On the training cases that chose its parameters: score {reached.value:.4f}; {_percent(reached)}.",
+        f"# On training cases that no search had seen: score {fresh.value:.4f}; {_percent(fresh)}.",
         f"# Percent: geometric mean of the index over that of {REFERENCES[task.against]}, less 1 (docs/search.md).",
     ]
     return "\n".join([*head, dump(kept)])

@@ -17,8 +17,9 @@ from facts_damping.parameters.files import find, parse_set, read_table, read_val
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.simulation.user_code import source_hash
-from facts_damping.studies import axes, margins
+from facts_damping.studies import axes, margins, true_jacobian
 from facts_damping.studies.batch import IDENTITY, Base, RunRequest, figure_names, make, one_run
+from facts_damping.studies.every import unfolded
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.pool import workers
 from facts_damping.terminal import write_whole
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from facts_damping.case.model import Case
     from facts_damping.parameters.study import Margin
     from facts_damping.studies.axes import Point
     from facts_damping.terminal import Progress
@@ -55,31 +57,36 @@ class Plan(NamedTuple):
     fingerprint: str  # of everything that its rows depend on
 
 
-def plan(name: str, sets: Sequence[str], *, check_step: bool = False) -> Plan:
+def plan(name: str, sets: Sequence[str], only: Sequence[str] = (), *, check_step: bool = False) -> Plan:
     """Read a study by name or path, with `--set` applied to its base run; `check_step`: whatever it says of that.
+
+    `only`: the points to run, each text a column with the patterns of its values, `kind=LLC*,HBsWC direct`.
 
     Raises `InputError` also where its first run cannot be made.
     """
     path = find("studies", name)
     study = check(Study, read_table(path), str(path))
     study = study.model_copy(update={"check_step": study.check_step or check_step})
-    return planned(study, path.stem, str(path), path.read_text(encoding="utf-8"), sets)
+    return planned(study, path.stem, str(path), path.read_text(encoding="utf-8"), sets, only)
 
 
-def planned(study: Study, name: str, source: str, text: str, sets: Sequence[str] = ()) -> Plan:
+def planned(
+    study: Study, name: str, source: str, text: str, sets: Sequence[str] = (), only: Sequence[str] = ()
+) -> Plan:
     """A study that has been read, or made: `source` begins its error messages, `text` is the copy that it leaves."""
     try:
         base = _base(study, sets, source)
-        points = axes.points(study)
+        study = unfolded(study, base)
+        points = axes.chosen(axes.points(study), only)
         if study.margin is not None:
             check_known("margin.across", study.margin.across, [*IDENTITY, *points[0].columns])
-        _check_tables(study, points[0])
         first = make(base, points[0].changes | _margin_changes(study, study.margin.low if study.margin else None))
+        _check_tables(study, points[0], first)
         changes = [point.changes for point in points]
         code = [source_hash(*one) for one in dict.fromkeys(_programs([base.content, base.set, *changes]))]
     except InputError as error:
         raise InputError(str(error) if source in str(error) else f"{source}: {error}") from error
-    told = [study.model_dump(), base.content, base.set, first.document(), __version__, *code]
+    told = [study.model_dump(), *only, base.content, base.set, first.document(), __version__, *code]
     digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
     return Plan(name, text, study, base, points, digest)
 
@@ -98,15 +105,16 @@ def _programs(content: Any) -> Iterator[tuple[str, str]]:
                 yield from _programs(value)
 
 
-def _check_tables(study: Study, first: Point) -> None:
-    """Raise `InputError` where a table is of columns that no row has."""
+def _check_tables(study: Study, first: Point, case: Case) -> None:
+    """Raise `InputError` where a table is of columns that no row has; `first`, `case`: of the first run."""
+    own = true_jacobian.names(case) if study.jacobian or "jacobian" in study.pictures else []
     if study.tables is None:
         return
     columns = [*IDENTITY, *first.columns]
     for name in study.tables.rows + ([study.tables.across] if study.tables.across else []):
         check_known("tables", name, columns)
     for name in study.tables.figures:
-        check_known("tables.figures", name, figure_names(modes=study.modes, check_step=study.check_step))
+        check_known("tables.figures", name, [*figure_names(modes=study.modes, check_step=study.check_step), *own])
 
 
 def _base(study: Study, sets: Sequence[str], source: str) -> Base:
@@ -114,7 +122,7 @@ def _base(study: Study, sets: Sequence[str], source: str) -> Base:
     content, _ = read_run(study.run)
     pairs = dict(parse_set(text) for text in sets)
     changed = {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}
-    return Base(content, source, {**study.set, **changed}, study.modes)
+    return Base(content, source, {**study.set, **changed}, study.modes, study.jacobian)
 
 
 def _margin_changes(study: Study, value: float | None) -> dict[str, Any]:

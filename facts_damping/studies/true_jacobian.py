@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.control.lead_lag import section
+from facts_damping.errors import InputError
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 MOVE = 1e-4  # p.u., of a reference
 EVERY = 6  # frames between two looks at the plant
 ANSWER = 0.01  # of the root mean square: a true derivative below is no answer
+FIGURES = ("right_sign", "error", "right_sign_stated", "answering")
 ROUND = 1e-9  # normalised: a true derivative below is taken for zero
 
 
@@ -111,7 +113,8 @@ def _washed(y: NDArray[np.float64], tau: float, dt: float) -> float:
 
 
 def follow(case: Case, record: Record, horizon: int) -> Followed:
-    """Estimate and truth over a run."""
+    """Estimate and truth over a run. Raises `InputError` where controller 0 has no identifier."""
+    derivatives(case)
     c = case.controllers[0]
     own = int(c.number("identifier_horizon"))
     p, q = len(c.signals), len(c.devices)
@@ -129,7 +132,27 @@ def follow(case: Case, record: Record, horizon: int) -> Followed:
     return Followed(record.time_s[ticks], estimates[ticks] * unit, true, stated)
 
 
-def figures(found: Followed) -> dict[str, NDArray[np.float64]]:
+def derivatives(case: Case) -> list[str]:
+    """What the identifier of controller 0 estimates, `signal/device`. Raises `InputError` where there is none."""
+    c = case.controllers[0] if case.controllers else None
+    if c is None or c.scheme != "indirect":
+        given = f"{c.name} {c.scheme or ''}".strip() if c else "no controller"
+        raise InputError(f"jacobian: {given} given, which has no identifier; allowed: networks with scheme indirect")
+    return [f"{signal}/{device}" for signal in c.signals for device in c.devices]
+
+
+def names(case: Case) -> list[str]:
+    """What a run's row has of it, `right_sign.speed/sssc`."""
+    return [f"{figure}.{name}" for figure in FIGURES for name in derivatives(case)]
+
+
+def figures(case: Case, found: Followed) -> dict[str, float]:
+    """`compared`, flat."""
+    told = compared(found)
+    return dict(zip(names(case), np.ravel([told[figure] for figure in FIGURES]).tolist(), strict=True))
+
+
+def compared(found: Followed) -> dict[str, NDArray[np.float64]]:
     """Of each derivative, (signals, devices): shares of looks with the right sign, the median error, and the answering.
 
     The error is relative to the true derivative's root mean square over the run. A sign is asked for where the device

@@ -27,6 +27,6 @@ def ambient() -> ValidationTable:
         sure = (heard.frequency_error_hz, heard.damping_ratio_error) if heard else (0.0, 0.0)
         rows.append(compare(f"{system}: frequency", "Hz", found[0], mode.frequency_hz, COVERED * sure[0]))
         rows.append(compare(f"{system}: damping ratio", "-", found[1], mode.damping_ratio, COVERED * sure[1]))
-    source = "the linearised plant; the tolerance is half the interval of 95 % that the fit tells"
+    source = "the linearised plant; the tolerance is half the 95 % interval of the fit"
     command = "facts-damping simulate two_area_ambient --set system=wscc_9 --set devices=[] --set controllers=[]"
     return ValidationTable("Modes from ten minutes of load noise", source, command, rows)

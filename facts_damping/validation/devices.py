@@ -105,7 +105,7 @@ def balance() -> ValidationTable:
             lost = R * truth["current"] ** 2 + g * truth["dc_voltage"] ** 2
             drawn = simpson(-truth["active_power"] - lost, x=times)
             stored = tau * truth["dc_voltage"] ** 2 / 2 + L / (4 * np.pi * system.frequency) * truth["current"] ** 2
-            what = f"{name}: drawn less lost and stored, of {np.ptp(stored):.1e} p.u. s stored"
+            what = f"{name}: energy balance error, with {np.ptp(stored):.1e} p.u. s stored"
             what += f", DC losses g = {g:g} p.u." if g else ""
             rows.append(within(what, "p.u. s", drawn - (stored[-1] - stored[0]), 1e-7))
     title = "Energy of the converters of two_area over 0.5 s, from an uncharged DC link and a step of both setpoints"

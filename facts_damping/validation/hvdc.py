@@ -95,7 +95,7 @@ def powers() -> ValidationTable:
             ("voltage at the rectifier", seen["voltage_magnitude"], voltage),
             ("active power drawn", -seen["active_power"], p),
             ("reactive power drawn", -seen["reactive_power"], q),
-            ("power given", devices["active_power"][0], given),
+            ("power delivered", devices["active_power"][0], given),
         ):
             rows.append(compare(f"{what}: {quantity}", "p.u.", float(ours), float(expected), 1e-9, ".6f"))
     return ValidationTable("Power of an HVDC link behind a reactance", "the quadratic equation", "", rows)

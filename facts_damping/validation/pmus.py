@@ -228,7 +228,7 @@ def _out_of_band(name: str, beside: Sequence[float]) -> list[Row]:
 
             found.append(errors(reported(name, signal, 1.5), own, 0.3, 1.5))
     tve, fe, _ = np.max(found, axis=0)
-    text = f"{name}: a tenth of 10 to 30, 90 to 120 Hz beside it"
+    text = f"{name}: 10 % out-of-band interference, 10 to 30 and 90 to 120 Hz"
     return [
         within(f"{text}, total vector error", "%", 100 * tve, 100 * OUT_OF_BAND_TVE),
         within(f"{text}, frequency", "Hz", fe, OUT_OF_BAND_FE),

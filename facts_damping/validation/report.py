@@ -38,8 +38,8 @@ TABLES: dict[str, Callable[[], ValidationTable]] = {
 HEAD = """# Validation
 
 Written by `facts-damping validate --out docs/validation.md`; do not edit. Each row: ours, the reference, the absolute
-difference, the tolerance. Where whole curves or lists are compared, the difference is the largest. Figures of other
-programs are in [`config/references`](../config/references), with their origin; what the tests check beyond this page
+difference, the tolerance. Where whole curves or lists are compared, the difference is the largest. Values of other
+programs are in `config/references`, with their origin; what the tests check beyond this page
 is in [tests](testing.md).
 
 """

@@ -107,7 +107,8 @@ def kundur() -> ValidationTable:
     rows = [within("as it is: all eigenvalues", "1/s", furthest(_far(ours), _far(theirs)), SAME_EQUATIONS)]
     for mode in _swings(theirs):
         nearest = ours[np.argmin(np.abs(ours - mode))]
-        rows.append(compare("as it is: a swing", "1/s", complex(nearest), complex(mode), SAME_EQUATIONS, ".5f"))
+        what = "as shipped: electromechanical mode"
+        rows.append(compare(what, "1/s", complex(nearest), complex(mode), SAME_EQUATIONS, ".5f"))
     for case, (what, fields) in OPTIONS.items():
         ours = eigenvalues(varied(system, fields))
         theirs = _read("kundur_12_6_options_eigenvalues_andes", case)
@@ -166,7 +167,7 @@ def book() -> ValidationTable:
     )
     command = "facts-damping modes kundur_12_6_thyristor_tgr --set 'loads.*.P_shares={current: 1}' \\\n"
     command += "        --set 'machines.*.S10=0.0392' --set 'machines.*.S12=0.2227'"
-    return ValidationTable("The same with the book's loads and saturation", source, command, rows)
+    return ValidationTable("Example 12.6 with the book's loads and saturation", source, command, rows)
 
 
 def others() -> ValidationTable:
@@ -199,7 +200,7 @@ def two_area() -> ValidationTable:
             for pair, expected in RESIDUES.items()
             if pair[0] == devices[-1]
         ]
-    source = "an earlier calculation with the same equations; signs as in (2.42)"
+    source = "an independent calculation with the same equations; signs as in (2.42)"
     return ValidationTable(
         "Interarea mode of two_area", source, "facts-damping modes two_area --devices sssc,statcom", rows
     )

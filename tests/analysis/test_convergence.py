@@ -80,8 +80,8 @@ def test_by_command(tmp_path: Path) -> None:
 
 
 def test_in_a_comparison(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ["compare", "two_area", "--controllers", "ANFTrMeC", "--set", "duration=6", "--check-step", "--jobs", "1"]
-    assert main([*asked, "--json", str(tmp_path / "a.json")]) == 0
+    asked = ["sweep", "comparison", "--only", "kind=LLC*,ANFTrMeC*", "--set", "duration=6", "--check-step"]
+    assert main([*asked, "--jobs", "1", "--out", str(tmp_path), "--json", str(tmp_path / "a.json")]) == 0
     rows = json.loads((tmp_path / "a.json").read_text())["rows"]
     assert all(row["converged"] for row in rows if row["controller"] == "LLC")
     open_ = [row for row in rows if row["converged"] is False and row["stable"]]

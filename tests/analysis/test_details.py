@@ -13,7 +13,7 @@ from facts_damping.analysis import ambient, summarise
 from facts_damping.analysis.details import compare, details, lines
 from facts_damping.analysis.poles import METHODS
 from facts_damping.analysis.summary import AUTO
-from facts_damping.cli.main import MODES
+from facts_damping.cli.commands import MODES
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -93,6 +93,6 @@ def test_a_load_step_without_governors_drifts_and_with_them_does_not() -> None:
 def test_an_island_is_told() -> None:
     lines = [{"time": 1.0, "kind": "line_out", "line": name} for name in ("line_1", "line_2")]
     record = simulate(scenario=lines, duration=1.5, controllers=[])
-    (island,) = [line for line in warnings(record) if line.startswith("island")]
-    assert island == "island without a reference to the rest from 1 s: buses B1, B2, B5, B6, B7"
-    assert not any("island" in line for line in warnings(simulate(scenario=lines[:1], duration=1.5)))
+    (island,) = [line for line in warnings(record) if line.startswith("the grid has split")]
+    assert island == "the grid has split at 1 s; apart from the rest: buses B1, B2, B5, B6, B7"
+    assert not any("split" in line for line in warnings(simulate(scenario=lines[:1], duration=1.5)))

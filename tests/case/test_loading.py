@@ -169,7 +169,7 @@ def test_shipped_scenarios_build(name: str) -> None:
 
 
 REFUSED = [
-    (["frame_rat=60"], "frame_rat: unknown key; allowed: system, scenario"),
+    (["frame_rat=60"], "frame_rat: unknown key (did you mean frame_rate?); allowed: description, system"),
     (["frame_rate=0"], "frame_rate: 0 given; allowed: greater than or equal to 1"),
     (["frame_rate=sixty"], "frame_rate: 'sixty' given; allowed: a valid integer"),
     (["duration=-1"], "duration: -1 given"),

@@ -206,7 +206,7 @@ def test_modes_with_both_devices_gives_the_promised_fields_and_pictures(tmp_path
     assert all(p.read_bytes().startswith(b"\x89PNG") and p.stat().st_size > 10_000 for p in pictures)
     assert all(f"plot: {p}" in text for p in pictures)
     assert "devices installed: sssc, statcom\n" in text
-    assert "0.6423 Hz, interarea: who swings against whom\n" in text
+    assert "0.6423 Hz, interarea: machines that swing against each other\n" in text
 
 
 def test_modes_without_devices_has_no_inputs(tmp_path: Path, inside: Inside) -> None:

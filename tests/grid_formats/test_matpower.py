@@ -190,7 +190,7 @@ def test_a_bad_case_is_refused(changes: dict[str, Any], message: str) -> None:
 
 
 BAD_DYNAMICS: list[tuple[dict[str, Any], str]] = [
-    ({"machine": []}, "--dynamics: 'machine' given; allowed: machines, name"),
+    ({"machine": []}, r"--dynamics: 'machine' given \(did you mean machines\?\); allowed: machines, name"),
     ({"machines": {}}, "machines: {} given; allowed: a list of rows"),
     ({"machines": [{"H": 4.0}]}, "machines.0: {'H': 4.0} given; allowed: a row with either `bus` or `generator`"),
     ({"machines": [{"bus": "B9"}]}, "machines.0: 'B9' given; allowed: B1, B2"),

@@ -266,7 +266,10 @@ def test_a_filter_s_gain_is_its_delay_and_little_else_at_swings() -> None:
 @pytest.mark.parametrize(
     ("sets", "said"),
     [
-        (["measurement=q_class"], "measurement: 'q_class' given; allowed: ideal, m_class, p_class"),
+        (
+            ["measurement=q_class"],
+            "measurement: 'q_class' given (did you mean p_class?); allowed: ideal, m_class, p_class",
+        ),
         (["measurement=p_class"], "'speed' given, a signal of speed_deviation, which PMUs do not report"),
         (["measurement=m_class", "frame_rate=40"], "frame_rate: 40 given at a nominal frequency of 60 Hz; allowed"),
         (["measurement.noise.angle=-1"], "measurement.noise.angle"),

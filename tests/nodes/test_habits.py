@@ -211,18 +211,22 @@ def test_a_plant_alone_publishes_soon(start: Any, heard: Any) -> None:
     assert frames[0].tick < 60 * SOON_S
 
 
-@pytest.mark.parametrize("after", [0.4, 1.0, 2.5])
+@pytest.mark.parametrize("after", [0.0, 0.6, 2.1])
 @pytest.mark.parametrize("executable", ["plant_sim", "controller"])
 def test_ctrl_c_ends_a_node_soon_and_in_a_line_at_most(executable: str, after: float, domain: int) -> None:
-    """While it loads (on a slow machine, before its first line), while it waits, while it works."""
+    """While it loads, while it waits, while it works: after so many seconds from when it has its first library."""
     command = ["env", "--default-signal=INT", str(BIN / executable), "--ros-args", "--log-level", "warn"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as node:
+        begun = time.monotonic()
+        while "numpy" not in Path(f"/proc/{node.pid}/maps").read_text():  # Python alone answers before
+            assert time.monotonic() - begun < PATIENCE_S
+            time.sleep(0.01)
         time.sleep(after)
         node.send_signal(signal.SIGINT)
         told = time.monotonic()
         out, errors = node.communicate(timeout=PATIENCE_S)
     assert time.monotonic() - told < SOON_S
-    assert node.returncode in ((0, 130, -signal.SIGINT) if after < 1.0 else (0, 130))
+    assert node.returncode in (0, 130)
     assert out == ""
     assert errors in ("", "facts-damping: interrupted\n")
 

@@ -19,12 +19,12 @@ GOOD = "ab" * 32
 
 def test_a_new_key_comes_first_and_the_one_before_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "keys.yaml"
-    assert main(["keys", "new", str(path)]) == 0
+    assert main(["new", "key", str(path)]) == 0
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     first = read_keys(path)
     assert list(first) == [1]
     assert len(first[1]) == 32
-    assert main(["keys", "new", str(path)]) == 0
+    assert main(["new", "key", str(path)]) == 0
     second = read_keys(path)
     assert list(second) == [2, 1]
     assert second[1] == first[1]

@@ -13,19 +13,18 @@ from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, Who, cell
 from facts_damping.reproduction.results import FOUND
 from facts_damping.reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
 from facts_damping.simulation import loop
-from facts_damping.studies import axes, compare, sweep
+from facts_damping.studies import axes, sweep
 from facts_damping.studies.batch import Base, make
 from facts_damping.terminal import Progress
 
 Made = dict[ComparedRun, dict[str, float] | None]
 
 
-def test_a_run_of_the_tables_is_that_of_compare_and_of_the_shipped_run(tmp_path: Path) -> None:
+def test_a_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tmp_path: Path) -> None:
     asked = [LLC, Who("MISO", "HBsWC", "direct"), Who("MIMO", "ANFTSC", "indirect")]
     rows = carry_out(nominal("two_area", asked, duration=4), "some", tmp_path, 1)
     found = figures(rows, asked)
-    names = ["LLC", "HBsWC"]
-    plan = compare.plan(["two_area"], names, ["duration=4"])
+    plan = sweep.plan("comparison", ["duration=4"], ["kind=LLC,HBsWC*"])
     compared = sweep.rows(sweep.run(plan, tmp_path / "compare", 1, None, Progress("compare")))
     for scenario in SCENARIOS["two_area"].values():
         for who in asked[:2]:

@@ -149,7 +149,7 @@ def test_a_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: py
     assert "{{" not in text
     assert all(words in text for name, words in campaign_pages.WORDS.items() if name in invariants.INVARIANTS)
     assert len(rows) == 6
-    assert "6 draws" in capsys.readouterr().out
+    assert "6 cases with" in capsys.readouterr().out
     assert (folder / "draws.parquet").is_file()
 
 

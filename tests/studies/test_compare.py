@@ -1,4 +1,4 @@
-"""The comparison of the controllers: what it runs, and what it must show."""
+"""The comparison of all controllers: what it runs, and what it must show."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from facts_damping.analysis.indices import INDICES
 from facts_damping.case.controllers import tuned
 from facts_damping.cli.main import main
 from facts_damping.control.table import CONTROLLERS
+from facts_damping.errors import InputError
 from facts_damping.parameters.files import shipped
-from facts_damping.studies import compare, sweep
+from facts_damping.studies import sweep
 from facts_damping.studies.batch import make
 from facts_damping.terminal import Progress
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 # Scenarios that stay in synchronism without control.
 CALM = [("two_area", "small"), ("smib", "nominal"), ("smib", "light")]
-# Rows that are not damped (docs/measures.md), or do not beat no control (docs/controllers.md): findings.
+# Rows that are not damped (docs/verdicts.md), or do not beat no control (docs/comparison.md): findings.
 # In `multiple` 9 s are left after the last event: often too few to tell a chatter that dies from one that does not.
 NOT_DAMPED = {
     ("two_area", "small", "ANFBsC", "indirect"): "growing",
@@ -41,14 +42,14 @@ NOT_BETTER: set[tuple[str, str, str, str]] = set()
 Rows = list[dict[str, Any]]
 
 
-def compared(folder: Path, systems: list[str], names: list[str], sets: list[str]) -> Rows:
-    plan = compare.plan(systems, names, sets)
+def compared(folder: Path, system: str) -> Rows:
+    plan = sweep.plan("comparison", [f"system={system}"])
     return sweep.rows(sweep.run(plan, folder, 2, None, Progress("compare")))
 
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> Rows:
-    return compared(tmp_path_factory.mktemp("rows"), [], [], [])
+    return [row for system in ("two_area", "smib") for row in compared(tmp_path_factory.mktemp(system), system)]
 
 
 def place(row: dict[str, Any]) -> tuple[str, str, str, str]:
@@ -97,16 +98,45 @@ def test_every_adaptive_controller_beats_no_control_but_the_findings(rows: Rows)
 
 
 def test_in_another_profile_all_are_what_was_chosen_there() -> None:
-    plan = compare.plan(["two_area"], ["LLC-tuned", "ANFTSC"], ["profile=deployment"])
-    found = {point.columns["run"]: make(plan.base, point.changes) for point in plan.points}
+    plan = sweep.plan("comparison", ["profile=deployment"], ["kind=none,LLC*,ANFTSC*"])
+    found = {tuple(point.columns.values()): make(plan.base, point.changes) for point in plan.points}
     assert len(found) == 3 * 5  # none, LLC, LLC-tuned, ANFTSC in both schemes
     for case in found.values():
         assert case.run.profile == "deployment"
         assert [c.signals for c in case.controllers] in ([], [["frequency"]])
     known = tuned("two_area", ["frequency"], ["sssc"], profile="deployment")
     for label, key in (("LLC-tuned", ("LLC-tuned", None)), ("ANFTSC direct", ("ANFTSC", "direct"))):
-        own = found[f"two_area small {label}"].controllers[0].parameters
+        own = found["small", label].controllers[0].parameters
         assert {name: own[name] for name in known[key]} == known[key]
+
+
+def test_each_takes_as_many_signals_as_it_can_and_the_tuned_lead_lag_is_there_where_it_is_tuned() -> None:
+    plan = sweep.plan("comparison", ["controllers.0.signals=[speed, power]"], ["scenario=small"])
+    found = {point.columns["kind"]: make(plan.base, point.changes).controllers for point in plan.points}
+    assert [c.signals for c in found["LLC"]] == [["speed"]]
+    assert [c.signals for c in found["HBsWC indirect"]] == [["speed", "power"]]
+    other = sweep.plan("comparison", ["controllers.0.signals=[angle]"], ["scenario=small"])
+    assert "LLC-tuned" in found
+    assert "LLC-tuned" not in [point.columns["kind"] for point in other.points]
+
+
+@pytest.mark.parametrize(
+    ("axes", "sets", "only", "said"),
+    [
+        ("{every: scenario}", ["system=nowhere"], [], "'nowhere' given; allowed: "),
+        ("{every: scenario}, {field: system, values: [smib]}", [], [], "'system' beside an axis over every scenario"),
+        ("{every: controller, field: seed}", [], [], "`every` have fields of their own"),
+        ("{every: device}", [], [], "'device' given"),
+        ("{every: scenario}", [], ["kind=LLC"], "--only kind=LLC: 'kind' given; allowed: scenario"),
+        ("{every: scenario}", [], ["scenario=huge"], "'huge' given; allowed: large, multiple, small"),
+    ],
+)
+def test_bad_axes_are_one_line(tmp_path: Path, axes: str, sets: list[str], only: list[str], said: str) -> None:
+    study = tmp_path / "own.yaml"
+    study.write_text(f"sweep: [{axes}]\n")
+    with pytest.raises(InputError) as caught:
+        sweep.plan(str(study), sets, only)
+    assert said in str(caught.value)
 
 
 @pytest.mark.parametrize("name", [name for name in shipped("studies") if name.startswith("ensemble_")])
@@ -118,22 +148,11 @@ def test_every_ensemble_may_have_another_profile(name: str) -> None:
     assert case.model.loads != case.system.loads  # the draws are of the plant alone
 
 
-def test_changes_of_controllers_are_for_networks_only(tmp_path: Path) -> None:
-    changed = compared(tmp_path / "a", ["smib"], ["ANFTSC"], ["controllers.0.parameters.eta=0.0", "duration=3"])
-    plain = compared(tmp_path / "b", ["smib"], ["ANFTSC"], ["duration=3"])
-    assert len(changed) == len(plain) == 4 * 4
-    same = {(one["controller"], one["scheme"]) for one, other in zip(changed, plain, strict=True) if one == other}
-    assert same == {("none", None), ("LLC", None)}
-
-
-def test_the_command_leaves_a_study_that_can_be_swept_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its rows are those of `sweep` on the file that it leaves."""
-    asked = ["compare", "smib", "--controllers", "LLC-tuned", "--set", "duration=1", "--jobs", "1"]
-    assert main([*asked, "--out", str(tmp_path / "a"), "--json", str(tmp_path / "a.json")]) == 0
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Some of its points; their rows are those of the whole."""
+    asked = ["sweep", "comparison", "--set", "system=smib", "--only", "kind=none,LLC*", "--set", "duration=1"]
+    assert main([*asked, "--jobs", "1", "--out", str(tmp_path / "a")]) == 0
     assert "### smib, heavy" in capsys.readouterr().out
     assert (tmp_path / "a" / "tables.md").read_text(encoding="utf-8").count("| LLC-tuned |") == 4
-    again = ["sweep", str(tmp_path / "a" / "study.yaml"), "--set", "duration=1", "--out", str(tmp_path / "b")]
-    assert main([*again, "--json", str(tmp_path / "b.json")]) == 0
-    assert (tmp_path / "a.json").read_text() == (tmp_path / "b.json").read_text()
-    assert main(asked) == 0
-    assert not (tmp_path / "results").exists()
+    assert main([*asked[:-2], "--out", str(tmp_path / "a")]) == 2
+    assert "another study" in capsys.readouterr().err

@@ -1,7 +1,8 @@
-"""Identified Jacobians beside true ones: what `jacobian` computes, and what its table and pictures say."""
+"""Identified Jacobians beside true ones: what a study of them computes and draws."""
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,11 +10,12 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.errors import InputError
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_plant
 from facts_damping.small_signal.residues import residues
-from facts_damping.studies import jacobians
-from facts_damping.studies.true_jacobian import Respondent, figures, follow
+from facts_damping.studies import sweep
+from facts_damping.studies.true_jacobian import Respondent, compared, follow
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,28 +36,43 @@ def test_the_true_jacobian_at_the_start_is_the_linear_plants(frames: int) -> Non
 
 
 def test_figures_of_an_identifier_that_knows_are_those_of_one_that_knows() -> None:
-    case = jacobians.scene("small", "ANFTSC", ["controllers.0.parameters.identifier_eta=0", "duration=2"])
+    sets = ["scenario=small", "controllers.0.name=ANFTSC", "controllers.0.parameters.identifier_eta=0", "duration=2"]
+    case = load_case("two_area_centralised", [*sets, "link=ideal"])
     found = follow(case, loop.run(case), 10)
-    known = figures(found._replace(estimate=found.true))
+    known = compared(found._replace(estimate=found.true))
     assert np.all(known["error"] == 0)
     assert np.all(known["right_sign"] == 1)
-    wrong = figures(found._replace(estimate=-found.true))
+    wrong = compared(found._replace(estimate=-found.true))
     assert np.all(wrong["right_sign"] == 0)
     assert np.all(wrong["error"] > 1.5)
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    short = ["--set", "duration=3", "--jobs", "1"]
-    assert main(["jacobian", "ANFTSC", *short, "--horizon", "4", "--out", str(tmp_path / "j")]) == 0
-    assert sorted(path.name for path in (tmp_path / "j").iterdir()) == ["ANFTSC.png", "jacobians.md"]
-    assert "sign at 4, %" in capsys.readouterr().out
+def test_the_study_has_a_row_and_a_picture_of_each_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["sweep", "jacobians", "--only", "scenario=small", "--only", "network=ANFTSC", "--set", "duration=3"]
+    assert main([*asked, "--jobs", "1", "--out", str(tmp_path), "--json", str(tmp_path / "told.json")]) == 0
+    assert (tmp_path / "jacobian_small_ANFTSC.png").is_file()
+    (row,) = json.loads((tmp_path / "told.json").read_text())["rows"]
+    case = load_case(
+        "two_area_centralised", ["scenario=small", "controllers.0.name=ANFTSC", "link=ideal", "duration=3"]
+    )
+    known = compared(follow(case, loop.run(case), 10))
+    for i, signal in enumerate(("speed", "power")):
+        for d, device in enumerate(("sssc", "statcom")):
+            for figure, value in known.items():
+                assert row[f"{figure}.{signal}/{device}"] == value[i, d]
+    assert "right_sign.speed/sssc" in capsys.readouterr().out
+
+
+def test_a_jacobian_without_an_identifier_is_refused_before_any_run(tmp_path: Path) -> None:
+    study = tmp_path / "own.yaml"
+    study.write_text("run: two_area_small\nsweep: [{field: seed, values: [1]}]\njacobian: 10\n")
+    with pytest.raises(InputError, match="jacobian: LLC given, which has no identifier"):
+        sweep.plan(str(study), [])
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["jacobian", "LLC"], "'LLC' given, which has no identifier; allowed: ANFTSC"),
-        (["jacobian", "--horizon", "0"], "0 given; allowed: 1 to 60"),
         (["tune", "two_area", "--devices", "svc"], "'svc' given; allowed: sssc, statcom"),
         (["tune", "two_area", "--signals", "power"], "none fits; the residue from sssc to power"),
         (["tune", "two_area", "--signals", "speed,speed"], "'speed' given twice"),

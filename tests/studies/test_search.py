@@ -16,7 +16,8 @@ import pytest
 
 from facts_damping.analysis.indices import INDICES
 from facts_damping.case.loading import load_case, load_system
-from facts_damping.cli.main import main, parser
+from facts_damping.cli.commands import parser
+from facts_damping.cli.main import main
 from facts_damping.control.table import kind
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
@@ -287,7 +288,7 @@ def test_where_all_are_kept_each_has_the_same_budget(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(study, "climb", climb)
     monkeypatch.setattr(study, "judge", lambda _task, _against, e: e._replace(scores=(*e.scores, e.scores[-1])))
     monkeypatch.setattr(study, "draws", lambda _system, _link, number, *_: list(range(number)))
-    task = SearchTask("two_area", None, ("sssc",), 57600, 1, draws=2, keep_all=True, compensation="some")
+    task = SearchTask("two_area", None, ("sssc",), 57600, 1, cases=2, keep_all=True, compensation="some")
     found = search(task._replace(profile="deployment"), ["gaussian+sam", "LQG", "ANFTSC"], 1, quiet)
     who = [("LLC-tuned", None), *product(["gaussian+sam", "ANFTSC"], ["direct", "indirect"])]  # LQG has none
     assert Counter((entry.structure.name, entry.structure.scheme) for entry in found) == Counter(who)
@@ -419,7 +420,7 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
             "allowed: one whose controllers command sssc with",
         ),
         (["smib", "--scheme", "indirect", "--start", "best_smib"], "(LLC-tuned), or sssc with speed (indirect)"),
-        (["smib", "--draws", "0"], "0 given; allowed: 1 to 1000"),
+        (["smib", "--cases", "0"], "0 given; allowed: 1 to 1000"),
         (["smib", "--worst", "0"], "0 given; allowed: 1 to 100"),
         (["smib", "--worst", "25", "--medians"], "argument --medians: not allowed with argument --worst"),
         (
@@ -428,10 +429,13 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
         ),
         (["smib", "--profile", "deployment"], "SYSTEM: 'smib' given; allowed: two_area"),
         (["smib", "--tuned", "mine.yaml"], "--tuned mine.yaml: given without --devices"),
-        (["smib", "--against", "LQG"], "argument --against: invalid choice: 'LQG'"),
-        (["smib", "--compensation", "lead"], "argument --compensation: invalid choice: 'lead'"),
+        (["smib", "--against", "LQG"], "argument --against: 'LQG' given; allowed: LLC-tuned, none"),
+        (["smib", "--compensation", "lead"], "argument --compensation: 'lead' given; allowed: free, none, some"),
         (["smib", "--deviation", "wide"], "wide given; allowed: 0.001 to 0.5"),
-        (["smib", "--method", "simplex"], "argument --method: invalid choice: 'simplex'"),
+        (
+            ["smib", "--method", "simplex"],
+            "argument --method: 'simplex' given; allowed: differential-evolution, cma-es",
+        ),
         (["smib", "--budget", "0"], "0 given; allowed: 1 to 1000000"),
         (["smib", "--out", "/nowhere/best.yaml"], "--out /nowhere/best.yaml: cannot be written"),
     ],
@@ -450,7 +454,7 @@ def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str, capsy
 def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     text = shipped("runs")[name].read_text()
     case = load_case(name)
-    said = re.search(r"none had seen: score (-?[\d.]+);", text)
+    said = re.search(r"no search had seen: score (-?[\d.]+);", text)
     assert said is not None
     asked = parser().parse_args(text.splitlines()[0].removeprefix("# facts-damping ").split())
     assert (asked.system, asked.link or "ideal") == (case.system.name, case.run.link)
@@ -460,7 +464,7 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     )
     assert f"# {task.command(asked.controllers)}" == text.splitlines()[0]
     searched = structures(load_system(asked.system), asked.controllers, devices, asked.scheme)
-    first = asked.draws * GROWTH ** (rungs(len(searched)) - 1)
+    first = asked.cases * GROWTH ** (rungs(len(searched)) - 1)
     fresh = same_draws(asked.system, asked.link, first + GROWTH * first, asked.study)[first:]
     found = score(case.run.controllers[0], fresh, asked.worst, medians=asked.medians)
     assert found.value == pytest.approx(float(said[1]), abs=0.02)

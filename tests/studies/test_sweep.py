@@ -510,9 +510,15 @@ def test_no_scheduler_is_one_line(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("swep: []", "swep: unknown key; allowed: description, run, set, seed, sweep, margin, modes"),
+        (
+            "swep: []",
+            "swep: unknown key (did you mean sweep?); allowed: description, run, set, seed, sweep, margin, modes",
+        ),
         ("run: nowhere", "runs: 'nowhere' given; allowed: "),
-        ("sweep: [{field: link.up.0.delay}]", "sweep.0: none given; allowed: one of values, range, rows, draws, zip"),
+        (
+            "sweep: [{field: link.up.0.delay}]",
+            "sweep.0: none given; allowed: one of values, range, rows, every, draws, zip",
+        ),
         ("sweep: [{values: [1]}]", "sweep.0: needs either `field` or `fields`"),
         ("sweep: [{fields: {duration: 1}, values: [1]}]", "`fields` need a `name`"),
         ("sweep: [{name: a, fields: {duration: 1}, values: [x]}]", "'x' given; allowed: numbers"),
@@ -536,7 +542,10 @@ def test_no_scheduler_is_one_line(
             "margin: {field: link.up.0.delay, high: 1, tolerance: 0.1, across: who}",
             "margin.across: 'who' given; allowed: system, scenario, controller, scheme, link, seed",
         ),
-        ("sweep: [{field: duratoin, values: [1]}]", "duratoin: unknown key; allowed: system, scenario"),
+        (
+            "sweep: [{field: duratoin, values: [1]}]",
+            "duratoin: unknown key (did you mean duration?); allowed: description, system, scenario",
+        ),
         ("sweep: [{field: 'link up', values: [1]}]", "sweep.0.field: 'link up' given; allowed: "),
         (
             "sweep: [{field: link.up.0.delay, values: [-1]}]",
@@ -594,6 +603,45 @@ def test_the_example(tmp_path: Path) -> None:
     assert all(row["error"] is None for row in found["rows"])
     assert found["margins"] == []
     assert {row["scheme"] for row in found["rows"]} == {None, "direct"}
+
+
+def test_a_report_has_the_runs_of_a_study_side_by_side_named_by_what_differs(tmp_path: Path) -> None:
+    """Whose figures are those of the rows."""
+    page = tmp_path / "out" / "report.html"
+    chosen = ["--only", "delay=0.1", "--report", str(page)]
+    rows = swept(tmp_path, study(tmp_path), *chosen)["rows"]
+    text = page.read_text(encoding="utf-8")
+    assert "2 runs side by side" in text
+    for row in rows:
+        assert f"{row['ITAE']:.4g}" in text
+    assert re.findall(r"<label>.*?</span> *([^<]+)</label>", text) == ["5", "10"]
+
+
+@pytest.mark.parametrize(
+    ("text", "page", "said"),
+    [
+        (
+            "sweep: [{field: duration, range: {start: 1, step: 1, number: 8}}]",
+            "report.html",
+            "--report: given with 8 runs; allowed: 1 to 7, chosen by --only COLUMN=VALUE,...",
+        ),
+        (
+            "margin: {field: link.up.0.delay, high: 1, tolerance: 0.1}",
+            "report.html",
+            "--report: given with a study that searches margins; allowed: with other studies",
+        ),
+        (ONE, "nowhere/report.html", "nowhere/report.html: cannot be written; allowed: a file in an existing folder"),
+    ],
+)
+def test_a_report_that_cannot_be_is_refused_before_anything_runs(
+    tmp_path: Path, text: str, page: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["sweep", str(study(tmp_path, text)), "--out", str(out), "--report", str(out / page)]) == 2
+    errors = capsys.readouterr().err
+    assert said in errors
+    assert errors.count("\n") == 1
+    assert not (out / sweep.JOURNAL).exists()
 
 
 Place = tuple[tuple[str, str], ...]  # columns that tell a margin apart, with what they say

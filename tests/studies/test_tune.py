@@ -122,10 +122,6 @@ def test_the_command_writes_a_file_that_runs_read(tmp_path: Path, capsys: pytest
         (["tune", "kundur_12_6"], "'training' given; allowed: bus8_fault"),
         (["tune", "two_area", "--budget", "0"], "0 given; allowed: 1 to 1000000"),
         (["tune", "two_area", "LLC"], "'LLC' given; allowed: LLC-tuned"),
-        (["compare", "two_area", "--controllers", "PID"], "'PID' given; allowed: LLC"),
-        (["compare", "nowhere"], "systems: 'nowhere' given; allowed:"),
-        (["portray", "two_area", "large", "PID"], "'PID' given; allowed: LLC"),
-        (["portray", "two_area", "huge", "HBsWC"], "'huge' given; allowed: large"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -133,8 +129,3 @@ def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str, capsy
     errors = capsys.readouterr().err
     assert said in errors
     assert errors.count("\n") == 1
-
-
-def test_portraits_are_drawn(tmp_path: Path) -> None:
-    assert main(["portray", "two_area", "small", "ANFTSC", "gaussian+affine", "--out", str(tmp_path)]) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["ANFTSC.png", "gaussian+affine.png"]

@@ -1,0 +1,248 @@
+"""Pages of the site that follow from the code: commands, fields of files; and those that lie beside docs/.
+
+A hook of mkdocs: nothing of it is kept in the repository.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import re
+import types
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+
+from mkdocs.structure.files import File, Files
+from pydantic_core import PydanticUndefined
+
+from facts_damping.cli.commands import parser
+from facts_damping.control.table import CONTROLLERS
+from facts_damping.parameters import measurement
+from facts_damping.parameters.base import ParameterModel
+from facts_damping.parameters.campaign import Campaign
+from facts_damping.parameters.linear_law import LinearLaw
+from facts_damping.parameters.link import Link
+from facts_damping.parameters.measurement import Measurement
+from facts_damping.parameters.profile import Profile
+from facts_damping.parameters.run import Run, Scenario, Tuned, Weights
+from facts_damping.parameters.security import Keys
+from facts_damping.parameters.study import Study
+from facts_damping.parameters.supervision import Supervision
+from facts_damping.parameters.system import System
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mkdocs.config.defaults import MkDocsConfig
+
+ROOT = Path(__file__).parents[1]
+FILES: dict[str, type[ParameterModel]] = {
+    "Run": Run,
+    "Scenario": Scenario,
+    "Link": Link,
+    "Measurement": Measurement,
+    "Supervision": Supervision,
+    "Profile": Profile,
+    "System": System,
+    "Study": Study,
+    "Campaign": Campaign,
+    "Tuned parameters": Tuned,
+    "Weights": Weights,
+    "Keys": Keys,
+    "Linear law": LinearLaw,
+}
+TWICE: dict[type[ParameterModel], str] = {measurement.Noise: "Noise of PMUs"}  # models of the same name as another
+BESIDE = {"index.md": "README.md", "contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}  # at the top
+COMMANDS = """# Commands
+
+All commands of the program `facts-damping` and their options. After `make demo` it is in `.venv/bin`; activate the
+environment first with `. .venv/bin/activate`. `python -m facts_damping` is the same program, and so is
+`ros2 run facts_damping facts-damping` in a colcon workspace. What the commands write is explained in
+[running](running.md).
+
+Shells complete commands, options and names after `eval "$(register-python-argcomplete facts-damping)"`.
+"""
+FIELDS = """# Fields
+
+Every field of the YAML files, with type, unit, default and range. How files are named and found, and how `--set`
+changes a field, is explained in [files](files.md). A file with a field that is not in these tables, or with a value out
+of range, is refused with one line that names the field and what is allowed.
+
+Any file may begin with `extends: NAME`, another file in its folder: it then has that file's fields, apart from those it
+gives itself.
+"""
+BOUNDS = {"gt": "> {:.10g}", "ge": "≥ {:.10g}", "lt": "< {:.10g}", "le": "≤ {:.10g}"}
+WORDS = {str: "text", int: "integer", float: "number", bool: "`true` or `false`", type(None): "none", Any: "any"}
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages to those that are there."""
+    beside = {name: _moved((ROOT / file).read_text(encoding="utf-8")) for name, file in BESIDE.items()}
+    made = {"commands.md": commands(), "fields.md": fields(), **beside}
+    for name, text in made.items():
+        files.append(File.generated(config, name, content=text))
+    return files
+
+
+def _moved(text: str) -> str:
+    """A page from beside docs/: its links are those of a page in it; what is no page is named only."""
+    text = re.sub(r"\]\(docs/", "](", text)
+    for name, file in BESIDE.items():
+        text = text.replace(f"]({file}", f"]({name}")
+    return re.sub(r"\[([^\]]+)\]\((?:docs|LICENSE|CITATION\.cff)\)", r"\1", text)
+
+
+def commands() -> str:
+    """Every command with its options, from the parser."""
+    top = parser()
+    (verbs,) = (action.choices for action in top._actions if isinstance(action, argparse._SubParsersAction))  # noqa: SLF001
+    lines = [
+        COMMANDS,
+        "| command | does |",
+        "|---|---|",
+        *(f"| [`{name}`](#{name}) | {one.description} |" for name, one in verbs.items()),
+        "",
+    ]
+    for name, one in verbs.items():
+        usage = " ".join(one.format_usage().removeprefix("usage: ").split())
+        lines += [f"## {name}", "", one.description or "", "", "```text", usage, "```", "", *_options(one)]
+        if one.epilog:
+            lines += ["Examples:", "", *(f"    {line.strip()}" for line in one.epilog.splitlines()[1:]), ""]
+    return "\n".join(lines)
+
+
+def _options(command: argparse.ArgumentParser) -> Iterator[str]:
+    yield "| argument | meaning |"
+    yield "|---|---|"
+    for action in command._actions:  # noqa: SLF001
+        if action.dest != "help":
+            names = ", ".join(f"`{name}`" for name in action.option_strings)
+            value = str(action.metavar or "") or (
+                "" if action.choices is None else " or ".join(map(str, action.choices))
+            )
+            given = f" `{value}`" if value and action.nargs != 0 else ""
+            yield f"| {names}{given} | {_cell(action.help or '')} |"
+    yield ""
+
+
+def fields() -> str:
+    """Every field of every kind of file, from the models that check them."""
+    lines = [FIELDS]
+    told: set[type[ParameterModel]] = set()
+    for title, model in FILES.items():
+        lines += [f"## {title}", ""]
+        inside = [model]
+        while inside:
+            one = inside.pop(0)
+            if one in told:
+                continue
+            told.add(one)
+            if one is not model:
+                lines += [f"### {_title(one)}", ""]
+            lines += [f"{_sentences(one)}", "", *_table(one), ""]
+            inside = [other for field in one.model_fields.values() for other in _models(field.annotation)] + inside
+    return "\n".join([*lines, *_parameters()])
+
+
+# Controllers whose parameters are told, by their title; the other networks differ in defaults alone.
+PARAMETERS = {"Lead-lag": "LLC", "LQG": "LQG", "H-infinity": "Hinf", "Neuro-fuzzy": "ANFTSC"}
+
+
+def _parameters() -> Iterator[str]:
+    """What `parameters` of a controller may be, from the table of controllers."""
+    yield "## Parameters of controllers\n"
+    yield "What `parameters` of a [controller](#controller) takes. *live*: may be changed while a node runs.\n"
+    for title, name in PARAMETERS.items():
+        yield f"### {title} parameters\n"
+        yield "| parameter | unit | default | range | live | meaning |"
+        yield "|---|---|---|---|---|---|"
+        for key, one in CONTROLLERS[name].parameters.items():
+            told = f"{one.default} (`thesis`), {one.deployed} (`deployed`)" if one.deployed is not None else one.default
+            span = ", ".join(one.choices) or f"{one.low:g} to {one.high:g}"
+            each = f"; a list may have one for each {one.each}" if one.each else ""
+            cells = (f"`{key}`", one.unit, str(told), span, "yes" if one.live else "no", one.description + each)
+            yield f"| {' | '.join(map(_cell, cells))} |"
+        yield ""
+
+
+def _sentences(model: type[ParameterModel]) -> str:
+    return inspect.cleandoc(model.__doc__ or "")
+
+
+def _table(model: type[ParameterModel]) -> Iterator[str]:
+    yield "| field | type | unit | default | range | meaning |"
+    yield "|---|---|---|---|---|---|"
+    for name, field in model.model_fields.items():
+        if name == "asked":  # in stored runs alone
+            continue
+        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+        limits = [
+            text.format(value) for key, text in BOUNDS.items() if (value := _bound(field.metadata, key)) is not None
+        ]
+        cells = (
+            f"`{field.alias or name}`",
+            _kind(field.annotation),
+            str(extra.get("unit", "")),
+            _default(field.default, field.default_factory),
+            ", ".join(limits),
+            field.description or "",
+        )
+        yield f"| {' | '.join(map(_cell, cells))} |"
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def _bound(metadata: list[Any], key: str) -> float | None:
+    return next((getattr(one, key) for one in metadata if getattr(one, key, None) is not None), None)
+
+
+def _default(value: Any, factory: Any) -> str:
+    if value is PydanticUndefined:
+        return "" if factory else "required"
+    if isinstance(value, ParameterModel):
+        return "its defaults"
+    if value is None or value in ("", [], {}):
+        return {None: "none", "": ""}.get(value, "empty") if not isinstance(value, (list, dict)) else "empty"
+    if isinstance(value, list) and isinstance(value[0], ParameterModel):
+        return "one with its defaults"
+    told = str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+    return f"`{told.replace(chr(39), '')}`"
+
+
+def _kind(annotation: Any) -> str:
+    """A type in words."""
+    origin, inside = get_origin(annotation), get_args(annotation)
+    if annotation in WORDS:
+        return WORDS[annotation]
+    if origin is Annotated:
+        return _kind(inside[0])
+    if origin is Literal:
+        return ", ".join(f"`{value}`" for value in inside)
+    if origin in (Union, types.UnionType):
+        return " or ".join(dict.fromkeys(map(_kind, inside)))
+    if origin is list:
+        return "list" if inside[0] is Any else f"list of {_kind(inside[0])}"
+    if origin is tuple:
+        return f"{len(inside)} times {_kind(inside[0])}"
+    if origin is dict:
+        return "mapping" if inside[1] is Any else f"mapping to {_kind(inside[1])}"
+    if isinstance(annotation, type) and issubclass(annotation, ParameterModel):
+        return f"[{_title(annotation)}](#{_title(annotation).lower().replace(' ', '-')})"
+    return getattr(annotation, "__name__", str(annotation))
+
+
+def _title(model: type[ParameterModel]) -> str:
+    """What a model is called: the kind of file that it is, or its own name."""
+    return next((title for title, own in FILES.items() if own is model), TWICE.get(model, model.__name__))
+
+
+def _models(annotation: Any) -> Iterator[type[ParameterModel]]:
+    """The models in a type."""
+    if isinstance(annotation, type) and issubclass(annotation, ParameterModel):
+        if annotation not in FILES.values():
+            yield annotation
+        return
+    for one in get_args(annotation):
+        yield from _models(one)

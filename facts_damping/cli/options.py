@@ -1,0 +1,162 @@
+"""What the commands of `facts-damping` take: the parser, types of values, options that several have."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from facts_damping.errors import InputError, meant
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+_CHOICE = re.compile(r"invalid choice: '(.*)' \(choose from (.*)\)")
+
+
+EXAMPLES = "examples:"
+
+
+class _Formatter(argparse.HelpFormatter):
+    """Keeps the lines of examples."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if text.startswith(EXAMPLES) else super()._fill_text(text, width, indent)
+
+
+def told(examples: Sequence[str]) -> str:
+    """Examples as the end of a command's help."""
+    return "\n".join([EXAMPLES, *(f"  facts-damping {one}" for one in examples)])
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, with what may have been meant."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(formatter_class=_Formatter, **given)
+
+    def error(self, message: str) -> NoReturn:
+        """Raise it as `InputError`."""
+        raise InputError(_CHOICE.sub(_known, message))
+
+    def options(self) -> list[str]:
+        """Its options, as they are typed."""
+        return [text for action in self._actions for text in action.option_strings]
+
+
+def _known(found: re.Match[str]) -> str:
+    """A wrong choice as the other errors have it."""
+    names = [name.strip("' ") for name in found[2].split(",")]
+    return f"'{found[1]}' given{meant(found[1], names)}; allowed: {', '.join(names)}"
+
+
+def refuse(unknown: Sequence[str], options: Sequence[str]) -> NoReturn:
+    """Raise `InputError` for arguments that a command does not have."""
+    close = meant(unknown[0].partition("=")[0], options) if unknown[0].startswith("-") else ""
+    raise InputError(f"{' '.join(unknown)}: given{close}; allowed: what --help lists")
+
+
+def named(command: argparse.ArgumentParser, name: str, kind: str, more: str = "", nargs: str | None = None) -> None:
+    """What is given by a name under `config/`, or as a file of the user's."""
+    text = f"name under config/{kind}, or a YAML file{more}"
+    action = command.add_argument(name, metavar=name.upper(), nargs=nargs, help=text)
+    action.completer = lambda **_: _names(kind)  # type: ignore[attr-defined]
+
+
+def _names(kind: str) -> list[str]:
+    """What a shell completes."""
+    from facts_damping.parameters.files import shipped
+
+    return list(shipped(kind))
+
+
+def common(
+    parser: argparse.ArgumentParser, *, sets: bool = True, of: str = "run", out: bool = True, json: bool = True
+) -> None:
+    """Changes of fields (`of`: what they are), where results go, and JSON."""
+    if sets:
+        text = f"change a field of the {of}; repeatable"
+        parser.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE", help=text)
+    if out:
+        parser.add_argument("--out", metavar="DIR", help="folder for results")
+    if json:
+        parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - for standard output")
+    else:
+        parser.set_defaults(json=None)
+
+
+def profile(command: argparse.ArgumentParser, default: str | None = None) -> None:
+    """The profile of all runs."""
+    text = f"of all runs: thesis, deployment, or a YAML file; default: {default or 'as they say'}"
+    command.add_argument("--profile", default=default, metavar="NAME", help=text)
+
+
+def check_step(command: argparse.ArgumentParser) -> None:
+    """Whether the step is halved, too."""
+    text = "run also with half the integration step; say which figures hold"
+    command.add_argument("--check-step", action="store_true", help=text)
+
+
+def supervised(command: argparse.ArgumentParser) -> None:
+    """A supervisor beside each controller."""
+    text = "a supervisor beside each controller: name under config/supervision, or a YAML file; default: standard"
+    command.add_argument("--supervised", nargs="?", const="", metavar="PRESET", help=text)
+
+
+def jobs(command: argparse.ArgumentParser) -> None:
+    """How many runs at once."""
+    command.add_argument(
+        "--jobs", type=COUNT, default=os.cpu_count() or 1, metavar="N", help="how many runs at once; default: all cores"
+    )
+
+
+def scheduler(command: argparse.ArgumentParser) -> None:
+    """A cluster that makes the runs."""
+    text = "address of a Dask scheduler, whose cluster makes the runs"
+    command.add_argument("--scheduler", metavar="ADDRESS", help=text)
+
+
+def timeout(command: argparse.ArgumentParser) -> None:
+    """How long a node may be silent."""
+    text = "longest wait for a silent node; default: 5 s"
+    command.add_argument("--timeout", type=TIMEOUT, default=5.0, metavar="S", help=text)
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """What takes a whole number within bounds."""
+
+    def take(text: str) -> int:
+        if not text.isdecimal() or not low <= int(text) <= high:
+            raise argparse.ArgumentTypeError(f"{text} given; allowed: {low} to {high}")
+        return int(text)
+
+    return take
+
+
+def pair(text: str) -> tuple[float, float]:
+    """Two numbers with a comma between."""
+    try:
+        first, second = map(float, text.split(","))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text} given; allowed: two numbers with a comma between") from error
+    return first, second
+
+
+def between(low: float, high: float, unit: str = "") -> Callable[[str], float]:
+    """What takes a number within bounds."""
+
+    def take(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} given; allowed: {low:g} to {high:g}{unit}")
+        return value
+
+    return take
+
+
+COUNT, SEED, TIMEOUT = whole(1, 10**6), whole(0, 2**31 - 1), between(0.05, 3600.0, " s")

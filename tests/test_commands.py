@@ -1,0 +1,155 @@
+"""Every command block of README and docs, in its order, as a user types it; long ones cut short by options.
+
+Then the Python of the page.
+
+A page has a folder of its own, in which `config`, `examples` and `tests` of the checkout are. What is not run here is
+in `UNTRIED` with the reason.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+from itertools import takewhile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from facts_damping.cli.commands import parser
+from facts_damping.cli.main import DEGRADED, main
+from facts_damping.studies import sweep
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).parents[1]
+PAGES = {"README": ROOT / "README.md", **{page.stem: page for page in sorted((ROOT / "docs").glob("*.md"))}}
+GENERATED = {"commands": runpy.run_path(str(ROOT / "docs" / "generated.py"))["commands"]}
+PROGRAM = "facts-damping"
+PYTHON = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+# First words of what is not run: the reason.
+UNTRIED = {
+    "make": "sets up what these tests run in",
+    ".": "the environment is active",
+    "cd": "carried out as such",
+    "git": "needs a network",
+    "pip": "changes the environment",
+    "docker": "needs Docker",
+    "colcon": "tests/test_packaging.py",
+    "ros2": "the commands of ROS 2 are not among the wheels; nodes, services and parameters: tests/nodes",
+    "rosdep": "needs ROS 2 from apt",
+    "mkdir": "a folder outside",
+    "eval": "for a shell",
+    "plant_sim": "tests/nodes/test_nodes.py, test_habits.py",
+    "wan_link": "the same",
+    "controller": "the same",
+    "recorder": "the same",
+    "live_view": "tests/nodes/test_live_view.py",
+    "python": "tests/test_examples.py",
+    "export": "a variable of the shell",
+}
+PARSED = {"bench": "other programs", "validate": "tests/validation", "reproduce": "tests/reproduction"}
+SHORT = {
+    "simulate": ["--set", "duration=1"],
+    "run": ["--set", "duration=1"],
+    "tune": ["--budget", "24", "--jobs", "1"],
+    "search": ["--budget", "10", "--jobs", "1"],
+    "campaign": ["--draws", "2", "--graphs", "0", "--jobs", "1"],
+}
+
+
+def blocks(text: str) -> Iterator[tuple[str, bool]]:
+    """The commands of a page in order, each with whether it is to fail: an error is shown below it."""
+    outside = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    lines = [line[4:] if line.startswith("    ") else "" for line in outside.splitlines()]
+    joined = re.sub(r"\\\n\s*", " ", "\n".join(lines)).splitlines()
+    shown = any(line.startswith("$ ") for line in joined)
+    for i, line in enumerate(joined):
+        below = joined[i + 1 :]
+        command = line.removeprefix("$ ")
+        word = command.split(" ", 1)[0]
+        if word == PROGRAM or (word in UNTRIED and not (shown and not line.startswith("$ "))):
+            yield command, any(one.startswith(f"{PROGRAM}: ") for one in takewhile(str.strip, below))
+
+
+def files(page: str) -> dict[str, str]:
+    """The YAML of a page by the names of its files; blocks of the tutorial that have none go on with the first."""
+    found: dict[str, str] = {}
+    for block in re.findall(r"^```yaml\n(.*?)^```$", text_of(page), re.MULTILINE | re.DOTALL):
+        named = re.match(r"# ([\w/]+\.yaml)\b", block)
+        if named or (page == "tutorial_grid" and found):
+            name = named[1] if named else next(iter(found))
+            found[name] = found.get(name, "") + block
+    return found
+
+
+def given(arguments: list[str]) -> int:
+    """The exit status of a command; help and version end it in their own way."""
+    try:
+        return main(arguments)
+    except SystemExit as end:
+        return int(end.code or 0)
+
+
+def text_of(page: str) -> str:
+    return GENERATED[page]() if page in GENERATED else PAGES[page].read_text(encoding="utf-8")
+
+
+def shortened(arguments: list[str]) -> list[str]:
+    """The same command with less to do."""
+    name = arguments[0]
+    if name == "sweep":
+        given = parser().parse_args(arguments)
+        sets = [*([f"profile={given.profile}"] if given.profile else []), *given.set]
+        first = sweep.plan(given.study, sets, given.only).points[0].columns
+        only = [part for column, value in first.items() for part in ("--only", f"{column}={value}")]
+        return [*arguments, *only, "--set", "duration=1", "--jobs", "1"]
+    own = SHORT.get(name, [])
+    return arguments if own and own[1].partition("=")[0] in " ".join(arguments) else [*arguments, *own]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name in ("config", "examples", "tests"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "results").mkdir()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")  # as the environment does
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=pytest.mark.xdist_group(f"commands {page}")) for page in [*PAGES, *GENERATED]]
+)
+def test_the_commands_of_a_page_run_in_their_order(
+    page: str, folder: Path, domain: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, content in files(page).items():
+        (folder / name).write_text(content, encoding="utf-8")
+    for command, fails in blocks(text_of(page)):
+        word, *arguments = shlex.split(command, comments=True)
+        if word == "cd" and (folder / arguments[0]).is_dir():
+            os.chdir(arguments[0])
+        if word != PROGRAM or not arguments or arguments[0] == "COMMAND":
+            continue
+        if arguments[0] in PARSED:
+            parser().parse_args(arguments)
+            continue
+        status = given(arguments if fails else shortened(arguments))
+        told = capsys.readouterr()
+        assert status != 0 if fails else status in (0, DEGRADED), (command, told.err)
+    script = folder / "page.py"
+    script.write_text("\n\n".join(re.findall(PYTHON, text_of(page))), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, script], cwd=folder, capture_output=True, text=True, check=False, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_blocks_are_found() -> None:
+    assert sum(len(list(blocks(text_of(page)))) for page in [*PAGES, *GENERATED]) > 100

@@ -1,0 +1,115 @@
+"""The documentation as a site: it builds without a warning, and what its pages name exists."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import facts_damping
+from facts_damping.analysis.summary import ROWS
+from facts_damping.cli.commands import parser
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+GENERATED = runpy.run_path(str(ROOT / "docs" / "generated.py"))
+# Options of other programs that pages name.
+OTHERS = {"--ros-args", "--log-level", "--help", "--version"}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return folder
+
+
+def test_it_builds_strictly_with_search_and_all_pages(site: Path) -> None:
+    assert (site / "search" / "search_index.json").stat().st_size > 100_000
+    for page in PAGES[2:]:
+        assert (site / page.stem / "index.html").is_file(), page.stem
+
+
+def test_notebooks_are_executed_and_nothing_in_them_failed(site: Path) -> None:
+    notebooks = sorted((ROOT / "docs" / "notebooks").glob("*.py"))
+    assert len(notebooks) >= 4
+    for script in notebooks:
+        text = (site / "notebooks" / script.stem / "index.html").read_text(encoding="utf-8")
+        assert "Traceback" not in text
+        assert "jp-OutputArea-output" in text
+
+
+def test_a_page_loads_nothing_from_other_hosts(site: Path) -> None:
+    text = (site / "index.html").read_text(encoding="utf-8")
+    assert not re.search(r'<(script|link|img)[^>]+(src|href)="https?://(?!.*rel="canonical")', text)
+
+
+def options() -> set[str]:
+    """All that commands and nodes take."""
+    (verbs,) = (action.choices for action in parser()._actions if isinstance(action.choices, dict))
+    return {name for one in verbs.values() for name in one.options()}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_commands_and_options_that_a_page_names_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    (verbs,) = (action.choices for action in parser()._actions if isinstance(action.choices, dict))
+    for verb in re.findall(r"facts-damping ([a-z]+)\b(?!-)", re.sub(r"facts-damping:.*", "", text)):
+        assert verb in verbs, verb
+    for line in re.findall(r"^    \$? ?facts-damping .*$", text, re.MULTILINE):
+        for option in re.findall(r"(?<=\s)--[a-z-]+", line):
+            assert option in options() | OTHERS, line
+
+
+def fields() -> set[str]:
+    """All names of fields of files."""
+    return {"extends", *re.findall(r"^\| `([\w-]+)`", GENERATED["fields"](), re.MULTILINE)}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_yaml_of_a_page_has_fields_that_exist(page: Path) -> None:
+    known = fields()
+    for block in re.findall(r"^```yaml\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE):
+        content: Any = yaml.safe_load(block)
+        if isinstance(content, dict) and "/**" not in content:
+            assert set(content) <= known, set(content) - known
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_picture_has_a_caption(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for picture, after in re.findall(r"^!\[[^\]]+\]\(([^)]+)\)\n+(.)", text, re.MULTILINE):
+        assert after in "*_", picture
+
+
+def test_versions_are_one() -> None:
+    version = facts_damping.__version__
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(rf"^## \[{version}\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_tables_of_runs_have_the_rows_that_are_printed(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    labels = {label.strip() for label, *_ in ROWS} | {"..."}
+    for table in re.findall(r"^    \$ facts-damping simulate .*\n((?:    .*\n)+)", text, re.MULTILINE):
+        rows = [row.strip() for row in table.rpartition("----\n")[2].splitlines()]
+        shown = {re.split(r"  +", row)[0] for row in rows if not row.startswith(("plot:", "facts-damping:"))}
+        assert shown <= labels
+
+
+def test_the_tutorials_class_is_the_templates() -> None:
+    text = (ROOT / "docs" / "tutorial_controller.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    template = (ROOT / "facts_damping" / "templates" / "controller" / "controller.py.txt").read_text(encoding="utf-8")
+    lines = [line for line in block.splitlines()[2:] if line.strip()]
+    assert len(lines) == 6
+    assert all(line in template for line in lines)
