@@ -176,11 +176,18 @@ def _systems(add: Add) -> None:
     command = add(
         "import",
         "runs.import_",
-        "Make a system's file from a MATPOWER case.",
+        "Make a system's file from a MATPOWER or a PSS/E case.",
         "import tests/data/nine_bus.m --out results/nine_bus.yaml",
+        "import tests/data/three_machines.raw tests/data/three_machines.dyr --out results/three_machines.yaml",
     )
-    command.add_argument("case", metavar="CASE.m", help="MATPOWER case, version 2")
-    command.add_argument("--dynamics", metavar="FILE.yaml", help="machine and control data; none: typical data")
+    command.add_argument(
+        "case", metavar="CASE", help="CASE.m: MATPOWER case, version 2; CASE.raw: PSS/E, version 32 to 35"
+    )
+    command.add_argument(
+        "dyr", nargs="?", metavar="CASE.dyr", help="machines and controls of a PSS/E case; none: typical data"
+    )
+    text = "machine and control data of a MATPOWER case; none: typical data"
+    command.add_argument("--dynamics", metavar="FILE.yaml", help=text)
     command.add_argument("--out", metavar="FILE.yaml", help="the system's file; none: standard output")
     common(command, sets=False, out=False, json=False)
 
