@@ -81,10 +81,10 @@ def ticks(plant: Any) -> int:
     return int(lines[-1][1]) if lines else 0
 
 
-def payloads(folder: Path) -> dict[str, list[bytes]]:
+def payloads(folder: Path, until_ns: int | None = None) -> dict[str, list[bytes]]:
     found: dict[str, list[bytes]] = {}
     with next((folder / "recording").glob("*.mcap")).open("rb") as stream:
-        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+        for _, channel, message in make_reader(stream).iter_messages(ending_before=until_ns, log_time_order=False):
             found.setdefault(channel.topic, []).append(message.data)
     return found
 

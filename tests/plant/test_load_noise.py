@@ -164,7 +164,7 @@ def test_without_noise_a_run_has_the_bits_of_one_that_knows_none(sets: list[str]
         ("load_noise.std=0.5", r"load_noise\.std: 0\.5 given; allowed: less than or equal to 0\.2"),
         ("load_noise.time_constant=0", "load_noise.time_constant: 0 given; allowed: greater than or equal to 0.05"),
         ("load_noise.correlation=2", "load_noise.correlation: 2 given; allowed: less than or equal to 1"),
-        ("load_noise.loads.load_9.std=0", "load_noise.loads.load_9: 'load_9' given; allowed: load_1, load_2"),
+        ("load_noise.loads.load_9.std=0", r"'load_9' given \(did you mean load_2\?\); allowed: load_1, load_2"),
         ("load_noise.sigma=1", "load_noise.sigma"),
     ],
 )

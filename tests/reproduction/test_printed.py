@@ -150,7 +150,7 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("table_4_1.csv", "47.01", "nan", "ITAE_vs_LLC: 'nan' given; allowed: a number"),
         ("table_4_1.csv", "47.01,", "", "line 2: 9 fields given; allowed: 10"),
         ("table_4_1.csv", "scenario,", "", "header controller,ITAE_vs_ANFTSC"),
-        ("table_4_1.csv", "II,ANFLeC", "II,ANFLeX", "controller: 'ANFLeX' given; allowed: LLC, ANFTSC"),
+        ("table_4_1.csv", "II,ANFLeC", "II,ANFLeX", "controller: 'ANFLeX' given (did you mean ANFLeC?); allowed: LLC"),
         ("table_4_2.csv", "III,ANFLeC", "IV,ANFLeC", "scenario: 'IV' given; allowed: I, II, III"),
         ("table_4_1.csv", "II,ANFLeC", "II,ANFBsC", "figures given; allowed: the 336 of the table"),
         ("table_5_2.csv", "1170.2", "", "91 figures given; allowed: the 92"),
