@@ -260,11 +260,13 @@ def _choices(add: Add) -> None:
         "Tune the parameters of controllers on a system's scenario `training`, each by the same search and budget.",
         "tune two_area LLC-tuned --budget 30",
     )
-    named(command, "system", "systems", " with a scenario `training`")
+    named(command, "system", "systems")
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
     command.add_argument("--devices", default="sssc", metavar="NAME,...", help="commanded devices; default: sssc")
     command.add_argument("--signals", default="speed", metavar="NAME,...", help="input signals; default: speed")
     profile(command, "thesis")
+    text = "a scenario of the system, or a YAML file; default: training"
+    command.add_argument("--scenario", default="training", metavar="NAME", help=text)
     text = "how signals are measured, a name under config/measurement; default: the profile's"
     command.add_argument("--measurement", metavar="NAME", help=text)
     command.add_argument("--budget", type=options.COUNT, default=600, metavar="N", help="runs for each; default: 600")
