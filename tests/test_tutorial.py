@@ -33,7 +33,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         name = named[1] if named else "nine_bus.yaml"
         files[name] = files.get(name, "") + block
     runs = {"nine_bus_fault.yaml", "nine_bus_control.yaml"}
-    assert set(files) == {"nine_bus.yaml", "nine_bus_sssc.yaml", *runs, "nine_bus_margin.yaml"}
+    others = {"nine_bus_sssc.yaml", "nine_bus_margin.yaml", "nine_bus_training.yaml"}
+    assert set(files) == {"nine_bus.yaml", *others, *runs}
     for name, content in files.items():
         (tmp_path / name).write_text(content, encoding="utf-8")
     monkeypatch.chdir(tmp_path)

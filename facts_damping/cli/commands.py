@@ -176,11 +176,18 @@ def _systems(add: Add) -> None:
     command = add(
         "import",
         "runs.import_",
-        "Make a system's file from a MATPOWER case.",
+        "Make a system's file from a MATPOWER or a PSS/E case.",
         "import tests/data/nine_bus.m --out results/nine_bus.yaml",
+        "import tests/data/three_machines.raw tests/data/three_machines.dyr --out results/three_machines.yaml",
     )
-    command.add_argument("case", metavar="CASE.m", help="MATPOWER case, version 2")
-    command.add_argument("--dynamics", metavar="FILE.yaml", help="machine and control data; none: typical data")
+    command.add_argument(
+        "case", metavar="CASE", help="CASE.m: MATPOWER case, version 2; CASE.raw: PSS/E, version 32 to 35"
+    )
+    command.add_argument(
+        "dyr", nargs="?", metavar="CASE.dyr", help="machines and controls of a PSS/E case; none: typical data"
+    )
+    text = "machine and control data of a MATPOWER case; none: typical data"
+    command.add_argument("--dynamics", metavar="FILE.yaml", help=text)
     command.add_argument("--out", metavar="FILE.yaml", help="the system's file; none: standard output")
     common(command, sets=False, out=False, json=False)
 
@@ -253,11 +260,13 @@ def _choices(add: Add) -> None:
         "Tune the parameters of controllers on a system's scenario `training`, each by the same search and budget.",
         "tune two_area LLC-tuned --budget 30",
     )
-    named(command, "system", "systems", " with a scenario `training`")
+    named(command, "system", "systems")
     command.add_argument("controllers", nargs="*", metavar="CONTROLLER", help="which; none: all of the table")
     command.add_argument("--devices", default="sssc", metavar="NAME,...", help="commanded devices; default: sssc")
     command.add_argument("--signals", default="speed", metavar="NAME,...", help="input signals; default: speed")
     profile(command, "thesis")
+    text = "a scenario of the system, or a YAML file; default: training"
+    command.add_argument("--scenario", default="training", metavar="NAME", help=text)
     text = "how signals are measured, a name under config/measurement; default: the profile's"
     command.add_argument("--measurement", metavar="NAME", help=text)
     command.add_argument("--budget", type=options.COUNT, default=600, metavar="N", help="runs for each; default: 600")

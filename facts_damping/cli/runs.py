@@ -353,13 +353,26 @@ def _monitors() -> list[dict[str, Any]]:
 
 
 def import_(arguments: argparse.Namespace) -> None:
-    """A system's file from a MATPOWER case."""
-    from facts_damping.grid_formats import matpower
+    """A system's file from a MATPOWER or a PSS/E case."""
+    from facts_damping.case.started import widened
+    from facts_damping.grid_formats import matpower, psse
+    from facts_damping.grid_formats.text import document
 
-    dynamics = None if arguments.dynamics is None else Path(arguments.dynamics)
+    case = Path(arguments.case)
+    more = arguments.dynamics or arguments.dyr
     files.check_writable(arguments.out, "--out")
-    text, notes = matpower.import_case(Path(arguments.case), dynamics)
-    for note in notes:
+    if case.suffix.lower() == ".raw":
+        if arguments.dynamics is not None:
+            raise InputError(f"--dynamics {arguments.dynamics}: given with a RAW file; allowed: with a MATPOWER case")
+        made = psse.import_case(case, None if arguments.dyr is None else Path(arguments.dyr))
+        content, wider = widened(made.content)
+        made = made._replace(content=content, notes=[*made.notes, *wider])
+    elif arguments.dyr is not None:
+        raise InputError(f"CASE.dyr: {arguments.dyr} given with {case.name}; allowed: with a RAW file")
+    else:
+        made = matpower.import_case(case, None if arguments.dynamics is None else Path(arguments.dynamics))
+    text = document(made, case.name if more is None else f"{case.name} with {Path(more).name}")
+    for note in made.notes:
         sys.stderr.write(f"facts-damping: {note}\n")
     if arguments.out in (None, "-"):
         sys.stdout.write(text)

@@ -31,7 +31,7 @@ def tune(arguments: argparse.Namespace) -> None:
     try:
         devices = arguments.devices.split(",")
         signals = read_profile(arguments.profile).given(arguments.signals.split(","))
-        asked = arguments.budget, arguments.seed, arguments.measurement, arguments.profile
+        asked = arguments.budget, arguments.seed, arguments.measurement, arguments.profile, arguments.scenario
         task = study.TuningTask(arguments.system, devices, signals, *asked)
         found = study.tune(task, arguments.controllers, arguments.jobs, progress)
     finally:

@@ -11,7 +11,6 @@ from facts_damping.grid_formats.conversion import Imported, MatpowerCase, conver
 from facts_damping.parameters.files import read_table
 from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check, short
-from facts_damping.parameters.yaml_text import dump
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -63,40 +62,8 @@ def _finite(value: Any, where: str) -> float:
     return number
 
 
-def document(imported: Imported, origin: str) -> str:
-    """The content as the text of a YAML file, a row a line."""
-    text = [f"# Imported from {origin}. Per-unit data of the network are on {imported.content['base_power']:g} MVA."]
-    for key, value in imported.content.items():
-        if key == "machines" and imported.typical:
-            which = "all" if len(imported.typical) == len(value) else ", ".join(imported.typical)
-            text.append(f"\n# Typical data, not from the case (Kundur 1994, tables 3.2 and 4.2): {which}")
-        elif isinstance(value, (list, dict)):
-            text.append("")
-        if isinstance(value, list):
-            text += [f"{key}:", *(f"  - {_flow(row)}" for row in value)]
-        elif isinstance(value, dict):
-            text += [f"{key}:", *(f"  {_flow(k)}: {_flow(v)}" for k, v in value.items())]
-        else:
-            text.append(f"{key}: {_flow(value)}")
-    return "\n".join(text) + "\n"
-
-
-def _flow(value: Any) -> str:
-    """A value on one line of YAML; whole numbers without a fraction."""
-    return dump(_plain(value), flow=True).strip()
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_plain(inner) for inner in value]
-    return int(value) if isinstance(value, float) and value.is_integer() and abs(value) < 1e15 else value
-
-
-def import_case(path: Path, dynamics: Path | None = None) -> tuple[str, list[str]]:
-    """A MATPOWER case, checked as every system is: the text of its file, and notes for the user."""
-    origin = path.name if dynamics is None else f"{path.name} with {dynamics.name}"
+def import_case(path: Path, dynamics: Path | None = None) -> Imported:
+    """A MATPOWER case, checked as every system is, with notes for the user."""
     case = read_case(path)
     given = None if dynamics is None else read_dynamics(dynamics)
     try:
@@ -106,7 +73,7 @@ def import_case(path: Path, dynamics: Path | None = None) -> tuple[str, list[str
         source = dynamics if text.startswith("--dynamics") else path
         raise InputError(f"{source}: {text.removeprefix('--dynamics: ')}") from error
     check(System, imported.content, str(path) if dynamics is None else f"{path} with {dynamics}")
-    return document(imported, origin), [f"{path.name}: {note}" for note in imported.notes]
+    return imported._replace(notes=[f"{path.name}: {note}" for note in imported.notes])
 
 
 def read_dynamics(path: Path) -> dict[str, Any]:

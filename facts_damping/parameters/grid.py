@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.parameters.base import LEAST, Name, ParameterModel, quantity
+
+
+def _other_than_zero(value: float) -> float:
+    if abs(value) < LEAST:
+        raise ValueError(f"{value:g} given; allowed: other than 0")
+    return value
+
+
+Reactance = Annotated[float, AfterValidator(_other_than_zero)]
 
 
 class Bus(ParameterModel):
@@ -24,7 +33,7 @@ class Line(ParameterModel):
     to_bus: Name = Field(..., alias="to", description="second bus")
     length: float = quantity(1.0, "km", "length; with 1 the other values are those of the whole line", ge=1e-3, le=5000)
     r: float = quantity(..., "p.u./km", "series resistance", ge=0, le=10)
-    x: float = quantity(..., "p.u./km", "series reactance", gt=0, le=10)
+    x: Reactance = quantity(..., "p.u./km", "series reactance; below 0: of a series capacitor", ge=-10, le=10)
     b: float = quantity(0.0, "p.u./km", "shunt susceptance of both ends together", ge=0, le=10)
 
 
@@ -36,7 +45,9 @@ class Transformer(ParameterModel):
     to_bus: Name = Field(..., alias="to", description="second bus")
     rating: float = quantity(..., "MVA", "rated power, the base of its data", gt=0, le=1e5)
     r: float = quantity(0.0, "p.u.", "series resistance of both windings", ge=0, le=1)
-    x: float = quantity(..., "p.u.", "series reactance of both windings", gt=0, le=10)
+    x: Reactance = quantity(
+        ..., "p.u.", "series reactance of both windings; below 0: of a star that stands for three", ge=-10, le=10
+    )
     tap: float = quantity(1.0, "p.u.", "off-nominal turns ratio at the first bus", gt=0.5, lt=2)
     phase_shift: float = quantity(0.0, "deg", "angle by which the first bus leads at no load", ge=-180, le=180)
     magnetising_r: float | None = quantity(None, "p.u.", "iron-loss resistance; none: not modelled", gt=0, le=1e6)
@@ -107,7 +118,7 @@ class Shunt(ParameterModel):
     name: Name = Field(..., description="name, unique among the shunts")
     bus: Name = Field(..., description="bus to which it is connected")
     Q: float = quantity(..., "Mvar", "reactive power given at a voltage of 1 p.u.", ge=-1e5, le=1e5)
-    P: float = quantity(0.0, "MW", "active power drawn at a voltage of 1 p.u.", ge=0, le=1e5)
+    P: float = quantity(0.0, "MW", "active power drawn at a voltage of 1 p.u.", ge=-1e5, le=1e5)
 
 
 class InfiniteBus(ParameterModel):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
+from facts_damping.parameters.blocks import MODELS, SHORTEST, quantity_of
 
 # What each machine model needs beside P, V, H, D and Ra.
 NEEDED = {
@@ -26,8 +27,8 @@ class Machine(ParameterModel):
     or neither; without them the machine has salient poles. Subtransient reactances must not exceed transient ones, nor
     transient ones the synchronous ones, and `Xl` must be the smallest.
 
-    Exactly one machine is the slack, or none in a system with an infinite bus. A bus has at most one machine or
-    infinite bus.
+    Exactly one machine is the slack, or none in a system with an infinite bus. Machines at the same bus hold the same
+    voltage; their reactive powers are in proportion to their ratings. A bus with an infinite bus has no machine.
     """
 
     name: Name = Field(..., description="name, unique among the machines")
@@ -46,7 +47,7 @@ class Machine(ParameterModel):
     slack: bool = Field(False, description="true: the machine that balances the power flow")
     angle: float = quantity(0.0, "deg", "angle of the slack machine's terminal voltage", ge=-360, le=360)
     H: float = quantity(..., "s", "inertia constant", gt=0, le=1000)
-    D: float = quantity(0.0, "p.u.", "damping torque per speed deviation", ge=0, le=100)
+    D: float = quantity(0.0, "p.u.", "damping torque per speed deviation", ge=0, le=1e4)
     Ra: float = quantity(0.0, "p.u.", "stator resistance", ge=0, le=0.5)
     Xl: float | None = quantity(None, "p.u.", "leakage reactance", gt=0, le=2)
     Xd: float | None = quantity(None, "p.u.", "d-axis synchronous reactance", gt=0, le=10)
@@ -65,7 +66,7 @@ class Machine(ParameterModel):
         0.0, "-", "saturation: extra field current at a flux of 1.0 p.u., relative to that without", ge=0, le=10
     )
     S12: float = quantity(
-        0.0, "-", "saturation at a flux of 1.2 p.u., above `S10`; 0: no saturation, as for `classical`", ge=0, le=10
+        0.0, "-", "saturation at a flux of 1.2 p.u., above `S10`; 0: no saturation, as for `classical`", ge=0, le=100
     )
 
     @model_validator(mode="after")
@@ -142,18 +143,7 @@ class DcExciter(ExciterModel):
     BEX: float = quantity(0.0, "1/p.u.", "exponent of the saturation", ge=0, le=10)
 
 
-def _named(content: Any) -> Any:
-    """An exciter that names no model is static."""
-    return {"model": "static", **content} if isinstance(content, dict) else content
-
-
-Exciter = Annotated[
-    Annotated[StaticExciter | DcExciter, Field(discriminator="model")],
-    BeforeValidator(_named),
-]
-
-
-class Stabiliser(ParameterModel):
+class Pss1a(ParameterModel):
     """A [power system stabiliser](machines.md) from the machine's own speed to its exciter; at most one per machine.
 
     `K s Tw/(1 + s Tw) (1 + s T1)/(1 + s T2) (1 + s T3)/(1 + s T4)`, numbered as in IEEE PSS1A. The defaults are
@@ -161,6 +151,7 @@ class Stabiliser(ParameterModel):
     """
 
     machine: Name = Field(..., description="machine to which it belongs; with an exciter, unless the stabiliser is off")
+    model: Literal["PSS1A"] = Field("PSS1A", description="model of the stabiliser; if not given, `PSS1A`")
     enabled: bool = Field(True, description="false: switched off")
     K: float = quantity(20.0, "p.u./p.u.", "gain", ge=-1000, le=1000)
     Tw: float = quantity(10.0, "s", "time constant of the washout", ge=0.01, le=1000)
@@ -172,13 +163,14 @@ class Stabiliser(ParameterModel):
     maximum: float = quantity(0.2, "p.u.", "upper limit of the output", ge=0, le=10)
 
 
-class Governor(ParameterModel):
+class Hygov(ParameterModel):
     """A hydraulic turbine and its [governor](machines.md) (HYGOV), on the machine's rating; at most one per machine.
 
     A machine without a governor has constant mechanical power.
     """
 
     machine: Name = Field(..., description="machine to which it belongs")
+    model: Literal["HYGOV"] = Field("HYGOV", description="model of turbine and governor; if not given, `HYGOV`")
     enabled: bool = Field(True, description="false: switched off")
     R: float = quantity(0.05, "p.u.", "permanent droop: speed per gate", ge=0, le=1)
     r: float = quantity(0.4, "p.u.", "temporary droop", gt=0, le=10)
@@ -194,7 +186,57 @@ class Governor(ParameterModel):
     q_nl: float = quantity(0.08, "p.u.", "flow at no load", ge=0, le=1)
 
     @model_validator(mode="after")
-    def _gate(self) -> Governor:
+    def _gate(self) -> Hygov:
         if self.gate_min >= self.gate_max:
             raise ValueError(f"gate_min must be below gate_max, given {self.gate_min:g} and {self.gate_max:g}")
         return self
+
+
+class BlockControl(ParameterModel):
+    """A control that is a [table of blocks](control_models.md); at most one of its sort per machine."""
+
+    machine: Name = Field(..., description="machine to which it belongs")
+    model: str
+    enabled: bool = Field(True, description="false: switched off")
+
+    @model_validator(mode="after")
+    def _times(self) -> BlockControl:
+        for name in MODELS[self.model].fields.split():
+            value = getattr(self, name)
+            if quantity_of(name).time and 0.0 < value < SHORTEST:
+                raise ValueError(f"{name} must be 0 or at least {SHORTEST:g} s, given {value:g}")
+        return self
+
+
+def _block_control(name: str) -> Any:
+    """The parameters of a model of `MODELS`, all of them needed but for those without effect."""
+    row = MODELS[name]
+    fields: dict[str, Any] = {"model": (Literal[name], Field(..., description="model"))}
+    for field in row.fields.split():
+        about = quantity_of(field)
+        default = 0.0 if field in row.ignored.split() else ...
+        fields[field] = (float, quantity(default, about.unit, about.text, ge=about.least, le=about.most))
+    return create_model(name, __base__=BlockControl, __doc__=f"{row.text}.", **fields)
+
+
+BLOCK_CONTROLS: dict[str, Any] = {name: _block_control(name) for name in MODELS}
+
+if TYPE_CHECKING:
+    Exciter = StaticExciter | DcExciter
+    Stabiliser = Pss1a
+    Governor = Hygov
+else:
+
+    def _one_of(role: str, usual: str, *own: type) -> Any:
+        """A control by its model; one that names none is the usual one."""
+        choices = (*own, *(made for name, made in BLOCK_CONTROLS.items() if MODELS[name].role == role))
+
+        def named(content: Any) -> Any:
+            return {"model": usual, **content} if isinstance(content, dict) else content
+
+        union = Annotated[Union[choices], Field(discriminator="model")]  # noqa: UP007 (made from the list)
+        return Annotated[union, BeforeValidator(named)]
+
+    Exciter = _one_of("exciter", "static", StaticExciter, DcExciter)
+    Stabiliser = _one_of("stabiliser", "PSS1A", Pss1a)
+    Governor = _one_of("governor", "HYGOV", Hygov)

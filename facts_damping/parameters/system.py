@@ -77,7 +77,13 @@ def check_references(system: System) -> None:
         unique(field, [row.name for row in getattr(system, field)])
         for row in getattr(system, field):
             known(f"{field}: {row.name}.bus", row.bus, buses)
-    unique("machines, infinite_buses", [m.bus for m in system.machines] + [i.bus for i in system.infinite_buses])
+    unique("infinite_buses", [i.bus for i in system.infinite_buses])
+    unique("machines, infinite_buses", [*{m.bus for m in system.machines}, *(i.bus for i in system.infinite_buses)])
+    for bus in {m.bus for m in system.machines}:
+        here = [m for m in system.machines if m.bus == bus]
+        if len({m.V for m in here}) > 1:
+            told = ", ".join(f"{m.V:g} of {m.name}" for m in here)
+            raise ValueError(f"machines.*.V: {told} given at bus {bus}; allowed: one voltage")
     _check_branches(system, buses)
     _check_devices(system, buses)
     _check_machines(system)

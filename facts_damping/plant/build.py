@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.errors import InputError
+from facts_damping.parameters.blocks import MODELS
 from facts_damping.parameters.devices import Series, Transmission
-from facts_damping.plant import devices, excitation, governor, load, load_noise, machine, stabiliser
+from facts_damping.plant import blocks, devices, excitation, governor, load, load_noise, machine, stabiliser
 from facts_damping.plant.dead_time import line
 from facts_damping.plant.events import Stage, stages
 from facts_damping.plant.model import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Plant, PlantState, Site
@@ -55,6 +57,8 @@ def build(
     flow = solve(system, installed)
     states = _States()
     rotating = _machines(system, flow, states)
+    if rotating.strains:
+        raise InputError(str(rotating.strains[0]))
     ports = _Ports()
     for g, m in enumerate(system.machines):
         rotating.rows[g]["column"] = g
@@ -78,6 +82,8 @@ def build(
         exciters=rotating.exciters,
         stabilisers=rotating.stabilisers,
         governors=rotating.governors,
+        blocks=np.concatenate([np.zeros(0, blocks.BLOCK), *rotating.blocks]),
+        controls=rotating.controls,
         loads=load_rows,
         ports=np.array(ports.rows, PORT),
         placed=placed,
@@ -141,7 +147,10 @@ class _Rotating(NamedTuple):
     exciters: NDArray[Any]
     stabilisers: NDArray[Any]
     governors: NDArray[Any]
+    controls: NDArray[Any]
     power: NDArray[np.float64]
+    blocks: list[NDArray[Any]]
+    strains: list[blocks.Strain]
 
 
 def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
@@ -152,11 +161,16 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
         np.zeros(n, excitation.EXCITER),
         np.zeros(n, stabiliser.STABILISER),
         np.zeros(n, governor.GOVERNOR),
+        np.zeros(n, blocks.CONTROLS),
         np.zeros(n),
+        [],
+        [],
     )
-    exciters = {e.machine: e for e in system.exciters}
-    stabilisers = {s.machine: s for s in system.stabilisers if s.enabled}
-    governors = {t.machine: t for t in system.governors if t.enabled}
+    every = [c for c in (*system.exciters, *system.stabilisers, *system.governors) if getattr(c, "enabled", True)]
+    tables: dict[tuple[str, str], Any] = {(MODELS[c.model].role, c.machine): c for c in every if c.model in MODELS}
+    exciters = {e.machine: e for e in system.exciters if e.model not in MODELS}
+    stabilisers = {s.machine: s for s in system.stabilisers if s.enabled and s.model not in MODELS}
+    governors = {t.machine: t for t in system.governors if t.enabled and t.model not in MODELS}
     for g, m in enumerate(system.machines):
         v = complex(flow.voltage[flow.names.index(m.bus)])
         current = (flow.generation[m.name] / v).conjugate() * (system.base_power / m.rating)
@@ -172,7 +186,45 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
         made.governors[g] = governor.row(governors.get(m.name), states.offset)
         if m.name in governors:
             states.add(m.name, governor.STATE_NAMES, governor.start(governors[m.name], start.power))
+        seen = _sensed(v, current, start)
+        for data in [tables[role, m.name] for role in blocks.ROLES if (role, m.name) in tables]:
+            made.strains.extend(_add_blocks(made, g, data, seen, states))
     return made
+
+
+def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> dict[str, float]:
+    """What blocks take of a machine at the start, p.u. of its rating."""
+    turned = cmath.exp(-1j * (start.states[0] - math.pi / 2))
+    v, i = voltage * turned, current * turned
+    power = (v * i.conjugate()).real
+    sensed = {"Vt": abs(v), "Pe": power, "Pa": start.power - power, "Ifd": start.field_voltage, "Pm": start.power}
+    return sensed | {"Vd": v.real, "Vq": v.imag, "Id": i.real, "Iq": i.imag}
+
+
+def strains(system: System) -> list[blocks.Strain]:
+    """Limits of controls that are tables of blocks, which do not admit the start of a system without devices."""
+    return _machines(system, solve(system, []), _States()).strains
+
+
+def _add_blocks(made: _Rotating, g: int, data: Any, seen: dict[str, float], states: _States) -> list[blocks.Strain]:
+    """A control that is a table of blocks, at rest; the limits that do not admit that."""
+    role, control = MODELS[data.model].role, blocks.control(data)
+    wanted, reference = {"exciter": ("Ifd", "Vref"), "governor": ("Pm", "Pref")}.get(role, (None, None))
+    sensed = {name: value for name, value in seen.items() if name in blocks.SENSED}
+    rest = blocks.at_rest(control, data, sensed, None if wanted is None else seen[wanted], reference)
+    first = sum(map(len, made.blocks))
+    rows = control.rows.copy()
+    rows["state"][rows["state"] >= 0] += states.offset
+    row = made.controls[g]
+    row[f"{role}_first"], row[f"{role}_end"] = first, first + len(rows)
+    row[f"{role}_gives"] = control.gives.index(blocks.GIVES[role])
+    if role == "exciter":
+        row["Vref"] = rest.reference
+    elif role == "governor":
+        row["power_offset"] = rest.reference - seen["Pm"]
+    made.blocks.append(rows)
+    states.add(data.machine, control.states, rest.states)
+    return rest.strains
 
 
 def _loads(

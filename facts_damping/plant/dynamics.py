@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import inlined
-from facts_damping.plant import devices, excitation, governor, load, stabiliser
+from facts_damping.plant import controls, devices, load
 from facts_damping.plant.ports import solve_ports
 
 if TYPE_CHECKING:
@@ -85,6 +85,15 @@ def stator(plant: Plant, stage: int, g: int, work: Work) -> tuple[complex, compl
 
 
 @inlined
+def saturated(m: Any, emf: complex) -> float:
+    """S of a machine's flux, B (psi - A)^2 / psi above A; 0 without saturation."""
+    if m.saturation_B == 0.0:
+        return 0.0
+    flux = abs(emf)
+    return m.saturation_B * max(0.0, flux - m.saturation_A) ** 2 / flux  # type: ignore[no-any-return]
+
+
+@inlined
 def _circuits(
     m: Any,
     x: NDArray[np.float64],
@@ -126,24 +135,16 @@ def derivatives(
         o = m.offset
         omega = x[o + 1]
         voltage, current, power = stator(plant, stage, g, work)
-        added = stabiliser.output(plant.stabilisers[g], x, omega)
-        size = abs(voltage)
-        efd = excitation.field_voltage(plant.exciters[g], x, size, added)
-        asked = plant.mechanical_power[stage, g]
-        driven = governor.power(plant.governors[g], x, asked, omega) * plant.online[stage, g]
+        saturation = saturated(m, work.emf[g])
+        ifd = controls.field_current(m, x, current, saturation, work.emf[g]) if plant.blocks.size > 0 else 0.0
+        efd, given = controls.move(plant, x, stage, g, voltage, current, ifd, dx, work)
+        driven = given * plant.online[stage, g]
         dx[o] = plant.omega_0 * omega
         dx[o + 1] = (driven - power - m.D * omega) / (2.0 * m.H)
-        saturation = 0.0
-        if m.saturation_B > 0.0:
-            flux = abs(work.emf[g])
-            saturation = m.saturation_B * max(0.0, flux - m.saturation_A) ** 2 / flux
         if m.circuits == 4:  # the usual number, which the compiler unrolls
             _circuits(m, x, 4, current, efd, saturation, work.emf[g], dx)
         else:
             _circuits(m, x, m.circuits, current, efd, saturation, work.emf[g], dx)
-        excitation.derivatives(plant.exciters[g], x, size, added, efd, dx)
-        stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
-        governor.derivatives(plant.governors[g], x, asked, omega, dx)
     for i in range(plant.loads.size):
         if plant.loads[i].offset >= 0:
             load.derivatives(plant.loads[i], x, work.response[plant.loads[i].port], dx)

@@ -7,9 +7,9 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, inner
+from facts_damping.plant import controls
 from facts_damping.plant import devices as facts
-from facts_damping.plant import excitation, governor, stabiliser
-from facts_damping.plant.dynamics import derivatives, row_times, solve_network, stator
+from facts_damping.plant.dynamics import derivatives, row_times, saturated, solve_network, stator
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import begin_stage
 
@@ -27,14 +27,16 @@ def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work
     """The truth about machine g."""
     x, m = state.x, plant.machines[g]
     omega = x[m.offset + 1]
-    voltage, _, power = stator(plant, stage, g, work)
-    added = stabiliser.output(plant.stabilisers[g], x, omega)
-    asked = plant.mechanical_power[stage, g]
+    voltage, current, power = stator(plant, stage, g, work)
+    ifd = 0.0
+    if plant.blocks.size > 0:
+        ifd = controls.field_current(m, x, current, saturated(m, work.emf[g]), work.emf[g])
+    efd, driven = controls.move(plant, x, stage, g, voltage, current, ifd, work.slopes[4], work)
     out.rotor_angle = x[m.offset]
     out.speed_deviation = omega
     out.electrical_power = power * m.ratio
-    out.mechanical_power = governor.power(plant.governors[g], x, asked, omega) * plant.online[stage, g] * m.ratio
-    out.field_voltage = excitation.field_voltage(plant.exciters[g], x, abs(voltage), added)
+    out.mechanical_power = driven * plant.online[stage, g] * m.ratio
+    out.field_voltage = efd
     out.terminal_voltage = abs(voltage)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.plant.blocks import SENSED
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -55,6 +56,8 @@ class Plant(NamedTuple):
     exciters: NDArray[Any]  # EXCITER
     stabilisers: NDArray[Any]  # STABILISER
     governors: NDArray[Any]  # GOVERNOR
+    blocks: NDArray[Any]  # blocks.BLOCK, of all controls that are tables of blocks
+    controls: NDArray[Any]  # blocks.CONTROLS, (machines,): which of them are whose
     loads: NDArray[Any]  # LOAD, those that are not impedances
     ports: NDArray[Any]  # PORT
     placed: NDArray[Any]  # devices.DEVICE: those of the run in its order, then those in service that nobody commands
@@ -106,6 +109,7 @@ class Work(NamedTuple):
     noise: NDArray[np.float64]  # (loads, 2), relative, of P and Q, as it is
     noise_start: NDArray[np.float64]  # the same as it was at the start of this part of its grid
     noise_slope: NDArray[np.float64]  # 1/s
+    signals: NDArray[np.float64]  # of the blocks of one control
 
 
 def workspace(plant: Plant, state: PlantState) -> Work:
@@ -127,7 +131,10 @@ def workspace(plant: Plant, state: PlantState) -> Work:
         np.zeros(2 * ports),
         np.zeros(ports, np.complex128),
         np.zeros((len(plant.station_machine), 2), np.complex128),
-        *(np.zeros((len(plant.loads), 2)) for _ in range(3)),
+        np.zeros((len(plant.loads), 2)),
+        np.zeros((len(plant.loads), 2)),
+        np.zeros((len(plant.loads), 2)),
+        np.zeros(len(SENSED) + len(plant.blocks)),
     )
 
 

@@ -136,7 +136,7 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     scheduled = np.zeros(len(names), np.complex128)
     magnitude, angle = np.ones(len(names)), np.zeros(len(names))
     for machine in system.machines:
-        scheduled[index[machine.bus]] = (machine.P or 0.0) / system.base_power
+        scheduled[index[machine.bus]] += (machine.P or 0.0) / system.base_power
     taken = np.zeros(len(names), np.complex128)
     for bus, power in draws:
         taken[index[bus]] += power
@@ -167,15 +167,39 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
         )
     drawn = demand(system, names, np.abs(voltage))[0] + taken
     net = voltage * np.conj(product(matrix, voltage)) + drawn
-    generation = {source.name: complex(net[index[source.bus]]) for source in held}
+    generation = {
+        name: share for i in kept for name, share in _shared(held, names[i], complex(net[i]), system.base_power)
+    }
     injection = -drawn
-    for source in held:
-        injection[index[source.bus]] += generation[source.name]
+    for i in kept:
+        injection[i] += net[i]
     currents = {}
     for d in series_devices(system):
         first, second = d.ends
         currents[d.name] = float(abs(voltage[index[first]] - voltage[index[second]]) / series[d.name])
     return PowerFlow(names, voltage, injection, generation, currents, residual)
+
+
+def _shared(
+    held: Sequence[Machine | InfiniteBus], bus: str, net: complex, base_power: float
+) -> list[tuple[str, complex]]:
+    """What the sources at a bus give: machines side by side their own P, the slack the rest, Q by their ratings."""
+    here: list[Any] = [source for source in held if source.bus == bus]
+    if len(here) == 1:
+        return [(here[0].name, net)]
+    rating = sum(m.rating for m in here)
+    rest = net.real - sum(m.P or 0.0 for m in here) / base_power
+    slack = any(m.slack for m in here)
+    return [
+        (
+            m.name,
+            complex(
+                rest if m.slack else (m.P or 0.0) / base_power + (0.0 if slack else rest * m.rating / rating),
+                net.imag * m.rating / rating,
+            ),
+        )
+        for m in here
+    ]
 
 
 def _between(

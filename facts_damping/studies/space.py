@@ -105,11 +105,18 @@ class Space(NamedTuple):
         return np.array(at)
 
     def _units(self, plant: Residues) -> dict[str, float]:
-        """Factors of what has the first signal's unit: ranges are those of `speed`, others' as they swing beside it."""
+        """Factors of what has the first signal's unit: ranges are those of `speed`, others' as they swing beside it.
+
+        A gain also has the sign that damps.
+        """
         by = abs(plant.ratio(self.signals[0], "speed")) if "speed" in plant.signals else 1.0
         if self.row.network is not None:
             return {"scale": by, "change_scale": by}
-        return {"gain": 1.0 / by} if "gain" in self.row.parameters else {}
+        return {"gain": self._sign(plant) / by} if "gain" in self.row.parameters else {}
+
+    def _sign(self, plant: Residues) -> float:
+        """The sign of a gain that damps: against the residue of the first signal and device."""
+        return 1.0 if abs(plant.angle_deg(self.signals[0], self.devices[0])) >= 90.0 else -1.0
 
     def _multiples(
         self, found: Mapping[str, list[float]], plant: Residues, limit: float, rate: str

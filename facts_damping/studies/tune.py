@@ -10,6 +10,7 @@ synchronism counts 1000 less the time that it lasted.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -19,7 +20,6 @@ from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.case.loading import changed_case, make_case
 from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
-from facts_damping.parameters.files import find
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller, Tuned, TunedController
 from facts_damping.simulation import loop
@@ -56,6 +56,7 @@ class TuningTask(NamedTuple):
     seed: int
     measurement: str | None = None  # none: the profile's
     profile: str = DEFAULT_PROFILE
+    scenario: str = SCENARIO  # a name of the system's, or a file
 
 
 class Job(NamedTuple):
@@ -88,7 +89,7 @@ class Trainer:
         """Build the plant once."""
         task, self.name, self.scheme, self.row = job.task, job.name, job.scheme, kind(job.name)
         self.signals = task.signals[: self.row.signals]
-        fields = {"system": task.system, "scenario": SCENARIO, "devices": task.devices, "controllers": []}
+        fields = {"system": task.system, "scenario": task.scenario, "devices": task.devices, "controllers": []}
         fields |= {} if task.measurement is None else {"measurement": task.measurement}
         self.case = case = changed_case({}, f"tune {task.system}", {"profile": task.profile, **fields})
         found = plant_residues(case)
@@ -155,7 +156,6 @@ def _population(size: int, seed: int) -> NDArray[np.float64]:
 
 def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> Tuned:
     """Search for every controller, several at a time."""
-    find("scenarios", SCENARIO, f"{task.system}/")
     asked = [Job(task, name, scheme) for name, scheme in rows(names)]
     trainers = [Trainer(job) for job in asked]
     for trainer in trainers:
@@ -166,11 +166,12 @@ def tune(task: TuningTask, names: Sequence[str], jobs: int, progress: Callable[[
     more += [f"--signals {','.join(task.signals)}"] if task.signals != own.signals else []
     more += [f"--measurement {task.measurement}"] if task.measurement is not None else []
     more += [f"--profile {task.profile}"] if task.profile != DEFAULT_PROFILE else []
+    more += [f"--scenario {task.scenario}"] if task.scenario != SCENARIO else []
     words = ["facts-damping tune", task.system, *names, *more, f"--budget {task.budget} --seed {task.seed}"]
     return Tuned(
-        system=task.system,
+        system=trainers[0].case.system.name,
         profile=task.profile,
-        scenario=SCENARIO,
+        scenario=Path(task.scenario).stem,
         signals=task.signals,
         devices=task.devices,
         measurement=trainers[0].case.measurement.filter,

@@ -192,7 +192,12 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
     "reactances that rise": ("two_area", {"machines.0.Xd1": 0.2}, "Xl < Xd2 < Xd1 < Xd must hold"),
     "saturation that falls": ("two_area", {"machines.0.S10": 0.3, "machines.0.S12": 0.2}, "S10 must be below S12"),
     "saturation by half": ("two_area", {"machines.0.S10": 0.3}, "S10 = 0.3 needs S12 above it"),
-    "two machines at one bus": ("two_area", {"machines.0.bus": "B2"}, "'B2' stands twice"),
+    "two voltages at one bus": (
+        "two_area",
+        {"machines.0.bus": "B2", "machines.0.V": 1.01},
+        "machines.*.V: 1.01 of G1, 1 of G2 given at bus B2; allowed: one voltage",
+    ),
+    "a machine at an infinite bus": ("smib", {"machines.0.bus": "B4"}, "'B4' stands twice; allowed: each name once"),
     "two slack machines": (
         "two_area",
         {"machines.0.slack": True, "machines.0.P": None},

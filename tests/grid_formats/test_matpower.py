@@ -14,6 +14,7 @@ from facts_damping.case.loading import load_system
 from facts_damping.errors import InputError
 from facts_damping.grid_formats.conversion import MatpowerCase, convert
 from facts_damping.grid_formats.matpower import import_case, read_case
+from facts_damping.grid_formats.text import document
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build
 from facts_damping.plant.power_flow import solve
@@ -32,7 +33,8 @@ def loaded(folder: Path, dynamics: dict[str, Any] | None = None, case: Path = CA
     if dynamics is not None:
         given = folder / "dynamics.yaml"
         given.write_text(dump(dynamics), encoding="utf-8")
-    text, notes = import_case(case, given)
+    made = import_case(case, given)
+    text, notes = document(made, case.name), made.notes
     path = folder / "imported.yaml"
     path.write_text(text, encoding="utf-8")
     return load_system(str(path)), notes, text

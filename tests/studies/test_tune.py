@@ -7,12 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from facts_damping.analysis.summary import summarise
 from facts_damping.case.controllers import tuned
+from facts_damping.case.loading import make_case
 from facts_damping.cli.main import main
 from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.parameters.files import read_table, shipped
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.validation import check
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.simulation import loop
 from facts_damping.studies import tune
 from facts_damping.studies.tune import LOST, Job, Trainer, TuningTask, objective, rows, search
 
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
     from facts_damping.control.table import Value
 
 SYSTEMS = ("two_area", "smib")
+EVENT = {"time": 1.0, "kind": "load_step", "load": "load_A", "change": 0.2}
 
 
 def chosen(system: str) -> Tuned:
@@ -113,6 +118,31 @@ def test_the_command_writes_a_file_that_runs_read(tmp_path: Path, capsys: pytest
     assert found.command == "facts-damping tune smib LLC-tuned --budget 24 --seed 2"
     assert [row.name for row in found.controllers] == ["LLC-tuned"]
     assert f"parameters: {out}" in capsys.readouterr().out
+
+
+def test_a_system_of_the_users_own_is_tuned_on_a_scenario_of_their_own(tmp_path: Path) -> None:
+    """With the sign of the gain that damps there: here the residue is near 0 degrees."""
+    content = read_table(shipped("systems")["wscc_9"])
+    content["devices"] = [{"name": "own", "kind": "sssc", "line": "line_5_7"}]
+    content["signals"] = {"w12": {"channel": "speed_deviation", "weights": {"G1": 1, "G2": -1}}}
+    content["measures"] = {"local": ["w12"]}
+    system, scenario, out = (tmp_path / name for name in ("mine.yaml", "step.yaml", "tuned.yaml"))
+    system.write_text(dump(content), encoding="utf-8")
+    scenario.write_text(dump({"name": "step", "duration": 8, "events": [EVENT]}), encoding="utf-8")
+    asked = ["--devices", "own", "--signals", "w12", "--scenario", str(scenario), "--budget", "48", "--jobs", "1"]
+    assert main(["tune", str(system), "LLC-tuned", *asked, "--out", str(out)]) == 0
+    found = check(Tuned, read_table(out), str(out))
+    assert (found.system, found.scenario) == ("wscc_9", "step")
+    gain = found.controllers[0].parameters["gain"]
+    assert isinstance(gain, float)
+    assert gain < 0.0
+    run = {"system": str(system), "scenario": str(scenario), "devices": ["own"]}
+    own = {"name": "LLC-tuned", "devices": ["own"], "signals": ["w12"], "parameters": found.controllers[0].parameters}
+    with_it, without = (
+        summarise(loop.run(make_case({**run, "controllers": controllers}, "mine")))["indices"]["ITAE"]
+        for controllers in ([own], [])
+    )
+    assert with_it < 0.7 * without
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,39 @@
+"""An imported system that can stand still: limits of its controls that do not admit the start of its power flow."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import Any
+
+from facts_damping.errors import InputError
+from facts_damping.parameters.blocks import MODELS
+from facts_damping.parameters.system import System
+from facts_damping.parameters.validation import check
+from facts_damping.plant.build import strains
+
+WIDER = 0.1  # of the value at the start, by which a limit is moved beyond it
+MOST = 5  # times, as one limit may follow from another
+TABLES = {"exciter": "exciters", "stabiliser": "stabilisers", "governor": "governors"}
+
+
+def widened(content: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """The content of a system with wider limits where the start needs that, and a note for each.
+
+    Raises `InputError` where that does not help.
+    """
+    made, notes = deepcopy(content), list[str]()
+    for _ in range(MOST):
+        found = strains(check(System, made, "import"))
+        if not found:
+            return made, notes
+        for strain in found:
+            if strain.field is None:
+                raise InputError(str(strain))
+            c = strain.control
+            beyond = WIDER * abs(strain.wanted)
+            limit = strain.wanted + (beyond if strain.value > strain.high else -beyond)
+            table = made[TABLES[MODELS[c.model].role]]
+            row = next(row for row in table if row["machine"] == c.machine)
+            notes.append(f"{strain}; {strain.field}: {row[strain.field]:g} is set to {limit:.4g}")
+            row[strain.field] = limit
+    raise InputError(str(found[0]))

@@ -1,0 +1,209 @@
+"""PSS/E power flow files (RAW), versions 32 to 35: records by section, as data tables say what stands where.
+
+Records are in free format: values between commas or blanks, text in quotes, `/` ends a record, nothing between two
+commas is the default. PSS/E Program Operation Manual, Power Flow Data File Contents.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping.errors import InputError
+from facts_damping.parameters.validation import short
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+VERSIONS = (32, 33, 34, 35)
+LONGEST = 50_000_000  # bytes of a file
+
+# Sections in their order. Those without columns are read over, and named if they hold anything.
+_COMMON = (
+    *("bus", "load", "fixed shunt", "generator", "branch", "transformer", "area", "two-terminal dc", "VSC dc"),
+    *("impedance correction", "multi-terminal dc", "multi-section line", "zone", "inter-area transfer", "owner"),
+    *("FACTS device", "switched shunt", "GNE device", "induction machine"),
+)
+_SINCE_34 = (*_COMMON[:5], "switching device", *_COMMON[5:], "substation")
+SECTIONS = {
+    32: _COMMON[:-1],
+    33: _COMMON,
+    34: ("system-wide", *_SINCE_34),
+    35: ("system-wide", *_SINCE_34),
+}
+TEXT = {"NAME", "ID", "CKT"}
+
+# Columns: name, or name=default; those after the last that is needed are left out. By the first version that has them.
+_RATES = " ".join(f"RATE{i}=0" for i in range(1, 13))
+COLUMNS: dict[str, dict[int, str]] = {
+    "bus": {32: "I NAME= BASKV=0 IDE=1 AREA=1 ZONE=1 OWNER=1 VM=1 VA=0"},
+    "load": {32: "I ID=1 STATUS=1 AREA=1 ZONE=1 PL=0 QL=0 IP=0 IQ=0 YP=0 YQ=0"},
+    "fixed shunt": {32: "I ID=1 STATUS=1 GL=0 BL=0"},
+    "generator": {
+        32: "I ID=1 PG=0 QG=0 QT=9999 QB=-9999 VS=1 IREG=0 MBASE=0 ZR=0 ZX=1 RT=0 XT=0 GTAP=1 STAT=1 RMPCT=100 PT=9999",
+        35: "I ID=1 PG=0 QG=0 QT=9999 QB=-9999 VS=1 IREG=0 NREG=0 MBASE=0 ZR=0 ZX=1 RT=0 XT=0 GTAP=1 STAT=1 RMPCT=100"
+        " PT=9999",
+    },
+    "branch": {
+        32: "I J CKT=1 R=0 X B=0 RATEA=0 RATEB=0 RATEC=0 GI=0 BI=0 GJ=0 BJ=0 ST=1",
+        34: f"I J CKT=1 R=0 X B=0 NAME= {_RATES} GI=0 BI=0 GJ=0 BJ=0 ST=1",
+    },
+    "switched shunt": {
+        32: "I MODSW=1 ADJM=0 ST=1 VSWHI=1 VSWLO=1 SWREM=0 RMPCT=100 NAME= BINIT=0",
+        35: "I ID=1 MODSW=1 ADJM=0 ST=1 VSWHI=1 VSWLO=1 SWREG=0 NREG=0 RMPCT=100 NAME= BINIT=0",
+    },
+}
+# A transformer is four lines, or five where it has a third bus.
+TRANSFORMER = (
+    "I J K=0 CKT=1 CW=1 CZ=1 CM=1 MAG1=0 MAG2=0 NMETR=2 NAME= STAT=1",
+    "R1=0 X1 S1=0 R2=0 X2=0 S2=0 R3=0 X3=0 S3=0 VMSTAR=1 ANSTAR=0",
+    "WINDV=1 NOMV=0 ANG=0",
+    "WINDV=1 NOMV=0 ANG=0",
+    "WINDV=1 NOMV=0 ANG=0",
+)
+
+Row = dict[str, Any]
+
+
+class Quoted(str):
+    """A value in quotes: a text, never a number or a default."""
+
+    __slots__ = ()
+
+
+class RawCase(NamedTuple):
+    """A case: its base (MVA, Hz), rows by section, each with its `line`, and how many records of others there are."""
+
+    name: str
+    version: int
+    base_power: float
+    frequency: float
+    tables: dict[str, list[Row]]
+    unread: dict[str, int]
+
+
+def read_raw(path: Path) -> RawCase:
+    """The records of a RAW file. Raises `InputError` with line and field of what cannot be read."""
+    lines = _lines(path)
+    where = f"{path}: line 1"
+    if not lines:
+        raise InputError(f"{path}: empty; allowed: a PSS/E RAW file of version {_allowed()}")
+    head = _values(lines[0], where)
+    version = int(_number(head[2] if len(head) > 2 else "", f"{where}: REV, the version"))
+    if version not in VERSIONS:
+        raise InputError(f"{where}: version {version} given; allowed: {_allowed()}")
+    base = _number(head[1], f"{where}: SBASE")
+    frequency = _number(head[5], f"{where}: BASFRQ") if len(head) > 5 and head[5] else 60.0
+    if not base > 0.0 or not 10.0 <= frequency <= 400.0:
+        raise InputError(f"{where}: SBASE {base:g}, BASFRQ {frequency:g} given; allowed: above 0, and 10 to 400 Hz")
+    tables: dict[str, list[Row]] = {section: [] for section in (*COLUMNS, "transformer")}
+    unread: dict[str, int] = {}
+    numbered = _records(lines)
+    for section in SECTIONS[version]:
+        for number, line in numbered:
+            at = f"{path}: line {number}: {section}"
+            if _ends(line):
+                break
+            if section == "transformer":
+                tables[section].append(_transformer(line, number, numbered, at))
+            elif section in COLUMNS:
+                columns = max(v for v in COLUMNS[section] if v <= version)
+                tables[section].append(_row(COLUMNS[section][columns], line, at) | {"line": number})
+            else:
+                unread[section] = unread.get(section, 0) + 1
+    for section in ("bus", "generator", "branch"):
+        if not tables[section] and section != "branch":
+            raise InputError(f"{path}: no {section} record given; allowed: at least one")
+    unread.pop("system-wide", None)
+    return RawCase(path.stem, version, base, frequency, tables, unread)
+
+
+def _allowed() -> str:
+    return ", ".join(map(str, VERSIONS))
+
+
+def _lines(path: Path) -> list[str]:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; allowed: an existing PSS/E RAW file")
+    if path.stat().st_size > LONGEST:
+        raise InputError(f"{path}: {path.stat().st_size} bytes given; allowed: at most {LONGEST}")
+    return path.read_text(encoding="utf-8", errors="replace").splitlines()
+
+
+def _records(lines: list[str]) -> Iterator[tuple[int, str]]:
+    """Lines with their numbers after the three of the head, without comments; the end of the file ends all sections."""
+    for number, line in enumerate(lines[3:], 4):
+        if line.startswith("@!") or not line.strip():
+            continue
+        if line.strip() in ("Q", "q"):
+            return
+        yield number, line
+
+
+def _ends(line: str) -> bool:
+    """Whether a line ends a section: its first value is 0."""
+    return re.match(r"\s*0\s*(/|,|\s|$)", line) is not None and not re.match(r"\s*0\s*,\s*[^/\s]", line)
+
+
+def _values(line: str, where: str) -> list[str]:
+    """Values of a record as text; nothing for a default."""
+    found, rest = list[str](), line
+    while True:
+        rest = rest.lstrip()
+        if not rest or rest[0] == "/":
+            return found
+        if rest[0] in "'\"":
+            end = rest.find(rest[0], 1)
+            if end < 0:
+                raise InputError(f"{where}: {short(rest)} given; allowed: text with a closing quote")
+            found.append(Quoted(rest[1:end].strip()))
+            rest = rest[end + 1 :].lstrip()
+        else:
+            part = re.match(r"[^,/\s'\"]*", rest)
+            found.append(part.group() if part else "")
+            rest = rest[len(found[-1]) :].lstrip()
+        if rest[:1] == ",":
+            rest = rest[1:]
+            if not rest.strip():
+                return found
+
+
+def _number(text: str, where: str) -> float:
+    """A number as Fortran writes it."""
+    try:
+        value = float(re.sub(r"[dD]", "E", text))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{where}: {short(text)} given; allowed: a number")
+    return value
+
+
+def _row(columns: str, line: str, where: str) -> Row:
+    """A record by its columns."""
+    values, row = _values(line, where), Row()
+    for i, column in enumerate(columns.split(" ")):
+        name, has_default, default = column.partition("=")
+        text = values[i] if i < len(values) else ""
+        if name in TEXT:
+            row[name] = text or default
+        elif text == "" and has_default and not isinstance(text, Quoted):
+            row[name] = float(default)
+        else:
+            row[name] = _number(text, f"{where}: {name}")
+    return row
+
+
+def _transformer(line: str, number: int, numbered: Iterator[tuple[int, str]], where: str) -> Row:
+    """The lines of a transformer as one row; what belongs to a winding has its number behind it."""
+    row = _row(TRANSFORMER[0], line, where) | {"line": number}
+    count = 4 if row["K"] == 0.0 else 5
+    for i in range(1, count):
+        following = next(numbered, None)
+        if following is None:
+            raise InputError(f"{where}: ends after {i} of {count} lines; allowed: all of them")
+        own = _row(TRANSFORMER[i], following[1], where.replace(f"line {number}", f"line {following[0]}"))
+        row |= own if i == 1 else {f"{name}{i - 1}": value for name, value in own.items()}
+    return row

@@ -1,0 +1,87 @@
+"""All controls of a machine together: what they sense, what they give, how they move; compiled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.compiling import inlined
+from facts_damping.plant import blocks, excitation, governor, stabiliser
+from facts_damping.plant.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VD, VQ, VREF, VS, VT
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from facts_damping.plant.model import Plant, Work
+
+AT = len(SENSED)
+
+
+@inlined
+def field_current(m: Any, x: NDArray[np.float64], current: complex, saturation: float, emf: complex) -> float:
+    """Field current of a machine, p.u. of what gives 1 p.u. of voltage without saturation: T'd0 dE'q = Efd - Ifd."""
+    if m.circuits == 0:
+        return 0.0
+    slope = m.B[0, 0] * current.real + m.B[0, 1] * current.imag
+    for j in range(m.circuits):
+        slope += m.A[0, j] * x[m.offset + 2 + j]
+    if saturation > 0.0:
+        slope -= saturation * (m.W[0, 0] * emf.imag + m.W[0, 1] * emf.real)
+    return -slope / m.B[0, 2]  # type: ignore[no-any-return]
+
+
+@inlined
+def _sense(
+    c: Any, omega: float, asked: float, seen: complex, current: complex, ifd: float, s: NDArray[np.float64]
+) -> None:
+    """Write what blocks take into `s`, p.u. of the rating; `seen`: terminal voltage in the rotor's frame."""
+    s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, abs(seen), omega, ifd
+    s[VD], s[VQ], s[ID], s[IQ] = seen.real, seen.imag, current.real, current.imag
+    s[PE] = (seen * current.conjugate()).real
+    s[VREF], s[PREF] = c.Vref, asked + c.power_offset
+
+
+@inlined
+def move(
+    plant: Plant,
+    x: NDArray[np.float64],
+    stage: int,
+    g: int,
+    voltage: complex,
+    current: complex,
+    ifd: float,
+    dx: NDArray[np.float64],
+    work: Work,
+) -> tuple[float, float]:
+    """Field voltage and mechanical power of machine g, p.u. of its rating; write the derivatives of its controls, 1/s.
+
+    `voltage`, `current`: of its stator; `ifd`: its field current, asked for by blocks alone.
+    """
+    omega, size, asked = x[plant.machines[g].offset + 1], abs(voltage), plant.mechanical_power[stage, g]
+    driven = governor.power(plant.governors[g], x, asked, omega)
+    governor.derivatives(plant.governors[g], x, asked, omega, dx)
+    added = stabiliser.output(plant.stabilisers[g], x, omega)
+    stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
+    if plant.blocks.size == 0:
+        efd = excitation.field_voltage(plant.exciters[g], x, size, added)
+        excitation.derivatives(plant.exciters[g], x, size, added, efd, dx)
+        return efd, driven
+    c, s = plant.controls[g], work.signals
+    _sense(c, omega, asked, voltage * work.rotation[g].conjugate(), current, ifd, s)
+    if c.governor_end > c.governor_first:
+        blocks.outputs(plant.blocks, c.governor_first, c.governor_end, AT, x, s)
+        blocks.derivatives(plant.blocks, c.governor_first, c.governor_end, x, s, dx)
+        driven = s[AT + c.governor_gives]
+    s[PA] = driven - s[PE]
+    if c.stabiliser_end > c.stabiliser_first:
+        blocks.outputs(plant.blocks, c.stabiliser_first, c.stabiliser_end, AT, x, s)
+        blocks.derivatives(plant.blocks, c.stabiliser_first, c.stabiliser_end, x, s, dx)
+        added = s[AT + c.stabiliser_gives]
+    s[VS] = added
+    if c.exciter_end > c.exciter_first:
+        blocks.outputs(plant.blocks, c.exciter_first, c.exciter_end, AT, x, s)
+        blocks.derivatives(plant.blocks, c.exciter_first, c.exciter_end, x, s, dx)
+        return s[AT + c.exciter_gives], driven
+    efd = excitation.field_voltage(plant.exciters[g], x, size, added)
+    excitation.derivatives(plant.exciters[g], x, size, added, efd, dx)
+    return efd, driven

@@ -1,0 +1,315 @@
+"""Controls as tables of blocks: beside the transfer functions of their standards, at rest, and at their limits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from facts_damping.errors import InputError
+from facts_damping.parameters.blocks import MODELS
+from facts_damping.parameters.machines import BLOCK_CONTROLS
+from facts_damping.plant import blocks
+from facts_damping.plant.blocks import GIVES, SENSED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+# Constants of each model in the order of a record: within limits, and no two alike.
+DC = "0.02 50 0.06 0.9 0.5 10 -10 1.1 0.5 0.08 1.3 0 2 0.1 3 0.5"
+DATA = {
+    "IEEEX1": DC,
+    "EXDC2": DC,
+    "ESDC2A": DC,
+    "IEEET1": "0.02 50 0.06 10 -10 1.1 0.5 0.08 1.3 0 2 0.1 3 0.5",
+    "IEEET2": "0.02 50 0.06 10 -10 1.1 0.5 0.08 1.3 0.4 2 0.1 3 0.5",
+    "EXST1": "0.01 10 -10 0.9 5 50 0.05 10 -10 0 0.02 1.1",
+    "ESST3A": "0.02 10 -10 8 0.9 5 20 0.1 99 -99 0.7 3.67 0 20 0 0 3.86 0 0.4 99 -99",
+    "SEXS": "0.4 5 20 0.1 -10 10",
+    "SCRX": "0.4 5 20 0.1 -10 10 1 10",
+    "TGOV1": "0.05 0.49 2 0 2.1 7 0.1",
+    "IEEEG1": "0 0 20 0.1 0.05 0.2 1 -1 2 0 0.3 0.3 0 5 0.4 0 0.5 0.2 0 0.15 0.1 0",
+    "IEESGO": "0.2 0.1 0.5 0.12 5 0.6 20 0.59 0.43 2 0",
+    "IEEEST": "1 0 0.1 0.01 0.2 0.02 0.05 0.003 0.25 0.03 0.15 0.015 1.41 1.5 5 9 -9 0 0",
+    "ST2CUT": "1 0 3 0 5 2 0.02 0.03 1.4 1.5 0.2 0.02 0.15 0.025 0.1 0.3 9 -9 0 0",
+    "STAB2A": "1.1 4 0.55 2 1.6 1.2 0.01 9",
+    "PSS2A": "1 0 3 0 5 1 2.1 2 0.1 2.2 0 2.3 0.3 1 0.5 0.1 10 0.25 0.03 0.15 0.015 9 -9",
+}
+VOLTAGE, FIELD, POWER = 1.02, 1.8, 0.8  # p.u., of the start
+
+
+def made(model: str, **changes: float) -> Any:
+    """The parameters of a control."""
+    values = dict(zip(MODELS[model].fields.split(), map(float, DATA[model].split()), strict=True))
+    return BLOCK_CONTROLS[model](machine="G1", model=model, **{**values, **changes})
+
+
+def sensed(**changes: float) -> dict[str, float]:
+    start = {"Vt": VOLTAGE, "Ifd": FIELD, "Pe": POWER, "Vd": 0.0, "Vq": VOLTAGE, "Id": 0.5, "Iq": 0.6}
+    return {**start, **changes}
+
+
+def at_rest(data: Any, **changes: float) -> tuple[blocks.Control, blocks.Rest]:
+    wanted = {"exciter": FIELD, "governor": POWER}.get(MODELS[data.model].role)
+    reference = {"exciter": "Vref", "governor": "Pref"}.get(MODELS[data.model].role)
+    control = blocks.control(data)
+    return control, blocks.at_rest(control, data, sensed(**changes), wanted, reference)
+
+
+def response(data: Any, signals: str, s: complex) -> complex:
+    """From signals that move together to what the control gives, at a complex frequency, by central differences."""
+    control, rest = at_rest(data)
+    n, at = len(rest.states), len(SENSED)
+    gives = at + control.gives.index(GIVES[MODELS[data.model].role])
+    values = np.zeros(at + len(control.rows))
+    reference = {"exciter": "Vref", "governor": "Pref"}.get(MODELS[data.model].role, "none")
+    for name, value in {"one": 1.0, **sensed(), reference: rest.reference}.items():
+        values[SENSED.index(name)] = value
+    values[SENSED.index("none")] = 0.0
+
+    def move(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        own, dx, x = values.copy(), np.zeros(n), np.ascontiguousarray(z[:n])
+        own[moved] += z[n]
+        blocks.outputs(control.rows, 0, len(control.rows), at, x, own)
+        blocks.derivatives(control.rows, 0, len(control.rows), x, own, dx)
+        return np.append(dx, own[gives])
+
+    moved, z = [SENSED.index(name) for name in signals.split("+")], np.append(rest.states, 0.0)
+    slopes = np.array([(move(z + 1e-6 * e) - move(z - 1e-6 * e)) / 2e-6 for e in np.eye(n + 1)]).T
+    A, B, C, D = slopes[:n, :n], slopes[:n, n], slopes[n, :n], slopes[n, n]
+    return complex(C @ np.linalg.solve(s * np.eye(n) - A, B) + D)
+
+
+# The transfer functions of the standards, each written out by itself: from the first signal, p.u. over p.u.
+
+
+def dc(s: complex, d: Any, *, forward: complex | None = None, feedback: complex | None = None) -> complex:
+    """From Vt: -1/(1 + s TR) times the forward path over one plus the loop; with the slope of SE(E) E."""
+    first, second = d.SE1 * d.E1, d.SE2 * d.E2
+    root = np.sqrt(first / second)
+    A = (d.E1 - root * d.E2) / (1.0 - root)
+    slope = 2.0 * second / (d.E2 - A) ** 2 * max(0.0, FIELD - A)
+    field = 1.0 / (s * d.TE + d.KE + slope)
+    regulator = d.KA / (1.0 + s * d.TA)
+    before = 1.0 if forward is None else forward
+    back = s * d.KF / (1.0 + s * getattr(d, "TF1", getattr(d, "TF", 1.0))) if feedback is None else feedback
+    return complex(-before * regulator * field / (1.0 + s * d.TR) / (1.0 + before * regulator * field * back))
+
+
+def dc_with_lead(s: complex, d: Any) -> complex:
+    return dc(s, d, forward=(1.0 + s * d.TC) / (1.0 + s * d.TB))
+
+
+def ieeet2(s: complex, d: Any) -> complex:
+    regulator, rate = d.KA / (1.0 + s * d.TA), s * d.KF / (1.0 + s * d.TF1) / (1.0 + s * d.TF2)
+    plain = dc(s, d, feedback=0.0)
+    return complex(plain / (1.0 + regulator * rate))
+
+
+def exst1(s: complex, d: Any) -> complex:
+    before, regulator = (1.0 + s * d.TC) / (1.0 + s * d.TB), d.KA / (1.0 + s * d.TA)
+    return complex(-before * regulator / (1.0 + s * d.TR) / (1.0 + before * regulator * s * d.KF / (1.0 + s * d.TF)))
+
+
+def esst3a(s: complex, d: Any) -> complex:
+    """KP Vt alone feeds it: VB = KP Vt, which acts beside the regulator; KG Efd closes the inner loop."""
+    VB, inner = d.KP * VOLTAGE, d.KM / (1.0 + s * d.TM)
+    regulator = d.KA / (1.0 + s * d.TA) * (1.0 + s * d.TC) / (1.0 + s * d.TB) / (1.0 + s * d.TR)
+    VM = FIELD / VB
+    direct = VM * d.KP
+    # dEfd = VB dVM + VM KP dVt with dVM = inner (-regulator dVt - KG dEfd)
+    return complex((direct - VB * inner * regulator) / (1.0 + VB * inner * d.KG))
+
+
+def sexs(s: complex, d: Any) -> complex:
+    return complex(-(1.0 + s * d.TATB * d.TB) / (1.0 + s * d.TB) * d.K / (1.0 + s * d.TE))
+
+
+def tgov1(s: complex, d: Any) -> complex:
+    return complex(-(1.0 / d.R) / (1.0 + s * d.T1) * (1.0 + s * d.T2) / (1.0 + s * d.T3) - d.DT)
+
+
+def ieeeg1(s: complex, d: Any) -> complex:
+    valve = -d.K * (1.0 + s * d.T2) / (1.0 + s * d.T1) / (1.0 + s * d.T3)
+    P4 = valve / (1.0 + s * d.T4)
+    P5 = P4 / (1.0 + s * d.T5)
+    P6 = P5 / (1.0 + s * d.T6)
+    P7 = P6 / (1.0 + s * d.T7)
+    return complex((d.K1 + d.K2) * P4 + (d.K3 + d.K4) * P5 + (d.K5 + d.K6) * P6 + (d.K7 + d.K8) * P7)
+
+
+def ieesgo(s: complex, d: Any) -> complex:
+    wanted = -d.K1 * (1.0 + s * d.T2) / ((1.0 + s * d.T1) * (1.0 + s * d.T3))
+    P4 = wanted / (1.0 + s * d.T4)
+    P5 = d.K2 * P4 / (1.0 + s * d.T5)
+    P6 = d.K3 * P5 / (1.0 + s * d.T6)
+    return complex((1.0 - d.K2) * P4 + (1.0 - d.K3) * P5 + P6)
+
+
+def ieeest(s: complex, d: Any) -> complex:
+    shaped = (1.0 + d.A5 * s + d.A6 * s * s) / ((1.0 + d.A1 * s + d.A2 * s * s) * (1.0 + d.A3 * s + d.A4 * s * s))
+    leads = (1.0 + d.T1 * s) * (1.0 + d.T3 * s) / ((1.0 + d.T2 * s) * (1.0 + d.T4 * s))
+    return complex(d.KS * d.T5 * s / (1.0 + d.T6 * s) * shaped * leads)
+
+
+def st2cut(s: complex, d: Any) -> complex:
+    leads = (1.0 + d.T5 * s) * (1.0 + d.T7 * s) * (1.0 + d.T9 * s)
+    leads /= (1.0 + d.T6 * s) * (1.0 + d.T8 * s) * (1.0 + d.T10 * s)
+    return complex(d.K1 / (1.0 + d.T1 * s) * d.T3 * s / (1.0 + d.T4 * s) * leads)
+
+
+def st2cut_power(s: complex, d: Any) -> complex:
+    return complex(st2cut(s, d) / d.K1 * (1.0 + d.T1 * s) * d.K2 / (1.0 + d.T2 * s))
+
+
+def stab2a(s: complex, d: Any) -> complex:
+    washed = -((d.K2 * d.T2 * s / (1.0 + d.T2 * s)) ** 3)
+    return complex(washed * (d.K4 + d.K3 / (1.0 + d.T3 * s)) * (d.K5 / (1.0 + d.T5 * s)) ** 2)
+
+
+def _pss2a(s: complex, d: Any) -> tuple[complex, complex]:
+    """The ramp-tracking filter, and what stands behind the difference."""
+    ramp = ((1.0 + d.T8 * s) / (1.0 + d.T9 * s) ** d.M) ** d.N
+    return ramp, d.KS1 * (1.0 + d.T1 * s) * (1.0 + d.T3 * s) / ((1.0 + d.T2 * s) * (1.0 + d.T4 * s))
+
+
+def pss2a(s: complex, d: Any) -> complex:
+    ramp, behind = _pss2a(s, d)
+    washed = d.TW1 * s / (1.0 + d.TW1 * s) * d.TW2 * s / (1.0 + d.TW2 * s)
+    return complex(behind * ramp * washed / (1.0 + d.T6 * s))
+
+
+def pss2a_power(s: complex, d: Any) -> complex:
+    ramp, behind = _pss2a(s, d)
+    power = d.TW3 * s / (1.0 + d.TW3 * s) * d.KS2 / (1.0 + d.T7 * s)
+    return complex(behind * (ramp * d.KS3 - 1.0) * power)
+
+
+EXPECTED: list[tuple[str, str, Callable[[complex, Any], complex]]] = [
+    ("IEEEX1", "Vt", dc_with_lead),
+    ("EXDC2", "Vt", dc_with_lead),
+    ("ESDC2A", "Vt", dc_with_lead),
+    ("EXDC2", "omega", lambda _s, _d: FIELD),  # the field voltage follows the speed
+    ("IEEET1", "Vt", dc),
+    ("IEEET2", "Vt", ieeet2),
+    ("EXST1", "Vt", exst1),
+    ("ESST3A", "Vt+Vq", esst3a),  # its source is Vd + j Vq, here in the q axis
+    ("SEXS", "Vt", sexs),
+    ("SCRX", "Vt", sexs),
+    ("TGOV1", "omega", tgov1),
+    ("IEEEG1", "omega", ieeeg1),
+    ("IEESGO", "omega", ieesgo),
+    ("IEEEST", "omega", ieeest),
+    ("ST2CUT", "omega", st2cut),
+    ("ST2CUT", "Pe", st2cut_power),
+    ("STAB2A", "Pe", stab2a),
+    ("PSS2A", "omega", pss2a),
+    ("PSS2A", "Pe", pss2a_power),
+]
+
+
+def test_every_model_has_its_transfer_function() -> None:
+    assert {model for model, _, _ in EXPECTED} == set(MODELS) == set(DATA)
+
+
+@pytest.mark.parametrize(("model", "signals", "expected"), EXPECTED)
+@pytest.mark.parametrize("hertz", [0.02, 0.6, 2.0, 20.0])
+def test_a_control_is_the_transfer_function_of_its_standard(
+    model: str, signals: str, expected: Callable[[complex, Any], complex], hertz: float
+) -> None:
+    data, s = made(model), 2j * np.pi * hertz
+    assert response(data, signals, s) == pytest.approx(expected(s, data), rel=1e-5, abs=1e-7)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
+    """But for those that need one: of a loop, of an integrator."""
+    needed = {"T3", "TA", "TE", "TM", "TF1"}
+    times = [name for name in MODELS[model].fields.split() if name[0] == "T" and name not in ("TATB", "THETAP")]
+    fast = {name: 0.0 for name in times if name not in needed}
+    plain, quick = blocks.control(made(model)), blocks.control(made(model, **fast))
+    assert len(quick.states) < len(plain.states)
+    assert sorted(quick.gives) == sorted(plain.gives)
+
+
+def test_it_rests_where_it_starts_within_its_limits() -> None:
+    for model in MODELS:
+        data = made(model)
+        control, rest = at_rest(data)
+        assert rest.strains == []
+        values, dx = np.zeros(len(SENSED) + len(control.rows)), np.ones(len(rest.states))
+        reference = {"exciter": "Vref", "governor": "Pref"}.get(MODELS[model].role, "none")
+        for name, value in {"one": 1.0, **sensed(), reference: rest.reference}.items():
+            values[SENSED.index(name)] = value
+        values[SENSED.index("none")] = 0.0
+        blocks.outputs(control.rows, 0, len(control.rows), len(SENSED), rest.states, values)
+        blocks.derivatives(control.rows, 0, len(control.rows), rest.states, values, dx)
+        assert np.abs(dx).max() < 1e-8
+        given = values[len(SENSED) + control.gives.index(GIVES[MODELS[model].role])]
+        assert given == pytest.approx({"exciter": FIELD, "governor": POWER, "stabiliser": 0.0}[MODELS[model].role])
+
+
+@given(st.lists(st.floats(-50.0, 50.0), min_size=5, max_size=40))
+def test_a_limited_state_stays_within_its_limits_and_leaves_them_at_once(errors: list[float]) -> None:
+    """It does not wind up: where the input turns, so does the state."""
+    data = made("IEEEX1", TB=0.0, TC=0.0, KF=0.0)
+    control, rest = at_rest(data)
+    x, dx, values = rest.states.copy(), np.zeros(len(rest.states)), np.zeros(len(SENSED) + len(control.rows))
+    values[SENSED.index("one")] = 1.0
+    VR, h = control.states.index("VR"), 0.001
+    for error in errors:
+        values[SENSED.index("Vref")], values[SENSED.index("Vt")] = error, 0.0
+        x[control.states.index("VT")] = 0.0
+        for _ in range(20):
+            blocks.outputs(control.rows, 0, len(control.rows), len(SENSED), x, values)
+            blocks.derivatives(control.rows, 0, len(control.rows), x, values, dx)
+            towards = np.sign(data.KA * error - x[VR])
+            assert dx[VR] * towards >= 0.0
+            assert dx[VR] != 0.0 or x[VR] in (data.VRMIN, data.VRMAX) or towards == 0.0
+            x[VR] = min(max(x[VR] + h * dx[VR], data.VRMIN), data.VRMAX)
+
+
+@pytest.mark.parametrize(
+    ("loading", "share"),
+    [(-0.1, 1.0), (0.0, 1.0), (0.2, 0.8846), (0.433, 0.7502), (0.6, 0.6245), (0.75, 0.4330), (0.9, 0.1732), (1.2, 0.0)],
+)
+def test_a_rectifier_is_that_of_the_standard(loading: float, share: float) -> None:
+    """IEEE Std 421.5, annex D: three modes of commutation."""
+    assert blocks._rectified(2.0, 2.0 * loading) == pytest.approx(2.0 * share, abs=2e-4)
+
+
+def test_the_source_of_a_compound_exciter_is_that_of_the_standard() -> None:
+    """VE = |KP V + j (KI + KP XL) I|, KP at the angle THETAP."""
+    data = made("ESST3A", KI=0.435, XL=0.0098, THETAP=3.33, KC=0.01)
+    control, rest = at_rest(data, Vd=0.3, Vq=0.97)
+    values = np.zeros(len(SENSED) + len(control.rows))
+    for name, value in {"one": 1.0, **sensed(Vd=0.3, Vq=0.97), "Vref": rest.reference}.items():
+        values[SENSED.index(name)] = value
+    blocks.outputs(control.rows, 0, len(control.rows), len(SENSED), rest.states, values)
+    KP = 3.67 * np.exp(1j * np.radians(3.33))
+    expected = abs(KP * (0.3 + 0.97j) + 1j * (0.435 + KP * 0.0098) * (0.5 + 0.6j))
+    assert values[len(SENSED) + control.gives.index("VE")] == pytest.approx(expected)
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(InputError, match=r"ESST3A of G1: a loop without a state: .*; allowed: a time constant above 0"):
+        blocks.control(made("ESST3A", TM=0.0))
+    with pytest.raises(ValueError, match=r"TA must be 0 or at least 0.002 s, given 0.001"):
+        made("IEEEX1", TA=0.001)
+    _, rest = at_rest(made("IEEEX1", VRMAX=1.0))
+    (strain,) = rest.strains
+    assert str(strain).startswith("exciters: G1: IEEEX1: VR is ")
+    assert str(strain).endswith(" p.u. at the start; allowed by its limits: -10 to 1")
+    assert (strain.field, strain.wanted) == ("VRMAX", strain.value)
+
+
+def test_blocks_fit_into_their_rows() -> None:
+    for model in MODELS:
+        control = blocks.control(made(model))
+        assert control.rows["inputs"].max() <= blocks.MOST_INPUTS
+        assert len(set(control.states)) == len(control.states)
