@@ -6,14 +6,13 @@ from copy import deepcopy
 from typing import Any
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.blocks import MODELS
+from facts_damping.parameters.blocks import MODELS, TABLES
 from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check
 from facts_damping.plant.build import strains
 
 WIDER = 0.1  # of the value at the start, by which a limit is moved beyond it
 MOST = 5  # times, as one limit may follow from another
-TABLES = {"exciter": "exciters", "stabiliser": "stabilisers", "governor": "governors"}
 
 
 def widened(content: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:

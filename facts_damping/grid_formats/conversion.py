@@ -13,7 +13,7 @@ from facts_damping.errors import InputError, check_known
 from facts_damping.parameters.validation import short
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     Row = Mapping[str, float]
 
@@ -62,10 +62,8 @@ def convert(case: MatpowerCase, dynamics: Mapping[str, Any] | None = None) -> Im
     demand, units = _units(case, buses, notes)
     lines, transformers, charging = _branches(case, buses, notes)
     machines, typical = _machines(buses, units, given.get("machines", []), notes)
-    names = [m["name"] for m in machines]
-    pairs = {f"w_{names[0]}_{other}": other for other in names[1:]}
     content: dict[str, Any] = {
-        "name": re.sub(r"[^A-Za-z0-9_.+-]", "_", case.name).lstrip("_.+-")[:64] or "case",
+        "name": system_name(case.name),
         "description": f"{case.name}, imported from MATPOWER",
         "base_power": case.base_power,
         "frequency": 60,
@@ -81,14 +79,60 @@ def convert(case: MatpowerCase, dynamics: Mapping[str, Any] | None = None) -> Im
         ]
         + charging,
         "machines": machines,
-        "stations": [{"name": name, "machine": name} for name in names],
-        "signals": {s: {"channel": "speed_deviation", "weights": {names[0]: 1, o: -1}} for s, o in pairs.items()},
-        "measures": {"local": list(pairs)},
+        **measured([m["name"] for m in machines]),
     }
     if "signals" in given or "stations" in given:
         content |= {"signals": {}, "measures": {}}  # ours name stations of ours
     content |= {key: value for key, value in given.items() if key != "machines"}
-    return Imported({key: value for key, value in content.items() if value not in ([], {})}, typical, notes)
+    return Imported(filled(content), typical, notes)
+
+
+# What becomes of a case in either format
+
+
+def system_name(case: str) -> str:
+    """A name for the system of a case."""
+    return re.sub(r"[^A-Za-z0-9_.+-]", "_", case).lstrip("_.+-")[:64] or "case"
+
+
+def measured(machines: Sequence[str]) -> dict[str, Any]:
+    """A PMU at each machine, and the speed differences of the first one to the others."""
+    first = machines[0]
+    pairs = {f"w_{first}_{other}": other for other in machines[1:]}
+    return {
+        "stations": [{"name": name, "machine": name} for name in machines],
+        "signals": {s: {"channel": "speed_deviation", "weights": {first: 1, o: -1}} for s, o in pairs.items()},
+        "measures": {"local": list(pairs)},
+    }
+
+
+def filled(content: dict[str, Any]) -> dict[str, Any]:
+    """The content of a system's file without empty tables."""
+    return {key: value for key, value in content.items() if value not in ([], {})}
+
+
+def without_data(typical: Sequence[str], machines: int) -> str:
+    """The note on machines that have typical data, of so many."""
+    which = "all machines" if len(typical) == machines else ", ".join(typical)
+    return f"no dynamic data for {which}: typical data (Kundur, table 4.2)"
+
+
+def joined_to(bus: Any, branches: Iterable[tuple[Any, Any]]) -> set[Any]:
+    """The buses that branches join to one, itself included."""
+    near: dict[Any, set[Any]] = {bus: set()}
+    for one, other in branches:
+        near.setdefault(one, set()).add(other)
+        near.setdefault(other, set()).add(one)
+    reached, edge = {bus}, {bus}
+    while edge:
+        edge = set().union(*(near[n] for n in edge)) - reached
+        reached |= edge
+    return reached
+
+
+def some(buses: Sequence[int]) -> str:
+    """The first few of some buses, for a message."""
+    return ", ".join(map(str, buses[:5])) + (", ..." if len(buses) > 5 else "")
 
 
 def _number(value: float) -> int:
@@ -105,23 +149,19 @@ def _check_buses(case: MatpowerCase, buses: Mapping[int, Row]) -> None:
     reference = [n for n, row in buses.items() if row["BUS_TYPE"] == REFERENCE]
     if len(reference) != 1:
         raise InputError(f"mpc.bus: {len(reference)} reference buses (type 3) given; allowed: exactly one")
-    near: dict[int, set[int]] = {n: set() for n in buses}
+    joined = []
     for i, row in enumerate(case.branch, 1):
         ends = _number(row["F_BUS"]), _number(row["T_BUS"])
         for end in ends:
             if end not in buses:
                 raise InputError(f"mpc.branch, row {i}: bus {end} given; allowed: a bus of mpc.bus")
         if row["BR_STATUS"] > 0:
-            near[ends[0]].add(ends[1])
-            near[ends[1]].add(ends[0])
-    reached, edge = set(reference), set(reference)
-    while edge:
-        edge = set().union(*(near[n] for n in edge)) - reached
-        reached |= edge
+            joined.append(ends)
+    reached = joined_to(reference[0], joined)
     apart = [n for n, row in buses.items() if n not in reached or row["BUS_TYPE"] == ISOLATED]
     if apart:
         raise InputError(
-            f"mpc.bus: isolated buses given ({', '.join(map(str, apart[:5]))}{', ...' if len(apart) > 5 else ''}); "
+            f"mpc.bus: isolated buses given ({some(apart)}); "
             f"allowed: buses that branches in service join to bus {reference[0]}"
         )
 
@@ -217,8 +257,7 @@ def _machines(
     if not any("slack" in m for m in machines):
         raise InputError("mpc.gen: no generator in service at the reference bus; allowed: at least one there")
     if typical:
-        which = "all machines" if len(typical) == len(machines) else ", ".join(typical)
-        notes.append(f"no dynamic data for {which}: typical data (Kundur, table 4.2), constant field voltage")
+        notes.append(f"{without_data(typical, len(machines))}, constant field voltage")
     return machines, typical
 
 

@@ -5,17 +5,15 @@ A record is a bus, a model in quotes, an identifier and the model's constants, u
 
 from __future__ import annotations
 
-import math
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.errors import InputError
+from facts_damping.grid_formats.psse_text import as_number, read_lines
 from facts_damping.parameters.validation import short
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-LONGEST = 50_000_000  # bytes of a file
 
 
 class Dynamic(NamedTuple):
@@ -37,13 +35,9 @@ class Dyr(NamedTuple):
 
 def read_dyr(path: Path) -> Dyr:
     """The records of a DYR file. Raises `InputError` with the line of what cannot be read."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; allowed: an existing PSS/E DYR file")
-    if path.stat().st_size > LONGEST:
-        raise InputError(f"{path}: {path.stat().st_size} bytes given; allowed: at most {LONGEST}")
     records, unread = list[Dynamic](), list[tuple[int, str]]()
     words, begins = list[str](), 0
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+    for number, line in enumerate(read_lines(path, "DYR"), 1):
         text, ended = _cut(line)
         found = re.findall(r"'[^']*'|\"[^\"]*\"|[^\s,]+", text)
         begins = begins if words else number
@@ -77,15 +71,5 @@ def _take(words: list[str], line: int, path: Path, records: list[Dynamic], unrea
         unread.append((line, " ".join(words[:3])))
         return
     model = words[1].strip("'\" ").upper()
-    values = tuple(_number(text, f"{where}: {model}: value {i}") for i, text in enumerate(words[3:], 1))
+    values = tuple(as_number(text, f"{where}: {model}: value {i}") for i, text in enumerate(words[3:], 1))
     records.append(Dynamic(line, int(words[0]), model, words[2].strip("'\" "), values))
-
-
-def _number(text: str, where: str) -> float:
-    try:
-        value = float(re.sub(r"[dD]", "E", text.strip("'\"")))
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{where}: {short(text)} given; allowed: a number")
-    return value

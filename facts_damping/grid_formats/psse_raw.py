@@ -6,11 +6,11 @@ commas is the default. PSS/E Program Operation Manual, Power Flow Data File Cont
 
 from __future__ import annotations
 
-import math
 import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.errors import InputError
+from facts_damping.grid_formats.psse_text import as_number, read_lines
 from facts_damping.parameters.validation import short
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 VERSIONS = (32, 33, 34, 35)
-LONGEST = 50_000_000  # bytes of a file
 
 # Sections in their order. Those without columns are read over, and named if they hold anything.
 _COMMON = (
@@ -86,16 +85,16 @@ class RawCase(NamedTuple):
 
 def read_raw(path: Path) -> RawCase:
     """The records of a RAW file. Raises `InputError` with line and field of what cannot be read."""
-    lines = _lines(path)
+    lines = read_lines(path, "RAW")
     where = f"{path}: line 1"
     if not lines:
         raise InputError(f"{path}: empty; allowed: a PSS/E RAW file of version {_allowed()}")
     head = _values(lines[0], where)
-    version = int(_number(head[2] if len(head) > 2 else "", f"{where}: REV, the version"))
+    version = int(as_number(head[2] if len(head) > 2 else "", f"{where}: REV, the version"))
     if version not in VERSIONS:
         raise InputError(f"{where}: version {version} given; allowed: {_allowed()}")
-    base = _number(head[1], f"{where}: SBASE")
-    frequency = _number(head[5], f"{where}: BASFRQ") if len(head) > 5 and head[5] else 60.0
+    base = as_number(head[1], f"{where}: SBASE")
+    frequency = as_number(head[5], f"{where}: BASFRQ") if len(head) > 5 and head[5] else 60.0
     if not base > 0.0 or not 10.0 <= frequency <= 400.0:
         raise InputError(f"{where}: SBASE {base:g}, BASFRQ {frequency:g} given; allowed: above 0, and 10 to 400 Hz")
     tables: dict[str, list[Row]] = {section: [] for section in (*COLUMNS, "transformer")}
@@ -122,14 +121,6 @@ def read_raw(path: Path) -> RawCase:
 
 def _allowed() -> str:
     return ", ".join(map(str, VERSIONS))
-
-
-def _lines(path: Path) -> list[str]:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; allowed: an existing PSS/E RAW file")
-    if path.stat().st_size > LONGEST:
-        raise InputError(f"{path}: {path.stat().st_size} bytes given; allowed: at most {LONGEST}")
-    return path.read_text(encoding="utf-8", errors="replace").splitlines()
 
 
 def _records(lines: list[str]) -> Iterator[tuple[int, str]]:
@@ -170,17 +161,6 @@ def _values(line: str, where: str) -> list[str]:
                 return found
 
 
-def _number(text: str, where: str) -> float:
-    """A number as Fortran writes it."""
-    try:
-        value = float(re.sub(r"[dD]", "E", text))
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{where}: {short(text)} given; allowed: a number")
-    return value
-
-
 def _row(columns: str, line: str, where: str) -> Row:
     """A record by its columns."""
     values, row = _values(line, where), Row()
@@ -192,7 +172,7 @@ def _row(columns: str, line: str, where: str) -> Row:
         elif text == "" and has_default and not isinstance(text, Quoted):
             row[name] = float(default)
         else:
-            row[name] = _number(text, f"{where}: {name}")
+            row[name] = as_number(text, f"{where}: {name}")
     return row
 
 

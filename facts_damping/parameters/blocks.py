@@ -1,6 +1,6 @@
 """Controls of machines as tables of blocks: the models of the PSS/E library by their names and in their order of data.
 
-A model is a list of `Block`s; the next one is a row of `MODELS`. All of it is data: `plant.blocks` knows the kinds.
+A model is a list of `Block`s; the next one is a row of `MODELS`. It is data: `plant.block_controls` knows the kinds.
 References: IEEE Std 421.5 (exciters, stabilisers), IEEE Committee Report, Dynamic Models for Steam and Hydro Turbines
 in Power System Studies, 1973 (governors), IEEE Committee Report, Excitation System Models for Power System Stability
 Studies, 1981 (EXST1, IEEEST), PSS/E Model Library.
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 Role = Literal["exciter", "stabiliser", "governor"]
 
+TABLES: dict[Role, str] = {"exciter": "exciters", "stabiliser": "stabilisers", "governor": "governors"}  # of a system
+
 SHORTEST = 0.002  # s, of time constants; 0: a block without state
 
 
@@ -24,7 +26,7 @@ class Block(NamedTuple):
     """A block: the signal that it gives, its kind, what goes in, constants, and limits of its output or state."""
 
     name: str
-    kind: str  # of plant.blocks.KINDS
+    kind: str  # of plant.block_controls.KINDS
     inputs: str  # signals with signs: "Vref + Vs - VT"; with factors of constants: "K1 * P4 + K3 * P5"
     constants: tuple[Constant, ...] = ()
     low: Constant | None = None
@@ -75,6 +77,7 @@ def saturation(field: Any) -> tuple[float, float]:
 _SEEN = Block("VT", "lag", "Vt", (1.0, "TR"))
 _A: Callable[[Any], float] = lambda f: saturation(f)[0]  # noqa: E731 (constants are written beside each other)
 _B: Callable[[Any], float] = lambda f: saturation(f)[1]  # noqa: E731
+_REDUCTION = Block("VB", "lead_lag", "Vref + Vs - Vt", (1.0, lambda f: f.TATB * f.TB, "TB"))
 _DC_FIELDS = "TR KA TA TB TC VRMAX VRMIN KE TE KF TF1 SWITCH E1 SE1 E2 SE2"
 
 
@@ -161,7 +164,7 @@ _EXCITERS = {
         "simplified excitation system",
         "TATB TB K TE EMIN EMAX",
         (
-            Block("VB", "lead_lag", "Vref + Vs - Vt", (1.0, lambda f: f.TATB * f.TB, "TB")),
+            _REDUCTION,
             Block("Efd", "lag", "VB", ("K", "TE"), "EMIN", "EMAX"),
         ),
     ),
@@ -170,7 +173,7 @@ _EXCITERS = {
         "static exciter fed by the terminals (CSWITCH 0) or by a constant source (1)",
         "TATB TB K TE EMIN EMAX CSWITCH RCRFD",
         (
-            Block("VB", "lead_lag", "Vref + Vs - Vt", (1.0, lambda f: f.TATB * f.TB, "TB")),
+            _REDUCTION,
             Block("VR", "lag", "VB", ("K", "TE"), "EMIN", "EMAX"),
             Block("supply", "sum", "SOLID * one + FED * Vt"),
             Block("Efd", "product", "VR + supply"),

@@ -1,25 +1,19 @@
-"""Controls of machines that are tables of blocks (`parameters.blocks`): as rows, at rest, and compiled.
+"""Controls of machines that are tables of blocks; compiled.
 
 A control is a run of rows of BLOCK; a row gives one signal from others. Rows are ordered so that each one's inputs are
-known before it where its output depends on them at once.
+known before it where its output depends on them at once (`block_controls` makes them).
 """
 
 from __future__ import annotations
 
-import cmath
 import math
-import re
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.errors import InputError
-from facts_damping.parameters.blocks import INPUTS, MODELS, Block
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from numpy.typing import NDArray
 
 # Signals of a machine that blocks take, p.u. of the rating; those that blocks give follow.
@@ -27,22 +21,8 @@ SENSED = ("one", "none", "Vt", "omega", "Pe", "Pa", "Vref", "Pref", "Vs", "Ifd",
 ONE, NONE, VT, OMEGA, PE, PA, VREF, PREF, VS, IFD, VD, VQ, ID, IQ = range(len(SENSED))
 
 ROLES = ("governor", "stabiliser", "exciter")  # in the order in which they act
-GIVES = {"governor": "Pm", "stabiliser": "Vs", "exciter": "Efd"}
 
 SUM, LAG, LEAD_LAG, WASHOUT, RATE, SERVO, FIELD, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER = range(11)
-KINDS = {
-    "sum": SUM,
-    "lag": LAG,
-    "lead_lag": LEAD_LAG,
-    "washout": WASHOUT,
-    "rate": RATE,
-    "servo": SERVO,
-    "field": FIELD,
-    "second_order": SECOND_ORDER,
-    "product": PRODUCT,
-    "source": SOURCE,
-    "rectifier": RECTIFIER,
-}
 MOST_INPUTS = 5
 NO_LIMIT = 1e30  # p.u.; a multiple of zero is still a number
 STATELESS = -1
@@ -120,7 +100,7 @@ def outputs(
             y = abs(complex(b.p[0], b.p[1]) * voltage + complex(b.p[2], b.p[3]) * current)
         elif b.kind == RECTIFIER:
             y = _rectified(s[b.source[0]], b.p[0] * s[b.source[1]])
-        elif b.kind == SUM or b.state < 0:
+        elif b.state < 0:
             y = _limited(b, b.p[0] * u, s)
         elif b.kind == LEAD_LAG:
             state = x[b.state]
@@ -171,227 +151,3 @@ def derivatives(
             if (above and slope > 0.0) or (below and slope < 0.0):
                 slope = 0.0
         dx[b.state] = slope
-
-
-# What stands in the table is made below, and where it rests.
-
-FEEDTHROUGH = {SUM, LEAD_LAG, WASHOUT, RATE, SECOND_ORDER, PRODUCT, SOURCE, RECTIFIER}  # an input acts at once
-TOLERANCE = 1e-10  # p.u., 1/s, of a control at rest
-
-
-class Control(NamedTuple):
-    """A control as rows of BLOCK, the signals that they give in their order, and the names of its states."""
-
-    rows: NDArray[Any]
-    gives: list[str]
-    states: list[str]
-
-
-def control(data: Any) -> Control:
-    """The rows of a control with its parameters (`parameters.machines`); states count from 0.
-
-    Raises `InputError` where blocks form a loop in which nothing has a state.
-    """
-    model = MODELS[data.model]
-    own = _in_order([_plain(block, data) for block in _spread(model.blocks, data)], data)
-    signals = {name: i for i, name in enumerate([*SENSED, *(block.name for block in own)])}
-    signals |= {
-        "input": signals[INPUTS[int(getattr(data, "IC", 1))]],
-        "input_2": signals[INPUTS[int(getattr(data, "IC2", 0))]],
-    }
-    rows, states = np.zeros(len(own), BLOCK), list[str]()
-    for row, block in zip(rows, own, strict=True):
-        row["kind"], row["state"] = block.kind, STATELESS
-        for i, (name, weight) in enumerate(_inputs(block.inputs, data)):
-            row["source"][i], row["weight"][i] = signals[name], weight
-            row["inputs"] = i + 1
-        row["p"] = block.p
-        row["low"] = -NO_LIMIT if block.low is None else block.low
-        row["high"] = NO_LIMIT if block.high is None else block.high
-        row["low_of"], row["high_of"] = signals[block.low_of], signals[block.high_of]
-        if block.states:
-            row["state"] = len(states)
-            states += [block.name, f"{block.name}_rate"][: block.states]
-    return Control(rows, [block.name for block in own], states)
-
-
-class _Plain(NamedTuple):
-    """A block with numbers in place of fields."""
-
-    name: str
-    kind: int
-    inputs: str
-    p: tuple[float, ...]
-    states: int
-    low: float | None
-    high: float | None
-    low_of: str
-    high_of: str
-
-
-def _number(constant: Any, data: Any) -> float:
-    """A constant of a block: a number, a field, or what follows from fields."""
-    if isinstance(constant, str):
-        return float(getattr(data, constant))
-    return float(constant(data) if callable(constant) else constant)
-
-
-def _plain(block: Block, data: Any) -> _Plain:
-    """Numbers as the kernel takes them; a block whose time constant is zero has no state."""
-    kind, c = KINDS[block.kind], [_number(one, data) for one in block.constants]
-    p, states = (1.0, 0.0, 0.0, 0.0), 0
-    if kind == LAG:
-        p, states = (c[0], c[1], 0.0, 0.0), int(c[1] > 0.0)
-    elif kind == LEAD_LAG:
-        p, states = (c[0], c[1] / c[2] if c[2] > 0.0 else 0.0, c[2], 0.0), int(c[2] > 0.0 and c[1] != c[2])
-    elif kind == WASHOUT:
-        p, states = (c[0], 0.0, c[1], 0.0), int(c[1] > 0.0)
-    elif kind == RATE:
-        p, states = (c[0] / c[1] if c[1] > 0.0 else 0.0, 0.0, c[1], 0.0), int(c[1] > 0.0 and c[0] != 0.0)
-        p = p if states else (0.0, 0.0, 0.0, 0.0)
-    elif kind == SERVO:
-        p, states = (c[0], c[1], c[2], 0.0), 1
-    elif kind == FIELD:
-        p, states = (c[0], c[1], c[2], c[3]), 1
-    elif kind == SECOND_ORDER and c[3] > 0.0:
-        p, states = (c[0], c[1], c[2], c[3]), 2
-    elif kind == SECOND_ORDER:  # of first order, or none
-        kind, states = LEAD_LAG, int(c[2] > 0.0)
-        p = (1.0, c[0] / c[2] if c[2] > 0.0 else 0.0, c[2], 0.0)
-    elif kind == SOURCE:
-        turned = cmath.rect(c[0], math.radians(c[1]))
-        behind = 1j * (c[2] + turned * c[3])
-        p = (turned.real, turned.imag, behind.real, behind.imag)
-    elif kind == RECTIFIER:
-        p = (c[0], 0.0, 0.0, 0.0)
-    low, high = (None if one is None else _number(one, data) for one in (block.low, block.high))
-    return _Plain(block.name, kind, block.inputs, p, states, low, high, block.low_of, block.high_of)
-
-
-def _spread(blocks: Sequence[Block], data: Any) -> list[Block]:
-    """Ramp-tracking filters ((1 + s T8) / (1 + s T9)^M)^N as lead-lags and lags, one after the other."""
-    made: list[Block] = []
-    for block in blocks:
-        if block.kind != "ramp_tracking":
-            made.append(block)
-            continue
-        lead, lag, most, times = (_number(one, data) for one in block.constants)
-        parts = [(1.0, lead, lag) if i % max(1, int(most)) == 0 else (1.0, lag) for i in range(int(most * times))]
-        before = block.inputs
-        for i, constants in enumerate(parts):
-            name = block.name if i == len(parts) - 1 else f"{block.name}_{i + 1}"
-            made.append(Block(name, "lead_lag" if len(constants) == 3 else "lag", before, constants))
-            before = name
-        if not parts:
-            made.append(Block(block.name, "sum", block.inputs))
-    return made
-
-
-def _inputs(text: str, data: Any) -> list[tuple[str, float]]:
-    """Signals with their weights: "Vref - K1 * VT"."""
-    found = []
-    for sign, factor, name in re.findall(r"([+-]?)\s*(?:(\w+)\s*\*\s*)?(\w+)", text):
-        weight = 1.0
-        if factor:
-            derived = MODELS[data.model].factors
-            weight = derived[factor](data) if factor in derived else _number(factor, data)
-        found.append((name, -weight if sign == "-" else weight))
-    return found
-
-
-def _in_order(blocks: Sequence[_Plain], data: Any) -> list[_Plain]:
-    """Blocks so that each one's output follows from what stands before it, and from states."""
-    done, left = list[_Plain](), list(blocks)
-    known = {*SENSED, "input", "input_2"}
-    while left:
-        ready = next((one for one in left if _needs(one, data) <= known), None)
-        if ready is None:
-            names = ", ".join(one.name for one in left)
-            raise InputError(
-                f"{data.model} of {data.machine}: a loop without a state: {names}; allowed: a time constant above 0"
-            )
-        left.remove(ready)
-        done.append(ready)
-        known.add(ready.name)
-    return done
-
-
-def _needs(block: _Plain, data: Any) -> set[str]:
-    """Signals that a block's output follows from at once."""
-    limits = {block.low_of, block.high_of}
-    at_once = block.kind in FEEDTHROUGH or not block.states
-    return limits | {name for name, _ in _inputs(block.inputs, data)} if at_once else limits
-
-
-class Strain(NamedTuple):
-    """A limit that does not admit the start: of which signal, its value, the limits; the field and what it would be."""
-
-    control: Any
-    name: str
-    value: float  # p.u.
-    low: float
-    high: float
-    field: str | None  # none: the limit is no field of its own
-    wanted: float  # p.u., of the field
-
-    def __str__(self) -> str:
-        """As an error says it."""
-        c = self.control
-        where = f"{MODELS[c.model].role}s: {c.machine}: {c.model}: {self.name}"
-        limits = f"{self.low:.4g} to {self.high:.4g}"
-        return f"{where} is {self.value:.4g} p.u. at the start; allowed by its limits: {limits}"
-
-
-class Rest(NamedTuple):
-    """A control at rest: its states, the reference that holds it there, and the limits that do not admit that."""
-
-    states: NDArray[np.float64]
-    reference: float
-    strains: list[Strain]
-
-
-def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float | None, reference: str | None) -> Rest:
-    """States, and the value of the signal `reference`, with which a control gives `gives` and nothing moves.
-
-    By Newton's method without limits. Raises `InputError` where there is no such state.
-    """
-    s = np.zeros(len(SENSED) + len(made.rows))
-    for name, value in {"one": 1.0, **sensed}.items():
-        s[SENSED.index(name)] = value
-    free = made.rows.copy()
-    free["low"], free["high"], free["low_of"], free["high_of"] = -NO_LIMIT, NO_LIMIT, ONE, ONE
-    given = made.gives.index(GIVES[MODELS[data.model].role])
-    n, at = len(made.states), len(SENSED)
-
-    def moves(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        x, dx = np.ascontiguousarray(z[:n]), np.zeros(n)
-        if reference is not None:
-            s[SENSED.index(reference)] = z[n]
-        outputs(free, 0, len(free), at, x, s)
-        derivatives(free, 0, len(free), x, s, dx)
-        return np.append(dx, s[at + given] - gives) if reference is not None and gives is not None else dx
-
-    z = np.full(n + (reference is not None), 1.0 if gives is None else gives)
-    for _ in range(50):
-        left = moves(z)
-        if np.abs(left).max(initial=0.0) < TOLERANCE:
-            break
-        slopes = [(moves(z + step) - moves(z - step)) / (2.0 * step.max()) for step in 1e-6 * np.eye(len(z))]
-        z = z - np.linalg.lstsq(np.array(slopes).T, left, rcond=None)[0]
-    else:
-        raise InputError(f"{data.model} of {data.machine}: no state of rest found at the start")
-    return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _strains(made, data, s))
-
-
-def _strains(made: Control, data: Any, s: NDArray[np.float64]) -> list[Strain]:
-    """Limits beyond which the signals of a control lie that is at rest without them."""
-    found, fields = list[Strain](), {block.name: block for block in MODELS[data.model].blocks}
-    for row, name, value in zip(made.rows, made.gives, s[len(SENSED) :], strict=True):
-        low, high = row["low"] * s[row["low_of"]], row["high"] * s[row["high_of"]]
-        if low - 1e-9 <= value <= high + 1e-9:
-            continue
-        side, of = ("low", row["low_of"]) if value < low else ("high", row["high_of"])
-        limit = getattr(fields[name], side)
-        field = limit if isinstance(limit, str) else None
-        found.append(Strain(data, name, float(value), float(low), float(high), field, float(value / s[of])))
-    return found

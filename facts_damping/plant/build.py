@@ -11,7 +11,17 @@ import numpy as np
 from facts_damping.errors import InputError
 from facts_damping.parameters.blocks import MODELS
 from facts_damping.parameters.devices import Series, Transmission
-from facts_damping.plant import blocks, devices, excitation, governor, load, load_noise, machine, stabiliser
+from facts_damping.plant import (
+    block_controls,
+    blocks,
+    devices,
+    excitation,
+    governor,
+    load,
+    load_noise,
+    machine,
+    stabiliser,
+)
 from facts_damping.plant.dead_time import line
 from facts_damping.plant.events import Stage, stages
 from facts_damping.plant.model import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Plant, PlantState, Site
@@ -150,7 +160,7 @@ class _Rotating(NamedTuple):
     controls: NDArray[Any]
     power: NDArray[np.float64]
     blocks: list[NDArray[Any]]
-    strains: list[blocks.Strain]
+    strains: list[block_controls.Strain]
 
 
 def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
@@ -201,23 +211,25 @@ def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> 
     return sensed | {"Vd": v.real, "Vq": v.imag, "Id": i.real, "Iq": i.imag}
 
 
-def strains(system: System) -> list[blocks.Strain]:
+def strains(system: System) -> list[block_controls.Strain]:
     """Limits of controls that are tables of blocks, which do not admit the start of a system without devices."""
     return _machines(system, solve(system, []), _States()).strains
 
 
-def _add_blocks(made: _Rotating, g: int, data: Any, seen: dict[str, float], states: _States) -> list[blocks.Strain]:
+def _add_blocks(
+    made: _Rotating, g: int, data: Any, seen: dict[str, float], states: _States
+) -> list[block_controls.Strain]:
     """A control that is a table of blocks, at rest; the limits that do not admit that."""
-    role, control = MODELS[data.model].role, blocks.control(data)
+    role, control = MODELS[data.model].role, block_controls.control(data)
     wanted, reference = {"exciter": ("Ifd", "Vref"), "governor": ("Pm", "Pref")}.get(role, (None, None))
     sensed = {name: value for name, value in seen.items() if name in blocks.SENSED}
-    rest = blocks.at_rest(control, data, sensed, None if wanted is None else seen[wanted], reference)
+    rest = block_controls.at_rest(control, data, sensed, None if wanted is None else seen[wanted], reference)
     first = sum(map(len, made.blocks))
     rows = control.rows.copy()
     rows["state"][rows["state"] >= 0] += states.offset
     row = made.controls[g]
     row[f"{role}_first"], row[f"{role}_end"] = first, first + len(rows)
-    row[f"{role}_gives"] = control.gives.index(blocks.GIVES[role])
+    row[f"{role}_gives"] = control.gives.index(block_controls.GIVES[role])
     if role == "exciter":
         row["Vref"] = rest.reference
     elif role == "governor":

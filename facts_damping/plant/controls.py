@@ -18,7 +18,7 @@ AT = len(SENSED)
 
 
 @inlined
-def field_current(m: Any, x: NDArray[np.float64], current: complex, saturation: float, emf: complex) -> float:
+def _field_current(m: Any, x: NDArray[np.float64], current: complex, saturation: float, emf: complex) -> float:
     """Field current of a machine, p.u. of what gives 1 p.u. of voltage without saturation: T'd0 dE'q = Efd - Ifd."""
     if m.circuits == 0:
         return 0.0
@@ -42,6 +42,16 @@ def _sense(
 
 
 @inlined
+def _given(
+    plant: Plant, first: int, end: int, gives: int, x: NDArray[np.float64], dx: NDArray[np.float64], work: Work
+) -> float:
+    """What a control of blocks gives; write the derivatives of its states, 1/s."""
+    blocks.outputs(plant.blocks, first, end, AT, x, work.signals)
+    blocks.derivatives(plant.blocks, first, end, x, work.signals, dx)
+    return work.signals[AT + gives]  # type: ignore[no-any-return]
+
+
+@inlined
 def move(
     plant: Plant,
     x: NDArray[np.float64],
@@ -49,39 +59,32 @@ def move(
     g: int,
     voltage: complex,
     current: complex,
-    ifd: float,
+    saturation: float,
     dx: NDArray[np.float64],
     work: Work,
 ) -> tuple[float, float]:
     """Field voltage and mechanical power of machine g, p.u. of its rating; write the derivatives of its controls, 1/s.
 
-    `voltage`, `current`: of its stator; `ifd`: its field current, asked for by blocks alone.
+    `voltage`, `current`: of its stator; `saturation`: S of its flux.
     """
-    omega, size, asked = x[plant.machines[g].offset + 1], abs(voltage), plant.mechanical_power[stage, g]
+    m, s = plant.machines[g], work.signals
+    omega, size, asked = x[m.offset + 1], abs(voltage), plant.mechanical_power[stage, g]
     driven = governor.power(plant.governors[g], x, asked, omega)
     governor.derivatives(plant.governors[g], x, asked, omega, dx)
     added = stabiliser.output(plant.stabilisers[g], x, omega)
     stabiliser.derivatives(plant.stabilisers[g], x, omega, dx)
-    if plant.blocks.size == 0:
-        efd = excitation.field_voltage(plant.exciters[g], x, size, added)
-        excitation.derivatives(plant.exciters[g], x, size, added, efd, dx)
-        return efd, driven
-    c, s = plant.controls[g], work.signals
-    _sense(c, omega, asked, voltage * work.rotation[g].conjugate(), current, ifd, s)
-    if c.governor_end > c.governor_first:
-        blocks.outputs(plant.blocks, c.governor_first, c.governor_end, AT, x, s)
-        blocks.derivatives(plant.blocks, c.governor_first, c.governor_end, x, s, dx)
-        driven = s[AT + c.governor_gives]
-    s[PA] = driven - s[PE]
-    if c.stabiliser_end > c.stabiliser_first:
-        blocks.outputs(plant.blocks, c.stabiliser_first, c.stabiliser_end, AT, x, s)
-        blocks.derivatives(plant.blocks, c.stabiliser_first, c.stabiliser_end, x, s, dx)
-        added = s[AT + c.stabiliser_gives]
-    s[VS] = added
-    if c.exciter_end > c.exciter_first:
-        blocks.outputs(plant.blocks, c.exciter_first, c.exciter_end, AT, x, s)
-        blocks.derivatives(plant.blocks, c.exciter_first, c.exciter_end, x, s, dx)
-        return s[AT + c.exciter_gives], driven
+    if plant.blocks.size > 0:
+        c = plant.controls[g]
+        ifd = _field_current(m, x, current, saturation, work.emf[g])
+        _sense(c, omega, asked, voltage * work.rotation[g].conjugate(), current, ifd, s)
+        if c.governor_end > c.governor_first:
+            driven = _given(plant, c.governor_first, c.governor_end, c.governor_gives, x, dx, work)
+        s[PA] = driven - s[PE]
+        if c.stabiliser_end > c.stabiliser_first:
+            added = _given(plant, c.stabiliser_first, c.stabiliser_end, c.stabiliser_gives, x, dx, work)
+        s[VS] = added
+        if c.exciter_end > c.exciter_first:
+            return _given(plant, c.exciter_first, c.exciter_end, c.exciter_gives, x, dx, work), driven
     efd = excitation.field_voltage(plant.exciters[g], x, size, added)
     excitation.derivatives(plant.exciters[g], x, size, added, efd, dx)
     return efd, driven

@@ -136,8 +136,7 @@ def derivatives(
         omega = x[o + 1]
         voltage, current, power = stator(plant, stage, g, work)
         saturation = saturated(m, work.emf[g])
-        ifd = controls.field_current(m, x, current, saturation, work.emf[g]) if plant.blocks.size > 0 else 0.0
-        efd, given = controls.move(plant, x, stage, g, voltage, current, ifd, dx, work)
+        efd, given = controls.move(plant, x, stage, g, voltage, current, saturation, dx, work)
         driven = given * plant.online[stage, g]
         dx[o] = plant.omega_0 * omega
         dx[o + 1] = (driven - power - m.D * omega) / (2.0 * m.H)

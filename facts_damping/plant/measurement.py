@@ -28,10 +28,8 @@ def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work
     x, m = state.x, plant.machines[g]
     omega = x[m.offset + 1]
     voltage, current, power = stator(plant, stage, g, work)
-    ifd = 0.0
-    if plant.blocks.size > 0:
-        ifd = controls.field_current(m, x, current, saturated(m, work.emf[g]), work.emf[g])
-    efd, driven = controls.move(plant, x, stage, g, voltage, current, ifd, work.slopes[4], work)
+    saturation = saturated(m, work.emf[g])
+    efd, driven = controls.move(plant, x, stage, g, voltage, current, saturation, work.slopes[4], work)
     out.rotor_angle = x[m.offset]
     out.speed_deviation = omega
     out.electrical_power = power * m.ratio

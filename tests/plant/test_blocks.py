@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from facts_damping.errors import InputError
 from facts_damping.parameters.blocks import MODELS
 from facts_damping.parameters.machines import BLOCK_CONTROLS
-from facts_damping.plant import blocks
-from facts_damping.plant.blocks import GIVES, SENSED
+from facts_damping.plant import block_controls, blocks
+from facts_damping.plant.block_controls import GIVES
+from facts_damping.plant.blocks import SENSED
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,11 +55,11 @@ def sensed(**changes: float) -> dict[str, float]:
     return {**start, **changes}
 
 
-def at_rest(data: Any, **changes: float) -> tuple[blocks.Control, blocks.Rest]:
+def at_rest(data: Any, **changes: float) -> tuple[block_controls.Control, block_controls.Rest]:
     wanted = {"exciter": FIELD, "governor": POWER}.get(MODELS[data.model].role)
     reference = {"exciter": "Vref", "governor": "Pref"}.get(MODELS[data.model].role)
-    control = blocks.control(data)
-    return control, blocks.at_rest(control, data, sensed(**changes), wanted, reference)
+    control = block_controls.control(data)
+    return control, block_controls.at_rest(control, data, sensed(**changes), wanted, reference)
 
 
 def response(data: Any, signals: str, s: complex) -> complex:
@@ -232,7 +233,7 @@ def test_a_block_whose_time_constant_is_zero_has_no_state(model: str) -> None:
     needed = {"T3", "TA", "TE", "TM", "TF1"}
     times = [name for name in MODELS[model].fields.split() if name[0] == "T" and name not in ("TATB", "THETAP")]
     fast = {name: 0.0 for name in times if name not in needed}
-    plain, quick = blocks.control(made(model)), blocks.control(made(model, **fast))
+    plain, quick = block_controls.control(made(model)), block_controls.control(made(model, **fast))
     assert len(quick.states) < len(plain.states)
     assert sorted(quick.gives) == sorted(plain.gives)
 
@@ -298,7 +299,7 @@ def test_the_source_of_a_compound_exciter_is_that_of_the_standard() -> None:
 
 def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(InputError, match=r"ESST3A of G1: a loop without a state: .*; allowed: a time constant above 0"):
-        blocks.control(made("ESST3A", TM=0.0))
+        block_controls.control(made("ESST3A", TM=0.0))
     with pytest.raises(ValueError, match=r"TA must be 0 or at least 0.002 s, given 0.001"):
         made("IEEEX1", TA=0.001)
     _, rest = at_rest(made("IEEEX1", VRMAX=1.0))
@@ -310,6 +311,6 @@ def test_what_cannot_be_is_refused() -> None:
 
 def test_blocks_fit_into_their_rows() -> None:
     for model in MODELS:
-        control = blocks.control(made(model))
+        control = block_controls.control(made(model))
         assert control.rows["inputs"].max() <= blocks.MOST_INPUTS
         assert len(set(control.states)) == len(control.states)

@@ -1,0 +1,180 @@
+"""The machines of PSS/E records: generators in service, their data and controls, and what was put in whose place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from facts_damping.errors import InputError
+from facts_damping.grid_formats.conversion import PQ, REFERENCE, TYPICAL, without_data
+from facts_damping.grid_formats.psse_network import bus_of
+from facts_damping.grid_formats.psse_raw import Row
+from facts_damping.parameters.blocks import MODELS, SHORTEST, TABLES, quantity_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from facts_damping.grid_formats.psse_dyr import Dynamic, Dyr
+    from facts_damping.grid_formats.psse_raw import RawCase
+
+ROUND = "Td01 Td02 Tq01 Tq02 H D Xd Xq Xd1 Xq1 Xd2 Xl S10 S12"
+SALIENT = "Td01 Td02 Tq02 H D Xd Xq Xd1 Xd2 Xl S10 S12"
+# Machine models: ours, and their constants in the order of a record.
+MACHINES = {
+    "GENROU": ("genrou", ROUND),
+    "GENROE": ("genrou", ROUND),
+    "GENSAL": ("genrou", SALIENT),
+    "GENSAE": ("genrou", SALIENT),
+    "GENCLS": ("classical", "H D"),
+}
+HYGOV = "R r Tr Tf Tg rate_max gate_max gate_min Tw At Dt q_nl"
+EXPONENTIAL = ("GENROE", "GENSAE")
+
+
+class Unit(NamedTuple):
+    """A generator in service: its name here, its bus and identifier in the case, its record."""
+
+    name: str
+    bus: int
+    machine: str
+    row: Row
+
+
+def units_of(case: RawCase, buses: Mapping[int, Row], notes: list[str]) -> list[Unit]:
+    """Generators in service."""
+    rows = [row for row in case.tables["generator"] if row["STAT"] == 1 and bus_of(row, buses)]
+    count: dict[int, int] = {}
+    for row in rows:
+        count[int(row["I"])] = count.get(int(row["I"]), 0) + 1
+    if not rows:
+        raise InputError("generator: none in service given; allowed: at least one")
+    left = len(case.tables["generator"]) - len(rows)
+    if left:
+        notes.append(f"{left} generators are out of service: left out")
+    units = []
+    for row in rows:
+        n, name = int(row["I"]), f"G{int(row['I'])}"
+        units.append(Unit(name if count[n] == 1 else f"{name}_{row['ID']}", n, str(row["ID"]), row))
+    return units
+
+
+def step_ups(case: RawCase, units: Sequence[Unit]) -> tuple[list[Row], dict[str, str]]:
+    """Step-up transformers that are part of generators' records, and the bus of each machine behind one."""
+    made, places = list[Row](), dict[str, str]()
+    for unit in units:
+        if unit.row["XT"] or unit.row["RT"]:
+            places[unit.name] = f"{unit.name}_terminal"
+            rating = unit.row["MBASE"] or case.base_power
+            ends = {"name": f"T_{unit.name}", "from": f"B{unit.bus}", "to": places[unit.name], "rating": rating}
+            made.append(ends | {"r": unit.row["RT"], "x": unit.row["XT"], "tap": unit.row["GTAP"] or 1.0})
+    return made, places
+
+
+def machines_of(
+    units: Sequence[Unit],
+    places: Mapping[str, str],
+    dynamics: Dyr | None,
+    source: str,
+    case: RawCase,
+    buses: Mapping[int, Row],
+    notes: list[str],
+) -> tuple[list[Row], dict[str, list[Row]], list[str]]:
+    """Machines with the data of their records, their controls by table, and the machines with typical data."""
+    by_unit = {(unit.bus, unit.machine): unit for unit in units}
+    data: dict[str, Row] = {}
+    controls: dict[str, list[Row]] = {table: [] for table in TABLES.values()}
+    for line, text in dynamics.unread if dynamics else ():
+        notes.append(f"{source}: line {line}: {text} ... is no record of a machine: left out")
+    for record in dynamics.records if dynamics else ():
+        where = f"{source}: line {record.line}: {record.model}"
+        unit = by_unit.get((record.bus, record.machine))
+        if unit is None:
+            notes.append(f"{where}: no machine {record.machine} at bus {record.bus} in service: left out")
+        elif record.model in MACHINES:
+            if unit.name in data:
+                raise InputError(
+                    f"{where}: a second model of machine {record.machine} at bus {record.bus} given; allowed: one"
+                )
+            data[unit.name] = _machine(record, unit, where, notes)
+        else:
+            _control(record, unit, where, controls, notes)
+    typical = [unit.name for unit in units if unit.name not in data]
+    if typical:
+        notes.append(without_data(typical, len(units)))
+    slack = _slack(units, buses)
+    machines = []
+    for unit in units:
+        bus, at = buses[unit.bus], places.get(unit.name, f"B{unit.bus}")
+        V = unit.row["VS"]
+        if bus["IDE"] == PQ or (unit.row["IREG"] and unit.row["IREG"] != unit.bus):
+            V = bus["VM"]
+            notes.append(f"{unit.name} does not hold the voltage of its bus: here it holds {V:g} p.u. there")
+        elif at != f"B{unit.bus}":
+            notes.append(f"{unit.name} holds {V:g} p.u. at its own terminals, not at bus {unit.bus}")
+        dispatch = {"slack": True, "angle": bus["VA"]} if unit is slack else {"P": unit.row["PG"]}
+        made = {"name": unit.name, "bus": at, "area": f"area_{int(bus['AREA'])}"}
+        made |= {"rating": unit.row["MBASE"] or case.base_power, "V": V} | dispatch
+        machines.append(made | data.get(unit.name, TYPICAL))
+    excited = {row["machine"] for row in controls["exciters"]}
+    for row in [row for row in controls["stabilisers"] if row["machine"] not in excited]:
+        controls["stabilisers"].remove(row)
+        notes.append(f"the stabiliser {row['model']} of {row['machine']}, which has no exciter, is left out")
+    return machines, controls, typical
+
+
+def _slack(units: Sequence[Unit], buses: Mapping[int, Row]) -> Unit:
+    """The machine that balances the power flow: of those at a bus of type 3 the largest."""
+    there = [unit for unit in units if buses[unit.bus]["IDE"] == REFERENCE]
+    if not there:
+        raise InputError("bus: no generator in service at a bus of type 3 given; allowed: at least one")
+    return max(there, key=lambda unit: float(unit.row["MBASE"]))
+
+
+def _machine(record: Dynamic, unit: Unit, where: str, notes: list[str]) -> Row:
+    """The data of a machine's record."""
+    model, order = MACHINES[record.model]
+    names = order.split()
+    if len(record.values) < len(names):
+        raise InputError(f"{where}: {len(record.values)} constants given; allowed: {len(names)}, {order}")
+    row: Row = {"model": model, "Ra": unit.row["ZR"], **dict(zip(names, record.values, strict=False))}
+    if record.model in EXPONENTIAL:
+        notes.append(f"{where}: its exponential saturation is taken as quadratic through the same two points")
+    if model == "classical":
+        return row | {"Xd1": unit.row["ZX"]}
+    row["Xq2"] = row["Xd2"]
+    if row["S12"] <= row["S10"]:
+        row["S10"] = row["S12"] = 0.0
+    return row
+
+
+def _control(record: Dynamic, unit: Unit, where: str, controls: dict[str, list[Row]], notes: list[str]) -> None:
+    """Take a control's record into its table; what is not modelled is named."""
+    if record.model != "HYGOV" and record.model not in MODELS:
+        notes.append(f"{where}: of {unit.name} is not modelled: left out")
+        return
+    names = (HYGOV if record.model == "HYGOV" else MODELS[record.model].fields).split()
+    table = "governors" if record.model == "HYGOV" else TABLES[MODELS[record.model].role]
+    if len(record.values) < len(names):
+        raise InputError(f"{where}: {len(record.values)} constants given; allowed: {len(names)}, {' '.join(names)}")
+    if any(row["machine"] == unit.name for row in controls[table]):
+        raise InputError(f"{where}: a second one of the {table} of {unit.name} given; allowed: one")
+    row: Row = {"machine": unit.name, "model": record.model, **dict(zip(names, record.values, strict=False))}
+    if record.model == "HYGOV":
+        if row["gate_min"] < 0.001:
+            row["gate_min"] = 0.001
+            notes.append(f"{where}: of {unit.name}: GMIN is raised to 0.001, as the head has the gate below it")
+    else:
+        short = [name for name in names if quantity_of(name).time and 0.0 < row[name] < SHORTEST]
+        for name in short:
+            row[name] = 0.0
+        if short:
+            notes.append(f"{where}: of {unit.name}: {', '.join(short)} below {SHORTEST:g} s: taken as 0")
+        _complete(row, where, unit, notes)
+    controls[table].append(row)
+
+
+def _complete(row: Row, where: str, unit: Unit, notes: list[str]) -> None:
+    """A rotating exciter whose VRMAX is 0 has the one that the field voltage E2 needs, as PSS/E has it."""
+    if "E2" in row and row.get("VRMAX") == 0.0:
+        row["VRMAX"] = (max(row["KE"], 0.0) + row["SE2"]) * row["E2"] or 1.0
+        row["VRMIN"] = -row["VRMAX"]
+        notes.append(f"{where}: of {unit.name}: VRMAX is 0: taken as {row['VRMAX']:.4g}, VRMIN as its negative")
