@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -36,6 +35,8 @@ def one_line(error: object) -> str:
 
 def meant(name: str, allowed: Iterable[str]) -> str:
     """What a mistyped name may have been, as a part of a message; nothing where none is close."""
+    from difflib import get_close_matches  # noqa: PLC0415 (asked for by errors alone)
+
     by_small = {one.lower(): one for one in allowed}
     found = get_close_matches(name.lower(), by_small, 1, 0.8)
     return f" (did you mean {by_small[found[0]]}?)" if found else ""

@@ -189,7 +189,7 @@ def analyze(arguments: argparse.Namespace) -> None:
     more = [
         *details.lines(names, results, given.index(first)),
         *_distributions(arguments, named, results, folder),
-        *_page(arguments, named, results, given.index(first)),
+        *page(arguments, named, results, given.index(first)),
     ]
     _report(arguments, named, results, folder, *more)
 
@@ -216,7 +216,7 @@ def _distributions(
     return [f"plot: {path}" for path in paths]
 
 
-def _page(
+def page(
     arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]], baseline: int
 ) -> list[str]:
     """The report, where it is asked for: a line that says where it is."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
-from facts_damping.cli.runs import say, summarise
+from facts_damping.cli.runs import page, say, summarise
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.profile import DEFAULT_PROFILE
@@ -137,7 +137,6 @@ def _report(arguments: argparse.Namespace, plan: Plan) -> None:
     """One page with the runs of a study side by side, each named by what differs; they are made again."""
     if arguments.report is None:
         return
-    from facts_damping import report
     from facts_damping.analysis import details
 
     named, columns = [], plan.points[0].columns
@@ -147,8 +146,8 @@ def _report(arguments: argparse.Namespace, plan: Plan) -> None:
         named.append((told or plan.name, loop.run(make(plan.base, point.changes))))
     results = [summarise(record, None, None) | details.details(record) for _, record in named]
     details.compare(results, 0)
-    report.write(Path(arguments.report), named, results)
-    say(arguments, f"report: {arguments.report}")
+    for line in page(arguments, named, results, 0):
+        say(arguments, line)
 
 
 def margin(arguments: argparse.Namespace) -> None:

@@ -183,25 +183,29 @@ def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable
     for _ in range(most - 1):
         counts.append(counts[-1] if task.keep_all else _going_on(counts[-1], left))
     counts.append(counts[-1])  # once more, on fresh draws
-    _say_what_is_made(task, counts[:-1])
-    for number in range(most):
-        own = known[: task.cases * GROWTH**number]
-        loops = task.budget / (most * len(left) * len(own))
-        rung = Rung(number, own, max(1, round(loops / POPULATION)))
-        left = run_all(partial(climb, task, rung), left, jobs, _part(progress, counts, number))
+    climbed = [_rung(task, known, number, counts) for number in range(most)]
+    _say_what_is_made(task, climbed, counts)
+    for rung in climbed:
+        left = run_all(partial(climb, task, rung), left, jobs, _part(progress, counts, rung.number))
         ranked = sorted(left, key=lambda entry: (not entry.structure.is_reference, *entry.rank))
-        left, out = ranked[: counts[number + 1]], [*out, *ranked[counts[number + 1] :]]
+        left, out = ranked[: counts[rung.number + 1]], [*out, *ranked[counts[rung.number + 1] :]]
     left = run_all(partial(judge, task, known[last:]), left, jobs, _part(progress, counts, most))
     return sorted([*left, *out], key=lambda entry: entry.rank)
 
 
-def _say_what_is_made(task: SearchTask, counts: Sequence[int]) -> None:
+def _rung(task: SearchTask, known: list[Draw], number: int, counts: Sequence[int]) -> Rung:
+    """A rung of the search; `counts`: how many structures climb each, and how many are judged."""
+    own = known[: task.cases * GROWTH**number]
+    loops = task.budget / ((len(counts) - 1) * counts[number] * len(own))
+    return Rung(number, own, max(1, round(loops / POPULATION)))
+
+
+def _say_what_is_made(task: SearchTask, climbed: Sequence[Rung], counts: Sequence[int]) -> None:
     """That a budget is too small for more than the first points, where it is: each rung has a generation at least."""
-    least = [POPULATION * count * task.cases * GROWTH**number for number, count in enumerate(counts)]
-    share = task.budget / len(counts)
-    if all(round(share / loops) <= 1 for loops in least):
+    if all(rung.generations == 1 for rung in climbed):
+        least = [POPULATION * count * len(rung.draws) for rung, count in zip(climbed, counts, strict=False)]
         text = f"of {counts[0]} structures only the {POPULATION} first points are tried: {sum(least)} closed loops"
-        enough = 2 * len(counts) * max(least)
+        enough = 2 * len(climbed) * max(least)
         sys.stderr.write(f"--budget {task.budget}: {text}; two generations of all take {enough}\n")
 
 
