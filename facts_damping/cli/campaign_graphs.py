@@ -98,6 +98,7 @@ def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -
     """A graph of a draw in a domain of its own, beside the same in process and beside no control."""
     from facts_damping.nodes import striking
     from facts_damping.studies import batch, campaign, faults
+    from facts_damping.studies.invariants import late_ticks
 
     real, lasts = faults.FAULTS[drawn.fault].real, drawn.chosen["lasts"]
     blow = striking.Blow(real, drawn.start, float(lasts) if lasts else None)
@@ -115,7 +116,8 @@ def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -
         struck = striking.strike(case, mode, folder, blow, domain, wanted)
     first = case.controllers[0]
     row: dict[str, Any] = {"controller": first.name, "scheme": first.scheme, "mode": mode, "real": real}
-    row |= campaign.judged(case, struck.record, reference, drawn)
+    late = late_ticks(struck.record, struck.outcome.deadline_misses)
+    row |= campaign.judged(case, struck.record, reference, drawn, late)
     row |= {
         "struck_s": struck.struck_s,
         "back_s": struck.back_s,

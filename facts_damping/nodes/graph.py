@@ -46,7 +46,6 @@ RECORDER = "recorder"  # stopped last: it has to hear all that the others have s
 VIEW = "live_view"  # who only listens
 RUN_FILE = "run.yaml"  # in the folder of a graph: what its nodes read
 START_S = 60.0  # patience with its start
-STUCK = -signal.SIGALRM  # exit status of a node with its work done, whose middleware does not end (nodes/node.py)
 STOP_S = 15.0  # patience with a node that was told to stop
 MOST_DOMAIN = 232
 
@@ -90,8 +89,7 @@ class Process:
 
     def failed(self) -> bool:
         """Whether it has ended otherwise than with its work done."""
-        self.errors.seek(0)
-        return self.process.exitcode != 0 and not (self.process.exitcode == STUCK and not self.errors.read())
+        return self.process.exitcode != 0
 
     def progress(self) -> list[tuple[int, int, int]]:
         """Lines of progress since the last look: tick, of how many, deadline misses."""
@@ -118,7 +116,7 @@ class Process:
         self.errors.seek(0)
         lines = self.errors.read().decode(errors="replace").strip().splitlines()
         code = self.process.exitcode
-        if code is not None and code < 0 and code != STUCK:
+        if code is not None and code < 0:
             return f"{self.name} was killed by {signal.Signals(-code).name}"
         if lines and isinstance(self.process, Command):
             return f"{self.name} ended with exit status {code}: {lines[-1]}"

@@ -17,6 +17,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReli
 from rclpy.signals import SignalHandlerOptions
 
 from facts_damping.errors import FactsDampingError, InputError, RunError, one_line
+from facts_damping.nodes.leaving import end_after
 from facts_damping.nodes.parameters import accept_whole_numbers, check_declared, declare, descriptor, usage
 from facts_damping.nodes.spinning import HEARD_S, BeginAgain, Stopped, check_wanted, stop_by_signals
 
@@ -244,10 +245,9 @@ def run_node(name: str, make: Callable[[Node], Part], does: str) -> None:
             sys.exit(2)
         status = _run(node, make, does)
         if status is not None:
-            _limit_the_end()
+            _limit_the_end(status)
         node.destroy_node()
     rclpy.try_shutdown()
-    signal.setitimer(signal.ITIMER_REAL, 0.0)
     sys.exit(status)
 
 
@@ -284,13 +284,9 @@ def _run(node: Node, make: Callable[[Node], Part], does: str) -> int | None:
     return 0
 
 
-def _limit_the_end() -> None:
-    """Have a process whose work is done and written ended from outside, by its alarm, if it does not end soon.
-
-    Now and then, once in some fifty runs on a loaded machine, a destructor of Fast DDS waits for ever (3.2, in
-    `ResourceEvent::unregister_timer`), with Python's lock held.
-    """
+def _limit_the_end(status: int) -> None:
+    """Have a process whose work is done and written end as it should, also if its middleware does not let it."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # it ends; Python, when it ends, would let them kill it
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_REAL, LEAVE_S)
+    sys.stdout.flush()
+    end_after(LEAVE_S, status)

@@ -201,11 +201,14 @@ def identity(drawn: Draw) -> dict[str, Any]:
     return found | {name: label for name, label in drawn.chosen.items() if name != "controller"}
 
 
-def judged(case: Case, record: Record, reference: Record, drawn: Draw) -> dict[str, Any]:
-    """What a supervisor did in a run, whether all holds that must, and the figures beside no control."""
+def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int = 0) -> dict[str, Any]:
+    """What a supervisor did in a run, whether all holds that must, and the figures beside no control.
+
+    `late`: ticks that setpoints may have acted too late (`invariants.late_ticks`).
+    """
     row = invariants.doings(record, drawn.start) | invariants.beside(record, reference)
     row["released"] = bool(record.devices["released"].any())
-    return row | {name: holds(case, record) for name, holds in invariants.ALONE.items()}
+    return row | invariants.alone(case, record, late)
 
 
 def uncontrolled(made: Plan, drawn: Draw) -> Record:

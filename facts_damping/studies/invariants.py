@@ -25,7 +25,7 @@ SETTLED_S = 1.0  # after a trip's ramp: what is under way has arrived, and the d
 HARM = 1.05  # ITAE beside that of no control
 
 
-def limits(case: Case, record: Record) -> bool:
+def limits(case: Case, record: Record, _late: int = 0) -> bool:
     """What is said stays within the device's limit and the authority, what the device does within limit and rate."""
     share = case.supervision.authority.share if case.supervision else 1.0
     for d, name in enumerate(case.run.devices):
@@ -42,7 +42,16 @@ def limits(case: Case, record: Record) -> bool:
     return True
 
 
-def lets_go(case: Case, record: Record) -> bool:
+def late_ticks(record: Record, deadline_misses: int) -> int:
+    """How many ticks a setpoint may have acted after its `effective`, at most, in a graph that ran in real time.
+
+    A tick in which what a link says is not there is a deadline miss; those after a link's end make nothing late.
+    """
+    answered = int(record.delivered["tick"].max(initial=0))
+    return max(0, deadline_misses - (int(record.ticks[-1]) - answered))
+
+
+def lets_go(case: Case, record: Record, late: int = 0) -> bool:
     """The device is at zero within the time-out and the ramp after the last setpoint that it accepted."""
     watchdog = case.run.watchdog
     if watchdog is None:
@@ -54,7 +63,7 @@ def lets_go(case: Case, record: Record) -> bool:
             continue
         newest = np.searchsorted(accepted, record.time_ns, side="right") - 1
         since = (record.time_ns - accepted[np.maximum(newest, 0)]) / NANOSECONDS
-        allowed = watchdog.timeout + v_max / watchdog.release_rate + 2.0 / record.frame_rate
+        allowed = watchdog.timeout + v_max / watchdog.release_rate + (2.0 + late) / record.frame_rate
         if np.any(np.abs(reference[(newest >= 0) & (since > allowed)]) > TOLERANCE):
             return False
     return True
@@ -81,7 +90,7 @@ def _ramp(case: Case) -> float:
     return case.supervision.arming.trip_ramp if case.supervision else 0.0
 
 
-def zero_after_trip(case: Case, record: Record) -> bool:
+def zero_after_trip(case: Case, record: Record, _late: int = 0) -> bool:
     """Once tripped, and its ramp over, a supervisor says zero to the end of the run, also if it has begun again."""
     told, said = record.supervision, record.supervised
     for c, tick in _first_trips(record).items():
@@ -93,23 +102,28 @@ def zero_after_trip(case: Case, record: Record) -> bool:
     return True
 
 
-def device_at_zero(case: Case, record: Record) -> bool:
+def device_at_zero(case: Case, record: Record, late: int = 0) -> bool:
     """Once tripped the device itself is at zero, when what was under way has arrived."""
     for c, tick in _first_trips(record).items():
-        late = record.time_s > tick / record.frame_rate + _ramp(case) + SETTLED_S
+        after = record.time_s > (tick + late) / record.frame_rate + _ramp(case) + SETTLED_S
         for name in case.controllers[c].devices:
-            if np.any(np.abs(record.devices["reference"][late, case.run.devices.index(name)]) > TOLERANCE):
+            if np.any(np.abs(record.devices["reference"][after, case.run.devices.index(name)]) > TOLERANCE):
                 return False
     return True
 
 
-def causes(_case: Case, record: Record) -> bool:
+def causes(_case: Case, record: Record, _late: int = 0) -> bool:
     """Every trip has its cause recorded."""
     return bool(np.all(record.supervision["cause"][record.supervision["state"] == TRIPPED] >= 0))
 
 
+def alone(case: Case, record: Record, late: int = 0) -> dict[str, bool]:
+    """What a record by itself must show, by column; `late`: ticks that setpoints may have acted too late."""
+    return {name: holds(case, record, late) for name, holds in ALONE.items()}
+
+
 # By column of the table: what each record by itself must show.
-ALONE: dict[str, Callable[[Case, Record], bool]] = {
+ALONE: dict[str, Callable[[Case, Record, int], bool]] = {
     "within_limits": limits,
     "lets_go": lets_go,
     "zero_after_trip": zero_after_trip,

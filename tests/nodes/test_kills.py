@@ -57,7 +57,7 @@ def test_a_killed_node(
         record = load(outcome.recording)
         assert len(record.time_ns) == case.ticks
         if not node.startswith("identifier"):  # without that a controller goes on
-            assert_let_go(case, record)
+            assert_let_go(case, record, outcome.deadline_misses)
         elif outcome.deadline_misses == 0:
             assert not record.devices["released"].any()
     assert nodes_left(tmp_path) == []

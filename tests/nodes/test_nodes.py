@@ -13,7 +13,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes import graph, wan_link
+from facts_damping.nodes import wan_link
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.nodes.graphs import PATIENCE_S
@@ -154,15 +154,16 @@ def test_a_loss_of_synchronism_is_said_by_every_node(start: Any, tmp_path: Path)
 
 
 STUCK = """
-import ctypes
+import ctypes, sys
 from facts_damping.nodes import node
 
 node.LEAVE_S = 0.2
-node._limit_the_end()
+node._limit_the_end(int(sys.argv[1]))
 ctypes.PyDLL(None).sleep(60)  # with Python's lock held
 """
 
 
-def test_a_node_whose_middleware_does_not_end_is_ended_and_counts_as_done() -> None:
-    done = subprocess.run([sys.executable, "-c", STUCK], check=False, timeout=PATIENCE_S)
-    assert done.returncode == graph.STUCK
+@pytest.mark.parametrize("status", [0, 1, 2])
+def test_a_node_whose_middleware_does_not_end_ends_with_its_status(status: int) -> None:
+    done = subprocess.run([sys.executable, "-c", STUCK, str(status)], check=False, timeout=PATIENCE_S)
+    assert done.returncode == status

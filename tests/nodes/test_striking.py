@@ -15,7 +15,7 @@ from facts_damping.nodes import striking
 from facts_damping.nodes.striking import LOCKSTEP, REALTIME, Blow, strike
 from facts_damping.parameters.security import add_key
 from facts_damping.simulation import loop
-from facts_damping.studies.invariants import ALONE
+from facts_damping.studies.invariants import alone, late_ticks
 from tests.nodes.graphs import nodes_left
 from tests.nodes.letting_go import assert_let_go
 
@@ -40,8 +40,9 @@ def test_without_its_supervisor_the_device_lets_go(domain: int, tmp_path: Path) 
     struck = strike(case, REALTIME, tmp_path, Blow("kill supervisor", 1.5, None), domain)
     assert struck.outcome.fallen == ["supervisor_0_LLC was killed by SIGKILL"]
     assert struck.struck_s == pytest.approx(1.5, abs=0.3)
-    assert_let_go(case, struck.record)
-    assert [name for name, holds in ALONE.items() if not holds(case, struck.record)] == []
+    misses = struck.outcome.deadline_misses
+    assert_let_go(case, struck.record, misses)
+    assert all(alone(case, struck.record, late_ticks(struck.record, misses)).values())
     assert campaign_graphs.recorded(case, struck, struck.record, True, "kill")
     assert not campaign_graphs.recorded(case, struck, struck.record, True, "")
     assert nodes_left(tmp_path) == []

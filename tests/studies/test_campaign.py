@@ -124,7 +124,7 @@ def test_invariants_notice_what_does_not_hold() -> None:
     sets += ["controllers.0.faults=[{kind: nan, start: 2.0}]", "supervision.arming.trip_ramp=0.1"]
     case = load_case(None, sets)
     sound = loop.run(case)
-    assert all(holds(case, sound) for holds in invariants.ALONE.values())
+    assert all(invariants.alone(case, sound).values())
     told, said, devices = (np.copy(a) for a in (sound.supervision, sound.supervised, sound.devices))
     said["value"][50] = 0.2
     assert not invariants.limits(case, replace(sound, supervised=said))
