@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 ARM_AT = 0.5  # s, when a controller is armed that is supervised because the command line says so
 
 
-def load_system(name: str, sets: list[str] | None = None, scenario: str | None = None) -> System:
-    """A system by name or path, with `--set` applied to its fields, and a scenario's dispatch."""
+def read_system(name: str, sets: list[str] | None = None) -> System:
+    """A system by name or path as its file has it, with `--set` applied to its fields."""
     path = find("systems", name)
     content = read_table(path)
     pairs = dict(parse_set(text) for text in sets or [])
@@ -35,7 +35,12 @@ def load_system(name: str, sets: list[str] | None = None, scenario: str | None =
         value, where = read_value(text, f"--set {given}={text}"), f"--set {given}={text}"
         for key in each_path(content, given):
             set_field(content, key, value, where)
-    system = check(System, content, str(path), pairs)
+    return check(System, content, str(path), pairs)
+
+
+def load_system(name: str, sets: list[str] | None = None, scenario: str | None = None) -> System:
+    """A system by name or path, with `--set` applied to its fields, a scenario's dispatch, and devices placed."""
+    system = read_system(name, sets)
     if scenario is not None:
         file = find("scenarios", scenario, f"{system.name}/")
         system = _dispatched(system, check(Scenario, read_table(file), str(file)), str(file))

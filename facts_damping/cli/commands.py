@@ -255,6 +255,28 @@ def _studies(add: Add) -> None:
 
 def _choices(add: Add) -> None:
     command = add(
+        "design",
+        "studies.design",
+        "Rank places of devices and signals by residue for each mode; design a lead-lag controller, and write its run.",
+        "design two_area --damping 0.1 --delay 0.1 --out results/design",
+        "simulate results/design/run.yaml",
+        "design two_area --place statcom --signal w13",
+    )
+    named(command, "system", "systems")
+    takes = between(0.001, 0.7)
+    text = "wanted damping ratio of the mode, 0.001 to 0.7; default: 0.1"
+    command.add_argument("--damping", type=takes, default=0.1, metavar="RATIO", help=text)
+    text = "delay of the loop, from measurement to device, 0 to 1 s; default: 0.1"
+    command.add_argument("--delay", type=between(0.0, 1.0, " s"), default=0.1, metavar="S", help=text)
+    text = "the mode next to this frequency; default: the least damped interarea mode, or of all"
+    command.add_argument("--mode", type=between(0.01, 10.0, " Hz"), metavar="HZ", help=text)
+    text = "a line (SSSC), a bus (STATCOM), or a device of the system; default: the best"
+    command.add_argument("--place", metavar="NAME", help=text)
+    text = "input of the controller: a signal of the system, or one that the command ranks; default: the best"
+    command.add_argument("--signal", metavar="NAME", help=text)
+    jobs(command)
+    common(command, of="system")
+    command = add(
         "tune",
         "studies.tune",
         "Tune the parameters of controllers on a system's scenario `training`, each by the same search and budget.",

@@ -45,6 +45,41 @@ def tune(arguments: argparse.Namespace) -> None:
     say(arguments, text if arguments.out is None else f"parameters: {arguments.out}")
 
 
+def design(arguments: argparse.Namespace) -> None:
+    """Rank places of devices and signals by residue, and design a lead-lag controller for a mode."""
+    from facts_damping.studies import design as study
+    from facts_damping.studies import design_pages as pages
+
+    task = study.Task(
+        arguments.system,
+        arguments.set,
+        arguments.damping,
+        arguments.delay,
+        arguments.mode,
+        arguments.place,
+        arguments.signal,
+    )
+    shown: list[Progress] = []
+
+    def tell(name: str, what: str) -> Progress:
+        shown.append(Progress(name, what))
+        return shown[-1]
+
+    try:
+        found = study.design(task, arguments.jobs, tell)
+    finally:
+        for progress in shown:
+            progress.close()
+    written = []
+    if arguments.out is not None:
+        folder = files.new_folder(Path(arguments.out))
+        written = [*pages.write(found, folder), pages.draw(found, folder / "places.png")]
+        write_json(str(folder / "result.json"), pages.document(found))
+    write_json(arguments.json, pages.document(found))
+    for line in (*pages.text(found), *(f"written: {path}" for path in written)):
+        say(arguments, line)
+
+
 def search(arguments: argparse.Namespace) -> None:
     """Choose a controller and its parameters on training cases alone: all pairs, schemes, devices, compensations."""
     from facts_damping.studies import search as study

@@ -7,18 +7,27 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.parameters.yaml_text import dump
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from facts_damping.grid_formats.conversion import Imported
 
 
 def document(imported: Imported, origin: str) -> str:
     """The content as the text of a YAML file, a row a line."""
-    text = [f"# Imported from {origin}. Per-unit data of the network are on {imported.content['base_power']:g} MVA."]
-    for key, value in imported.content.items():
-        if key == "machines" and imported.typical:
-            which = "all" if len(imported.typical) == len(value) else ", ".join(imported.typical)
-            text.append(f"\n# Typical data, not from the case (Kundur 1994, tables 3.2 and 4.2): {which}")
-        elif isinstance(value, (list, dict)):
+    head = f"# Imported from {origin}. Per-unit data of the network are on {imported.content['base_power']:g} MVA.\n"
+    which = "all" if len(imported.typical) == len(imported.content["machines"]) else ", ".join(imported.typical)
+    told = f"# Typical data, not from the case (Kundur 1994, tables 3.2 and 4.2): {which}"
+    return head + rows_text(imported.content, {"machines": told} if imported.typical else {})
+
+
+def rows_text(content: Mapping[str, Any], remarks: Mapping[str, str] | None = None) -> str:
+    """The content of a system's file as YAML, a row a line; `remarks`: lines above some of its tables."""
+    text = []
+    for key, value in content.items():
+        if isinstance(value, (list, dict)):
             text.append("")
+        if remarks is not None and key in remarks:
+            text.append(remarks[key])
         if isinstance(value, list):
             text += [f"{key}:", *(f"  - {_flow(row)}" for row in value)]
         elif isinstance(value, dict):

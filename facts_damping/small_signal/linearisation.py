@@ -183,6 +183,12 @@ def weights_of(
     return made
 
 
+def eigenvectors(matrix: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Eigenvalues of a matrix, left eigenvectors, as in w A = lambda w, and right ones, in columns."""
+    values, left, right = eig(matrix, left=True, right=True)
+    return values, left.conj(), right
+
+
 def modes(
     matrix: NDArray[np.float64],
     names: Sequence[str],
@@ -197,12 +203,12 @@ def modes(
     residues F (C v)(w B) exp(-lambda Td) of the electromechanical modes too, w scaled to w v = 1 (12.3.4), F the
     signals' washouts, Td the devices' dead times.
     """
-    values, left, right = eig(matrix, left=True, right=True)
+    values, left, right = eigenvectors(matrix)
     found = []
     for i in np.argsort(-values.real):
         if values[i].imag < 0:
             continue
-        v, w = right[:, i], left[:, i].conj()
+        v, w = right[:, i], left[:, i]
         one = mode(complex(values[i]), v, w, names, system)
         if model is not None and system is not None and one.label not in ("common", "control"):
             seen = model.gain(values[i]) * (model.seen[0] @ v)
@@ -231,6 +237,14 @@ def mode(
     shape = _shape(names, right)
     label = _label(_swing_share(names, share), shape, system)
     return Eigenmode(eigenvalue, float(eigenvalue.imag / (2 * np.pi)), ratio, listed, label, shape, [])
+
+
+def unlike(one: Eigenmode, other: Eigenmode) -> float:
+    """How unlike two modes are, at most 1: change of the eigenvalue, relative, and of the shape, 1 - MAC."""
+    a, b = (np.fromiter(mode.shape.values(), complex) for mode in (one, other))
+    size = np.vdot(a, a).real * np.vdot(b, b).real
+    alike = abs(np.vdot(a, b)) ** 2 / size if size > 0.0 else 0.0
+    return float(min(1.0, abs(one.eigenvalue - other.eigenvalue) / abs(one.eigenvalue) + 1.0 - alike))
 
 
 def _shape(names: Sequence[str], vector: NDArray[Any]) -> dict[str, complex]:

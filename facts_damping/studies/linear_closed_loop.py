@@ -13,6 +13,7 @@ device's dead time is delay, too; each device has its own n and `part`.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from math import factorial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -37,6 +38,8 @@ from facts_damping.small_signal.sampled_output import remember, samples
 from facts_damping.small_signal.zero_order_hold import held_for, rigid
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
@@ -72,6 +75,7 @@ class DelayedLoop(NamedTuple):
     frame_rate: int  # frames/s
     names: list[str]  # of the plant's states, then of the controllers'
     rigid: NDArray[np.float64]  # (plant's states, 0 to 2), orthonormal: motions of all rotors that nothing answers
+    held: Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]]  # `held_for` the plant, for so many s
 
 
 class Eigen(NamedTuple):
@@ -124,7 +128,18 @@ def delayed_loop(case: Case) -> DelayedLoop:
         dead_time = tuple(case.system.device(device).dead_time for device in controller.devices)
         controllers.append(Discrete(*matrices, signals, devices, delays[case.used_links[c]] - min(delays), dead_time))
     used = model.C[sorted({signal for c in controllers for signal in c.signals})]
-    return DelayedLoop(model, controllers, case.run.frame_rate, names, rigid(model.A, used, built.state_names))
+    still = rigid(model.A, used, built.state_names)
+    return DelayedLoop(model, controllers, case.run.frame_rate, names, still, holding(model))
+
+
+def holding(model: linearisation.LinearModel) -> Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """`held_for` a plant, each time computed once: many delays have the same rest of a frame."""
+
+    @cache
+    def held(seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return held_for(model.A, model.B, seconds)
+
+    return held
 
 
 def link_delays(case: Case) -> list[float]:
@@ -217,7 +232,7 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
         seen += D[:, c.devices] @ _of_frames(buffer, [frames for frames, _ in way])
     if filters is not None:
         seen[used] = filters.taps[:, 0, None] * seen[used] + kept[: len(used)]
-    moved, following = held_for(model.A, model.B, period)[0] @ plant, []
+    moved, following = loop.held(period)[0] @ plant, []
     buffers, inputs = [], []
     for c, z, buffer, way in zip(loop.controllers, memories, sent, ways, strict=True):
         y = seen[c.signals]
@@ -227,8 +242,8 @@ def sampled(loop: DelayedLoop, delay: float) -> NDArray[np.float64]:
         for rest in sorted({rest for _, rest in way}):
             part, own = rest / NANOSECONDS * period, [i for i, one in enumerate(way) if one[1] == rest]
             columns = [c.devices[i] for i in own]
-            _, before = held_for(model.A, model.B, part)
-            onward, after = held_for(model.A, model.B, period - part)
+            _, before = loop.held(part)
+            onward, after = loop.held(period - part)
             moved = moved + onward @ before[:, columns] @ old[own] + after[:, columns] @ new[own]
             inputs.append((columns, old[own], new[own], part))
         following.append(c.A @ z + c.B @ y)

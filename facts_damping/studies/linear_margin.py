@@ -74,6 +74,29 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
     return Margin(case, link_delays(case), delays, worst, follow(listed), stable, limit, critical, by_pade)
 
 
+def first_margin(
+    case: Case, longest: float, progress: Callable[[int, int], None]
+) -> tuple[float | None, linearisation.Eigenmode | None]:
+    """The margin alone, s, up to the longest delay, and the mode that is at the limit there; none: stable so far."""
+    case = unsupervised(case)
+    loop, delays = delayed_loop(case), looks(longest, case.run.frame_rate)
+    for i, delay in enumerate(delays):
+        progress(i, len(delays))
+        if eigen(loop, sampled(loop, float(delay))).growth > STILL:
+            break
+    else:
+        progress(1, 1)
+        return None, None
+    progress(1, 1)
+    low, high = delays[max(i - 1, 0)], delays[i]
+
+    def growth(delay: float) -> float:
+        return eigen(loop, sampled(loop, delay)).growth - STILL
+
+    limit = float(brentq(growth, low, high, xtol=EXACT)) if i else 0.0
+    return limit, _critical(loop, limit, case)
+
+
 def looks(longest: float, frame_rate: int) -> NDArray[np.float64]:
     """Delays from none to the longest, s: every 5 ms, and whole frames, where a fast controller may swing by itself."""
     steps = np.arange(0.0, longest, STEP)
@@ -134,17 +157,17 @@ def _pade_margin(loop: DelayedLoop, delays: NDArray[np.float64], order: int, hol
 def follow(listed: Sequence[Sequence[linearisation.Eigenmode]]) -> list[Track]:
     """Modes at each delay (s) as tracks: the electromechanical ones of no delay, then others that become unstable."""
     swings = [mode for mode in listed[0] if mode.label not in ("common", "control")]
-    columns = _follow(swings, listed[1:])
+    columns = followed(swings, listed[1:])
     tracks = [Track(mode.label, [mode, *column]) for mode, column in zip(swings, columns, strict=True)]
     for i, modes in enumerate(listed):
         for mode in modes:
             if mode.eigenvalue.real > STILL and not any(track.modes[i] is mode for track in tracks):
-                after, before = _follow([mode], listed[i + 1 :])[0], _follow([mode], listed[:i][::-1])[0]
+                after, before = followed([mode], listed[i + 1 :])[0], followed([mode], listed[:i][::-1])[0]
                 tracks.append(Track(mode.label, [*before[::-1], mode, *after]))
     return tracks
 
 
-def _follow(
+def followed(
     first: Sequence[linearisation.Eigenmode], listed: Sequence[Sequence[linearisation.Eigenmode]]
 ) -> list[list[linearisation.Eigenmode | None]]:
     """What becomes of each of some modes in the lists that follow, each taken once; none from where it is lost."""
@@ -152,7 +175,7 @@ def _follow(
     now: list[linearisation.Eigenmode | None] = list(first)
     for modes in listed:
         there = [(i, mode) for i, mode in enumerate(now) if mode is not None]
-        cost = np.array([[_unlike(mode, other) for other in modes] for _, mode in there])
+        cost = np.array([[linearisation.unlike(mode, other) for other in modes] for _, mode in there])
         now = [None] * len(first)
         for row, column in zip(*linear_sum_assignment(cost.reshape(len(there), len(modes))), strict=True):
             if cost[row, column] < LOST:
@@ -160,11 +183,3 @@ def _follow(
         for column, mode in zip(columns, now, strict=True):
             column.append(mode)
     return columns
-
-
-def _unlike(one: linearisation.Eigenmode, other: linearisation.Eigenmode) -> float:
-    """How unlike two modes are, at most 1: change of the eigenvalue, relative, and of the shape, 1 - MAC."""
-    a, b = (np.array(list(mode.shape.values())) for mode in (one, other))
-    size = np.vdot(a, a).real * np.vdot(b, b).real
-    alike = abs(np.vdot(a, b)) ** 2 / size if size > 0.0 else 0.0
-    return float(min(1.0, abs(one.eigenvalue - other.eigenvalue) / abs(one.eigenvalue) + 1.0 - alike))

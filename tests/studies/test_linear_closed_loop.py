@@ -25,6 +25,7 @@ from facts_damping.studies.linear_closed_loop import (
     approximate,
     delayed_loop,
     eigen,
+    holding,
     link_delays,
     pade,
     sampled,
@@ -181,7 +182,7 @@ def integrator(gain: float, rate: int) -> DelayedLoop:
     """dx/dt = u, u = -gain x."""
     model = LinearModel(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), np.zeros(1))
     proportional = Discrete(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[-gain]]), [0], [0])
-    return DelayedLoop(model, [proportional], rate, ["x"], np.zeros((1, 0)))
+    return DelayedLoop(model, [proportional], rate, ["x"], np.zeros((1, 0)), holding(model))
 
 
 @some
@@ -235,7 +236,7 @@ def random_loop(states: int, lag: float, seed: int) -> DelayedLoop:
         )
         made.append(Discrete(A, B, C, D, [1 - i], [i], i * lag))
     names = [f"x{i}" for i in range(states)] + ["z0", "z1"]
-    return DelayedLoop(model, made, 20, names, np.zeros((states, 0)))
+    return DelayedLoop(model, made, 20, names, np.zeros((states, 0)), holding(model))
 
 
 def by_events(linear: DelayedLoop, delays: Sequence[float], x: NDArray[np.float64], ticks: int) -> NDArray[np.float64]:

@@ -16,7 +16,15 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel
-from facts_damping.studies.linear_closed_loop import DelayedLoop, Discrete, approximate, delayed_loop, eigen, sampled
+from facts_damping.studies.linear_closed_loop import (
+    DelayedLoop,
+    Discrete,
+    approximate,
+    delayed_loop,
+    eigen,
+    holding,
+    sampled,
+)
 from facts_damping.studies.linear_margin import Margin, first_limit, intervals, margin
 from facts_damping.studies.linear_margin_pages import document, draw, margin_text
 from facts_damping.studies.linear_margin_runs import bears, beside, bounds, pulse_margin, pulsed
@@ -135,7 +143,7 @@ def oscillator(w: float, ratio: float, gain: float, rate: int = 60) -> DelayedLo
         np.zeros(1),
     )
     proportional = Discrete(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[-gain]]), [0], [0])
-    return DelayedLoop(model, [proportional], rate, ["x", "v"], np.zeros((2, 0)))
+    return DelayedLoop(model, [proportional], rate, ["x", "v"], np.zeros((2, 0)), holding(model))
 
 
 def spans(loop: DelayedLoop, longest: float) -> list[tuple[float, float]]:

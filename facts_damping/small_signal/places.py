@@ -1,0 +1,218 @@
+"""Where devices and PMUs act on modes: every line and bus as the place of a device, every speed and flow as a signal.
+
+Of a mode with right and left eigenvectors v, w, w v = 1 and the fastest machine's speed in v one,
+
+    observability   F C v                a signal's swing, p.u. of it per p.u. of the fastest machine's speed
+    controllability w B exp(-lambda Td)  what a setpoint of one p.u. does, 1/s
+
+F washouts, Td dead times; the residue is their product (Kundur 1994, 12.3.4). Each device is installed where it is
+looked at, so that its own dynamics and its effect on the flow are in the figures.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.errors import FactsDampingError, one_line
+from facts_damping.parameters.devices import Parallel, Series, Sssc, Statcom
+from facts_damping.parameters.placement import place
+from facts_damping.parameters.stations import Signal, Station
+from facts_damping.plant.build import build
+from facts_damping.small_signal import linearisation
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.stations import Channel
+    from facts_damping.parameters.system import Device, System
+    from facts_damping.small_signal.linearisation import Eigenmode
+
+NEW = "damper"  # name of a device that the system does not have yet
+STATCOM: dict[str, Any] = {"v_max": 0.1, "rate_max": 10.0, "I_max": 1.0}  # p.u., as that of two_area
+SPEED: Channel = "speed_deviation"
+FLOW: Channel = "active_power"
+MOST_AREAS = 8  # between more there are too many differences to look at
+NEAR = 0.5  # of `linearisation.unlike`: beyond, a mode is another one
+
+
+class Place(NamedTuple):
+    """A device where it may stand: `at` a line, two buses, or a bus; `own`: the system has it there already."""
+
+    device: Device
+    at: str
+    own: bool
+
+    @property
+    def label(self) -> str:
+        """For people."""
+        return (
+            f"{self.device.kind} at {self.at}"
+            if isinstance(self.device, Parallel)
+            else f"{self.device.kind} in {self.at}"
+        )
+
+
+class Tried(NamedTuple):
+    """A place as the modes see it; arrays over modes, NaN of one that is not found again with the device."""
+
+    place: Place
+    controllability: NDArray[np.complex128]  # (modes,), 1/s per p.u.
+    observability: NDArray[np.complex128]  # (modes, signals), with the device installed
+    why_not: str = ""  # why it cannot stand there; then the arrays are NaN
+
+    @property
+    def residue(self) -> NDArray[np.complex128]:
+        """(modes, signals), 1/s per p.u. of the setpoint and p.u. of the signal."""
+        return self.controllability[:, None] * self.observability
+
+    @property
+    def strength(self) -> NDArray[np.float64]:
+        """What the device does with all that its setpoint may be, 1/s, (modes,)."""
+        return np.abs(self.controllability) * float(self.place.device.v_max)
+
+
+def places(system: System) -> list[Place]:
+    """The system's own devices, and a new one in each line and at each bus without a machine that has none.
+
+    An SSSC in a line, with its default data, a STATCOM at a bus, with those of `two_area`.
+    """
+    own = [Place(d, d.place, True) for d in system.devices if isinstance(d, Series | Parallel)]
+    in_series = {d.line for d in system.devices if isinstance(d, Series)}
+    taken = {row.bus for row in system.infinite_buses} | {m.bus for m in system.machines}
+    taken |= {d.bus for d in system.devices if isinstance(d, Parallel)}
+    names = {d.name for d in system.devices}
+    name = next(n for n in (NEW, *(f"{NEW}_{i}" for i in range(2, 100))) if n not in names)
+    lines = [line for line in system.lines if line.name not in in_series]
+    series = [Place(Sssc(name=name, line=line.name, kind="sssc"), line.name, False) for line in lines]
+    buses = [bus.name for bus in system.buses if bus.name not in taken]
+    parallel = [Place(Statcom(name=name, bus=bus, kind="statcom", **STATCOM), bus, False) for bus in buses]
+    return [*own, *series, *parallel]
+
+
+def with_place(system: System, chosen: Place) -> System:
+    """The system with a device at its place."""
+    if chosen.own:
+        return system
+    return system.model_copy(update={"devices": [*system.devices, chosen.device]})
+
+
+def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
+    """The system with more signals, and the PMUs that these need: what wide-area damping control is commonly given.
+
+    For each mode the difference of the speeds of the two machines that swing most against each other, those of areas'
+    mean speeds, weighted by inertia, and the active power of each line.
+    """
+    stations = {s.machine: s.name for s in system.stations if s.machine is not None}
+    taken = {s.name for s in system.stations}
+    more: list[Station] = []
+    for m in system.machines:
+        if m.name not in stations:
+            stations[m.name] = _free(m.name, taken)
+            more.append(Station(name=stations[m.name], machine=m.name))
+    weights = {f"w_{a}_{b}": {stations[a]: 1.0, stations[b]: -1.0} for a, b in _opposed(modes)}
+    means = _mean_speeds(system, stations)
+    for a, b in combinations(means, 2) if len(means) <= MOST_AREAS else ():
+        weights[f"w_{a}_{b}"] = {**means[a], **{station: -w for station, w in means[b].items()}}
+    signals = {name: Signal(channel=SPEED, weights=own) for name, own in weights.items()}
+    for line in system.lines:
+        own_name = _free(f"P_{line.name}", taken)
+        more.append(Station(name=own_name, bus=line.from_bus, branches=[line.name]))
+        signals[f"p_{line.name}"] = Signal(channel=FLOW, weights={own_name: 1.0}, deviation=True)
+    there = [s.weights for s in system.signals.values()]
+    there += [{station: -w for station, w in own.items()} for own in there]
+    new = {name: one for name, one in signals.items() if one.weights not in there}
+    return system.model_copy(update={"stations": [*system.stations, *more], "signals": {**system.signals, **new}})
+
+
+def only(system: System, signals: Sequence[str], own: System) -> System:
+    """A system with these of its signals, and without PMUs that only others need, but for those of `own`."""
+    kept = {name: system.signals[name] for name in signals}
+    used = {station for one in kept.values() for station in one.weights} | {s.name for s in own.stations}
+    stations = [s for s in system.stations if s.name in used]
+    return system.model_copy(update={"signals": kept, "stations": stations})
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """A name that is not taken, which it is from then on."""
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
+def _opposed(modes: Sequence[Eigenmode]) -> list[tuple[str, str]]:
+    """For each mode the fastest machine, and the one that swings most against it."""
+    found: dict[tuple[str, str], None] = {}
+    for mode in modes:
+        first = max(mode.shape, key=lambda name: abs(mode.shape[name]))
+        against = {name: (value / mode.shape[first]).real for name, value in mode.shape.items()}
+        other = min(against, key=lambda name: against[name])
+        if against[other] < 0.0:
+            found[first, other] = None
+    return list(found)
+
+
+def _mean_speeds(system: System, stations: Mapping[str, str]) -> dict[str, dict[str, float]]:
+    """By area, the weights of its machines' mean speed, by inertia; nothing where there are no areas."""
+    inertia: dict[str, dict[str, float]] = {}
+    for m in system.machines:
+        if m.area is not None:
+            inertia.setdefault(m.area, {})[stations[m.name]] = m.H * m.rating
+    return {area: {s: w / sum(own.values()) for s, w in own.items()} for area, own in inertia.items()}
+
+
+def seen(system: System, modes: Sequence[Eigenmode]) -> NDArray[np.complex128]:
+    """The observability of all signals of a system without devices, (modes, signals)."""
+    return _tried(system, [], modes)[1]
+
+
+class Trial(NamedTuple):
+    """What is tried: a place, with a system whose signals are looked at, and modes."""
+
+    system: System
+    place: Place
+    modes: Sequence[Eigenmode]
+
+
+def tried(trial: Trial) -> Tried:
+    """A place as the modes see it."""
+    try:
+        found = _tried(with_place(trial.system, trial.place), [trial.place.device.name], trial.modes)
+    except FactsDampingError as error:
+        none = np.full((len(trial.modes), len(trial.system.signals)), np.nan + 0j)
+        return Tried(trial.place, np.full(len(none), np.nan + 0j), none, one_line(error))
+    return Tried(trial.place, found[0][:, 0], found[1])
+
+
+def _tried(
+    system: System, devices: Sequence[str], modes: Sequence[Eigenmode]
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Controllability (modes, devices) and observability (modes, signals) of modes found again with devices."""
+    system = place(system)
+    built = build(system, devices, [])
+    model = linearisation.linear_model(built, system.signals, [s.name for s in system.stations])
+    values, left, right = linearisation.eigenvectors(model.A)
+    speeds = np.array([name.endswith(".omega") for name in built.state_names])
+    control = np.full((len(modes), len(devices)), np.nan + 0j)
+    observe = np.full((len(modes), len(system.signals)), np.nan + 0j)
+    for i, wanted in enumerate(modes):
+        near = np.flatnonzero(
+            (values.imag > 0.0) & (np.abs(values - wanted.eigenvalue) < NEAR * abs(wanted.eigenvalue))
+        )
+        named = {
+            k: linearisation.mode(values[k], right[:, k], left[:, k], built.state_names, system) for k in near.tolist()
+        }
+        best = min(named, key=lambda k: linearisation.unlike(wanted, named[k]), default=None)
+        if best is None or linearisation.unlike(wanted, named[best]) > NEAR:
+            continue
+        v, w = right[:, best], left[:, best]
+        v = v / v[speeds][np.argmax(np.abs(v[speeds]))]
+        w = w / (w @ v)
+        observe[i] = model.gain(values[best]) * (model.seen[0] @ v)
+        control[i] = (w @ model.B) * model.late(values[best]) if len(devices) else control[i]
+    return control, observe

@@ -1,0 +1,233 @@
+"""What a design shows: lines for the terminal, JSON, a picture, and the files of a run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from facts_damping.grid_formats.text import rows_text
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.small_signal.modal_analysis import figures
+from facts_damping.small_signal.places import FLOW, SPEED
+from facts_damping.studies.design import LONGEST_S, PLACES, SIGNALS, most
+from facts_damping.terminal import save_picture, table, write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.studies.design import Design, Pair
+
+SHOWN_MACHINES = 4
+MOVED = 0.05  # of its damping ratio: a mode that changes by less is not listed
+TRAINING, HELD_OUT = "fault", "line_out"
+
+
+def mode_name(mode: Eigenmode) -> str:
+    """A mode, for people."""
+    return f"{mode.frequency_hz:.3f} Hz"
+
+
+def strongest(found: Design, mode: int) -> list[tuple[str, float]]:
+    """Places by what their device does to a mode with its whole setpoint, 1/s, the strongest first."""
+    own = [(one.place.label, float(one.strength[mode])) for one in found.tried if np.isfinite(one.strength[mode])]
+    return sorted(own, key=lambda one: -one[1])[:PLACES]
+
+
+def clearest(found: Design, mode: int, channel: str) -> list[tuple[str, float]]:
+    """Signals of a channel by how far they swing in a mode, the farthest first."""
+    names, values = list(found.system.signals), np.abs(found.observability[mode])
+    by_name = dict(zip(names, values.tolist(), strict=True))
+    return [(name, by_name[name]) for name in most(names, values, channel, found.system)[:SIGNALS]]
+
+
+def text(found: Design) -> Iterator[str]:
+    """Lines for the terminal."""
+    yield f"{found.system.name}: swing modes without damping control, the least damped first"
+    rows = [
+        [
+            f"{m.frequency_hz:.3f}",
+            f"{m.damping_ratio:.4f}",
+            m.label,
+            ", ".join(_machines(m, 1.0)),
+            ", ".join(_machines(m, -1.0)),
+        ]
+        for m in found.modes
+    ]
+    yield from _indented(table(["Hz", "damping ratio", "kind", "machines", "against"], rows, rule=False))
+    for title, rows in _rankings(found):
+        yield f"\n{title}"
+        yield from _indented(table([mode_name(m) for m in found.modes], rows, left=len(found.modes), rule=False))
+    left_out = [one for one in found.tried if one.why_not]
+    if left_out:
+        yield f"  left out, since {left_out[0].why_not}: {', '.join(one.place.label for one in left_out)}"
+    target = found.modes[found.target]
+    yield f"\nfor the mode of {mode_name(target)}, with {1e3 * found.task.delay:.0f} ms of delay"
+    others = [f"at {mode_name(m)}" for i, m in enumerate(found.modes) if i != found.target]
+    titles = ["device", "signal", "residue 1/s", "angle deg", "u = K y: sign", "lead deg", *others]
+    yield from _indented(table(titles, [_pair(found, pair) for pair in found.pairs], left=2, rule=False))
+    if others:
+        yield "  last columns: what other modes gain or lose in damping ratio, of what this one gains"
+    yield from _chosen(found)
+
+
+def _rankings(found: Design) -> Iterator[tuple[str, list[list[str]]]]:
+    """Titles and rows of what is ranked for each mode."""
+    modes = range(len(found.modes))
+    columns = [strongest(found, m) for m in modes]
+    yield "places: what a device does to the mode with its whole setpoint (controllability), 1/s", _side(columns, ".4f")
+    for channel, what in ((SPEED, "speeds"), (FLOW, "flows")):
+        columns = [clearest(found, m, channel) for m in modes]
+        if any(columns):
+            yield (
+                f"signals, {what}: swing in the mode (observability), p.u. per p.u. of the fastest machine's speed",
+                _side(columns, ".3g"),
+            )
+
+
+def _side(columns: list[list[tuple[str, float]]], form: str) -> list[list[str]]:
+    """Columns of names with values side by side, as rows."""
+    deep = max(map(len, columns), default=0)
+    filled = [[*(f"{name} {value:{form}}" for name, value in column), *[""] * deep][:deep] for column in columns]
+    return [list(row) for row in zip(*filled, strict=True)]
+
+
+def _indented(lines: list[str]) -> Iterator[str]:
+    yield from ("  " + line for line in lines)
+
+
+def _machines(mode: Eigenmode, side: float) -> list[str]:
+    """The machines that swing most with the fastest (1), or against it (-1)."""
+    first = max(mode.shape.values(), key=abs)
+    own = {name: side * (value / first).real for name, value in mode.shape.items()}
+    ranked = sorted((name for name in own if own[name] > 0.0), key=lambda name: -own[name])
+    return [f"{name} {own[name]:.2f}" for name in ranked[:SHOWN_MACHINES]]
+
+
+def _pair(found: Design, pair: Pair) -> list[str]:
+    angle = float(np.rad2deg(np.angle(pair.residue)))
+    others = [f"{100 * value:+.0f} %" for i, value in enumerate(pair.others) if i != found.target]
+    sign = "+" if pair.law.sign > 0.0 else "-"
+    told = f"{abs(pair.residue):.4g}", f"{angle:.1f}", sign, f"{pair.law.lead_deg:.1f}"
+    return [found.tried[pair.tried].place.label, pair.signal, *told, *others]
+
+
+def _chosen(found: Design) -> Iterator[str]:
+    """The pair that was taken, its lead-lag, the modes with it, the margin."""
+    chosen, tuned, task = found.chosen, found.tuned, found.task
+    where = found.tried[chosen.tried].place.label
+    yield f"\ntaken: {where}, {chosen.signal}{_why(found)}"
+    values = ", ".join(f"{name} {value:g}" for name, value in chosen.law.parameters(tuned.gain).items())
+    yield f"lead-lag: {values}"
+    ratio = tuned.after[tuned.target]
+    got = "lost" if ratio is None else f"{ratio.damping_ratio:.4f}"
+    if tuned.reached:
+        yield f"damping ratio: {got}, wanted {task.damping:g}"
+    else:
+        why = "" if tuned.limit is None else f", for more gain would make a mode of {mode_name(tuned.limit)} worse"
+        yield f"damping ratio: {got} at most, wanted {task.damping:g}{why}"
+    rows = [
+        [
+            f"{a.frequency_hz:.3f}",
+            f"{a.damping_ratio:.4f}",
+            "-" if b is None else f"{b.frequency_hz:.3f}",
+            "-" if b is None else f"{b.damping_ratio:.4f}",
+        ]
+        for i, (a, b) in enumerate(zip(tuned.before, tuned.after, strict=True))
+        if i == tuned.target or b is None or abs(b.damping_ratio - a.damping_ratio) > MOVED * abs(a.damping_ratio)
+    ]
+    yield "swing modes that change, with the device without control, and with it:"
+    yield from _indented(table(["Hz", "damping ratio", "Hz", "damping ratio"], rows, left=0, rule=False))
+    margin = f"above {1e3 * LONGEST_S:.0f} ms" if found.margin is None else f"{1e3 * found.margin:.1f} ms"
+    grows = "" if found.critical is None else f": there a mode of {mode_name(found.critical)} grows"
+    yield f"delay margin, linear, sampled and held: {margin}{grows}"
+    if tuned.growing is not None:
+        rate = f"{tuned.growing.eigenvalue.real:.4f} 1/s"
+        yield f"without control a mode of {mode_name(tuned.growing)} grows ({rate}): the grid itself is unstable"
+    for name, scenario in found.scenarios.items():
+        yield f"scenario {name}: {scenario['description']}"
+
+
+def _why(found: Design) -> str:
+    """Why it was this pair, where it is not the first."""
+    if found.chosen.conflicts():
+        return ", though it takes damping from another mode: all of these do"
+    passed = found.pairs.index(found.chosen)
+    return f"; {passed} before it would take damping from another mode" if passed else ""
+
+
+def document(found: Design) -> dict[str, Any]:
+    """The JSON of `design` (docs/results_json.md)."""
+    tuned = found.tuned
+    return {
+        "modes": [
+            {
+                **figures(mode),
+                "places": [{"place": name, "controllability": value} for name, value in strongest(found, i)],
+                "signals": [
+                    {"signal": name, "observability": value}
+                    for channel in (SPEED, FLOW)
+                    for name, value in clearest(found, i, channel)
+                ],
+            }
+            for i, mode in enumerate(found.modes)
+        ],
+        "target": found.target,
+        "pairs": [
+            {
+                "place": found.tried[pair.tried].place.label,
+                "signal": pair.signal,
+                "residue": [pair.residue.real, pair.residue.imag],
+                "lead_deg": pair.law.lead_deg,
+                "others": pair.others,
+            }
+            for pair in found.pairs
+        ],
+        "taken": found.pairs.index(found.chosen),
+        "parameters": found.chosen.law.parameters(tuned.gain),
+        "reached": tuned.reached,
+        "swings": [
+            {"before": figures(a), "after": None if b is None else figures(b)}
+            for a, b in zip(tuned.before, tuned.after, strict=True)
+        ],
+        "delay_margin_s": found.margin,
+        "scenarios": list(found.scenarios),
+    }
+
+
+def draw(found: Design, path: Path) -> Path:
+    """A column for each mode: the strongest places, and the clearest speeds."""
+    modes = len(found.modes)
+    figure = Figure(figsize=(1.0 + 3.2 * modes, 5.0), layout="constrained")
+    axes: Any = figure.subplots(2, modes, squeeze=False)
+    for m, mode in enumerate(found.modes):
+        for axis, ranked in ((axes[0, m], strongest(found, m)), (axes[1, m], clearest(found, m, SPEED))):
+            names, values = [name for name, _ in ranked][::-1], [value for _, value in ranked][::-1]
+            axis.barh(range(len(names)), values, color="C0" if m == found.target else "0.6")
+            axis.set_yticks(range(len(names)), names, fontsize=8)
+            axis.tick_params(axis="x", labelsize=8)
+        axes[0, m].set_title(
+            f"{mode.frequency_hz:.3f} Hz, {mode.label}\ndamping ratio {mode.damping_ratio:.3f}", fontsize=9
+        )
+        axes[0, m].set_xlabel("controllability [1/s]", fontsize=8)
+        axes[1, m].set_xlabel("observability [-]", fontsize=8)
+    figure.suptitle(f"{found.system.name}: places of devices, and speeds, by mode", fontsize=10)
+    save_picture(figure, path, dpi=130)
+    return path
+
+
+def write(found: Design, folder: Path) -> list[Path]:
+    """The system's file with the device, the run's, and those of scenarios; nothing half written."""
+    names = ["system.yaml", *(f"{name}.yaml" for name in found.scenarios), "run.yaml"]
+    paths = [folder / name for name in names]
+    own, (first, *_) = found.run, [*found.scenarios, ""]
+    run = {"description": own["description"], "system": str(paths[0])}
+    run["scenario"] = str(folder / f"{first}.yaml") if first else []
+    head = f"# {found.system.name} with {found.tried[found.chosen.tried].place.label}, by facts-damping design\n"
+    texts = [head + rows_text(found.content), *(dump(one) for one in found.scenarios.values()), dump({**run, **own})]
+    for path, content in zip(paths, texts, strict=True):
+        write_whole(path, content)
+    return paths

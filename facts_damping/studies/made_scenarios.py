@@ -1,0 +1,79 @@
+"""Scenarios for a system that has none: what disturbs a mode most, by the controllability of places.
+
+A short fault at the bus where the mode is moved most, and a fault on the line of the same kind that then trips. Each is
+the first of its kind after which the machines stay in synchronism without control.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.case.loading import make_case
+from facts_damping.errors import FactsDampingError
+from facts_damping.parameters.devices import Parallel
+from facts_damping.simulation import loop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from facts_damping.small_signal.places import Tried
+
+AT_S, CLEARED_S, DURATION_S = 1.0, 0.1, 20.0
+LOOK_S = 8.0  # so long a run is looked at
+TRIED = 6  # places of each kind
+
+
+def made(
+    run: dict[str, Any], tried: Sequence[Tried], mode: int, progress: Callable[[int, int], None]
+) -> dict[str, dict[str, Any]]:
+    """The content of scenario files by name: `fault` and `line_out`, those that were found.
+
+    `run`: the content of a run of the system, `mode`: index among those of which the places know.
+    """
+    order = np.argsort([-t.strength[mode] if np.isfinite(t.strength[mode]) else np.inf for t in tried])
+    places = [tried[i].place for i in order.tolist() if not tried[i].why_not]
+    buses = [p.at for p in places if isinstance(p.device, Parallel)][:TRIED]
+    lines = [p.at for p in places if not isinstance(p.device, Parallel) and not p.own][:TRIED]
+    kinds = {"fault": [fault(bus) for bus in buses], "line_out": [trip(line) for line in lines]}
+    found: dict[str, dict[str, Any]] = {}
+    done = 0
+    for name, scenarios in kinds.items():
+        for scenario in scenarios:
+            progress(done, len(buses) + len(lines))
+            done += 1
+            if _survived(run, scenario["events"]):
+                found[name] = {"name": name, **scenario}
+                break
+    progress(1, 1)
+    return found
+
+
+def fault(bus: str) -> dict[str, Any]:
+    """A bolted fault at a bus that goes by itself."""
+    events = [{"time": AT_S, "kind": "fault", "bus": bus, "duration": CLEARED_S}]
+    return {
+        "description": f"a bolted fault at {bus} for {1e3 * CLEARED_S:.0f} ms",
+        "duration": DURATION_S,
+        "events": events,
+    }
+
+
+def trip(line: str) -> dict[str, Any]:
+    """A bolted fault in the middle of a line, cleared by its trip; it stays out."""
+    events = [
+        {"time": AT_S, "kind": "fault", "line": line, "location": 0.5},
+        {"time": AT_S + CLEARED_S, "kind": "line_out", "line": line},
+    ]
+    told = f"a bolted fault on {line}, cleared after {1e3 * CLEARED_S:.0f} ms by its trip; it stays out"
+    return {"description": told, "duration": DURATION_S, "events": events}
+
+
+def _survived(run: dict[str, Any], events: list[dict[str, Any]]) -> bool:
+    """Whether the machines stay in synchronism without control."""
+    try:
+        case = make_case({**run, "scenario": events, "controllers": [], "duration": LOOK_S}, "design")
+        return bool(loop.run(case).in_synchronism.all())
+    except FactsDampingError:  # it would part the network
+        return False

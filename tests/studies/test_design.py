@@ -1,0 +1,153 @@
+"""Choosing place, signal and lead-lag for a mode, against closed loops that are worked out apart and simulated."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from facts_damping.analysis.summary import summarise
+from facts_damping.case.loading import load_case, make_case, read_system
+from facts_damping.errors import InputError
+from facts_damping.parameters.placement import place
+from facts_damping.plant.build import build
+from facts_damping.simulation import loop
+from facts_damping.small_signal import linearisation, places
+from facts_damping.studies import design, design_pages, lead_lag, linear_margin
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SYSTEM = "two_area"
+
+
+def quiet(_name: str, _what: str) -> Any:
+    return lambda _done, _of: None
+
+
+@pytest.fixture(scope="module")
+def found() -> design.Design:
+    return design.design(design.Task(SYSTEM, [], 0.1, 0.1), 1, quiet)
+
+
+@given(
+    angle=st.floats(-180.0, 180.0),
+    hertz=st.floats(0.15, 2.0),
+    ratio=st.floats(-0.05, 0.2),
+    delay=st.floats(0.0, 0.5),
+)
+def test_a_lead_lag_turns_the_residue_to_the_left(angle: float, hertz: float, ratio: float, delay: float) -> None:
+    """By the formula of a lead-lag's phase alone: atan(w T1) - atan(w T2), at the mode's frequency."""
+    w = 2.0 * np.pi * hertz
+    eigenvalue = complex(-ratio * w, w * np.sqrt(1.0 - ratio**2))
+    law = lead_lag.lead_lag(np.exp(1j * np.deg2rad(angle)), eigenvalue, delay, 60)
+    assert abs(law.lead_deg) <= 90.0 + 1e-9
+    sections = 2.0 * np.rad2deg(np.arctan(w * law.T1) - np.arctan(w * law.T2))
+    assert sections == pytest.approx(law.lead_deg, abs=0.05)  # four figures of T1 and T2
+    washout = 90.0 - np.rad2deg(np.arctan(w * lead_lag.WASHOUT))
+    turned = angle + sections + washout - np.rad2deg(w * (delay + 1 / 120)) + (0.0 if law.sign > 0.0 else 180.0)
+    slack = 0.1 + 60.0 * abs(ratio)  # phases are those of the damped mode
+    assert abs((turned - 180.0 + 180.0) % 360.0 - 180.0) < slack
+
+
+@pytest.mark.parametrize("at", ["statcom", "line_9_10", "B9"])
+def test_residues_are_how_eigenvalues_move(at: str) -> None:
+    """Of a device at its place, by the eigenvalues of the plant with a small gain from signal to setpoint."""
+    own = read_system(SYSTEM)
+    modes = design.listed_modes(own)
+    system = places.only(places.with_signals(own, modes), ["w13", "w12", "p_line_6_7"], own)
+    chosen = next(p for p in places.places(own) if at in (p.at, p.device.name if p.own else None))
+    seen = places.tried(places.Trial(system, chosen, modes))
+    placed = place(places.with_place(system, chosen))
+    built = build(placed, [chosen.device.name], [])
+    model = linearisation.linear_model(built, placed.signals, [s.name for s in placed.stations])
+
+    def moved(mode: int, row: int, gain: float) -> complex:
+        A = model.A + gain * np.outer(model.B[:, 0], model.C[row]) / (1.0 - gain * model.D[row, 0])
+        values = np.linalg.eigvals(A)
+        return complex(values[np.argmin(abs(values - modes[mode].eigenvalue))])
+
+    for row, name in enumerate(system.signals):
+        step = 1e-4 / max(1.0, float(np.abs(seen.residue[:, row]).max()))
+        for mode in range(len(modes)):
+            slope = (moved(mode, row, step) - moved(mode, row, -step)) / (2.0 * step)
+            assert abs(slope - seen.residue[mode, row]) < 2e-4 * abs(slope) + 1e-7, name
+
+
+def test_every_line_and_bus_is_a_place_once() -> None:
+    system = read_system(SYSTEM)
+    found = places.places(system)
+    taken = [(p.device.kind, p.at) for p in found]
+    assert len(set(taken)) == len(taken)
+    machines = {m.bus for m in system.machines}
+    assert not any(p.device.kind == "statcom" and p.at in machines for p in found if not p.own)
+    lines = {line.name for line in system.lines}
+    assert {p.at for p in found if p.device.kind == "sssc" and not p.own} == lines
+    assert [p.device.name for p in found if p.own] == ["sssc", "statcom"]
+
+
+def test_the_wanted_ratio_is_that_of_the_closed_loop(found: design.Design) -> None:
+    """By the margin's own study at the delay that was given, and by a simulation of a small step of a load."""
+    assert found.tuned.reached
+    run = {**found.run, "system": found.content, "scenario": []}
+    margin = linear_margin.margin(make_case(run, "test"), 0.6, None, lambda _done, _of: None)
+    at = int(np.argmin(np.abs(margin.delays - 0.1)))
+    track = next(t for t in margin.tracks if t.label == "interarea")
+    there = track.modes[at]
+    assert there is not None
+    assert there.damping_ratio == pytest.approx(0.1, abs=1e-3)
+    assert found.margin == pytest.approx(margin.margin, abs=1e-5)
+    run["scenario"] = [{"time": 1.0, "kind": "load_step", "load": "load_1", "change": 0.01}]
+    result = summarise(loop.run(make_case({**run, "duration": 25.0}, "test")))
+    slow = min((mode for mode in result["modes"]), key=lambda mode: abs(mode["frequency_hz"] - 0.64))
+    assert slow["damping_ratio"] == pytest.approx(0.1, abs=0.015)
+
+
+def test_what_other_modes_gain_is_what_the_closed_loop_shows() -> None:
+    """A pair that takes damping from another mode is told, and passed over where there is another one."""
+    task = design.Task(SYSTEM, [], 0.1, 0.1, place="B10", signal="w13")
+    found = design.design(task, 1, quiet)
+    (pair,) = found.pairs
+    lost = int(np.argmin(pair.others))
+    assert pair.others[lost] < -design.CONFLICT
+    assert pair.conflicts()
+    names = [round(mode.frequency_hz, 1) for mode in found.modes]
+    before, after = found.tuned.before, found.tuned.after
+    other = min(range(len(before)), key=lambda i: abs(before[i].frequency_hz - found.modes[lost].frequency_hz))
+    changed = [(b.damping_ratio - a.damping_ratio) for a, b in zip(before, after, strict=True) if b is not None]
+    assert changed[found.tuned.target] > 0.0 > changed[other], names
+    free = design.design(task._replace(place=None, signal=None), 1, quiet)
+    assert not free.chosen.conflicts()
+    assert any(one.conflicts() for one in free.pairs)
+
+
+def test_the_files_run(found: design.Design, tmp_path: Path) -> None:
+    """The run as written is the loop that was designed, and its scenarios keep the grid together."""
+    written = design_pages.write(found, tmp_path)
+    assert [path.name for path in written][-1] == "run.yaml"
+    case = load_case(str(tmp_path / "run.yaml"))
+    assert case.controllers[0].parameters["gain"] == found.chosen.law.parameters(found.tuned.gain)["gain"]
+    assert case.scenario.name in found.scenarios
+    result = summarise(loop.run(case))
+    assert result["verdict"] == "damped"
+    assert design_pages.draw(found, tmp_path / "places.png").stat().st_size > 10_000
+    text = "\n".join(design_pages.text(found))
+    assert "damping ratio: 0.1" in text
+    assert design_pages.document(found)["reached"] is True
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"damping": 0.001, "mode_hz": 1.1}, "--damping 0.001: the mode of 1.1.. Hz has 0...."),
+        ({"place": "B99"}, "--place: 'B99' given .*; allowed: "),
+        ({"place": "B1"}, "--place: 'B1' given .*; allowed: "),
+        ({"signal": "w99"}, "--signal: 'w99' given; allowed: "),
+    ],
+)
+def test_what_cannot_be_designed_is_said(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        design.design(design.Task(SYSTEM, [], 0.1, 0.1)._replace(**changes), 1, quiet)
