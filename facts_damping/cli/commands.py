@@ -302,12 +302,16 @@ def _choices(add: Add) -> None:
         "Choose a controller and its parameters on training cases: all pairs, schemes, devices, compensations.",
         "search two_area gaussian+affine --devices sssc --budget 10 --jobs 1",
     )
-    command.add_argument("system", metavar="SYSTEM", help="a system with a study search_SYSTEM, its training cases")
+    text = "a system with a study search_SYSTEM, its training cases; or any, with --study"
+    command.add_argument("system", metavar="SYSTEM", help=text)
     command.add_argument(
         "controllers", nargs="*", metavar="CONTROLLER", help="which besides LLC-tuned; none: all pairs"
     )
     command.add_argument("--link", metavar="NAME", help="name under config/links, or a YAML file; default: no delay")
     command.add_argument("--devices", metavar="NAME,...", help="commanded devices; none: each set that is known")
+    command.add_argument(
+        "--signals", metavar="NAME,...", help="input signals, with --devices; default: speed, and power"
+    )
     profile(command, "thesis")
     text = "what scores are relative to: LLC-tuned, the default, or none: no control"
     command.add_argument("--against", choices=("LLC-tuned", "none"), default="LLC-tuned", help=text)

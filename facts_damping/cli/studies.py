@@ -95,7 +95,8 @@ def search(arguments: argparse.Namespace) -> None:
         )
     devices = tuple(arguments.devices.split(",")) if arguments.devices else ()
     asked = {name: value for name, value in vars(arguments).items() if name in study.SearchTask._fields}
-    task = study.SearchTask(**{**asked, "devices": devices})
+    signals = tuple(arguments.signals.split(",")) if arguments.signals else ()
+    task = study.SearchTask(**{**asked, "devices": devices, "signals": signals})
     progress = Progress("search", "structures")
     try:
         found = study.search(task, arguments.controllers, arguments.jobs, progress)

@@ -220,14 +220,56 @@ def draw(found: Design, path: Path) -> Path:
 
 
 def write(found: Design, folder: Path) -> list[Path]:
-    """The system's file with the device, the run's, and those of scenarios; nothing half written."""
-    names = ["system.yaml", *(f"{name}.yaml" for name in found.scenarios), "run.yaml"]
-    paths = [folder / name for name in names]
-    own, (first, *_) = found.run, [*found.scenarios, ""]
-    run = {"description": own["description"], "system": str(paths[0])}
-    run["scenario"] = str(folder / f"{first}.yaml") if first else []
+    """The files of the system with the device, of scenarios, of a run, and of training cases."""
+    where = {name: folder / f"{name}.yaml" for name in ("system", *found.scenarios, "run", "training_cases")}
     head = f"# {found.system.name} with {found.tried[found.chosen.tried].place.label}, by facts-damping design\n"
-    texts = [head + rows_text(found.content), *(dump(one) for one in found.scenarios.values()), dump({**run, **own})]
-    for path, content in zip(paths, texts, strict=True):
-        write_whole(path, content)
-    return paths
+    first = next(iter(found.scenarios), None)
+    run = {"system": str(where["system"]), "scenario": str(where[first]) if first else [], **found.run}
+    texts = {"system": head + rows_text(found.content), **{name: dump(one) for name, one in found.scenarios.items()}}
+    texts["run"] = dump({"description": run.pop("description"), **run})
+    if first == TRAINING:
+        texts["training_cases"] = dump(_training_cases(found, run))
+    for name, content in texts.items():
+        write_whole(where[name], content)
+    return [where[name] for name in texts]
+
+
+def _training_cases(found: Design, run: dict[str, Any]) -> dict[str, Any]:
+    """A study on which `search` chooses: the fault from half a cycle on, at other loads."""
+    loads = {
+        f"system.loads.{i}.{part}": load[part]
+        for i, load in enumerate(found.content["loads"])
+        for part in ("P", "Q")
+        if load.get(part)
+    }
+    longest = found.scenarios[TRAINING]["events"][0]["duration"] * found.content.get("frequency", 60.0)
+    return {
+        "description": f"training cases on which `facts-damping search {run['system']}` chooses",
+        "run": {
+            "system": run["system"],
+            "scenario": found.scenarios[TRAINING]["events"],
+            "devices": run["devices"],
+            "controllers": [],
+        },
+        "set": {"duration": found.scenarios[TRAINING]["duration"]},
+        "seed": 3,
+        "modes": False,
+        "sweep": [
+            {
+                "draws": {
+                    "number": 40,
+                    "method": "latin_hypercube",
+                    "variables": [
+                        {
+                            "name": "cycles",
+                            "fields": {"scenario.0.duration": 1.0 / found.content.get("frequency", 60.0)},
+                            "distribution": "loguniform",
+                            "low": 0.5,
+                            "high": longest,
+                        },
+                        {"name": "load_level", "fields": loads, "distribution": "uniform", "low": 0.98, "high": 1.02},
+                    ],
+                }
+            }
+        ],
+    }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.controllers import tuned
@@ -48,10 +49,19 @@ def _rows(axis: Axis, system: str, case: Case) -> Axis:
 
 
 def scenarios(system: str) -> list[str]:
-    """The scenarios of a system that are judged: all but the one for training."""
-    files.find("systems", system)
+    """The scenarios of a system that are judged: all but the one for training.
+
+    Those of a system by path are the files of its folder that have `events`.
+    """
+    path = files.find("systems", system)
     found = [name.removeprefix(f"{system}/") for name in files.shipped("scenarios") if name.startswith(f"{system}/")]
-    return [name for name in found if name != SCENARIO]
+    if str(path) == system:
+        others = [one for one in sorted(path.parent.glob("*.yaml")) if one != path]
+        found = [str(one) for one in others if "events" in files.read_table(one)]
+    judged = [name for name in found if Path(name).stem != SCENARIO]
+    if not judged:
+        raise InputError(f"sweep: no scenario for {system}; allowed: a system with scenarios, or files beside its own")
+    return judged
 
 
 def contenders(system: str, case: Case) -> dict[str, dict[str, Any]]:

@@ -24,7 +24,7 @@ from facts_damping.analysis.measures import columns, event_times, setpoint_limit
 from facts_damping.analysis.verdict import GROWING, LIMIT_CYCLE, judge
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import make_case
-from facts_damping.errors import FactsDampingError, InputError, check_known
+from facts_damping.errors import FactsDampingError, InputError
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller
@@ -101,11 +101,12 @@ def draws(
     """
     made = ensemble(system, study, profile)
     if reference == REFERENCE and (REFERENCE, None) not in tuned(system, ["speed"], ["sssc"]):
-        raise InputError(f"SYSTEM: '{system}' given, for which LLC-tuned is not tuned; allowed: one for which it is")
+        given = f"SYSTEM: '{system}' given, for which LLC-tuned is not tuned"
+        raise InputError(f"{given}; allowed: one for which it is, or --against none")
     more = {} if link is None else {"link": link}
     base = made.base._replace(set={**made.base.set, **more})
     told = names(base, made.points[0].changes)
-    if told["scenario"] == INLINE:
+    if told["scenario"] != SCENARIO:
         found = []
     else:
         plain = {name: value for name, value in base.set.items() if name in ("profile", "link")}
@@ -133,15 +134,29 @@ def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFI
     end = "" if profile == DEFAULT_PROFILE else f"_{profile}"
     if study is None:
         known = [name for name in shipped("systems") if f"search_{name}{end}" in shipped("studies")]
-        check_known("SYSTEM", system, known)
+        if system not in known:
+            given = f"SYSTEM: '{system}' given without --study"
+            raise InputError(f"{given}; allowed: {', '.join(known)}, or a study with training cases by --study")
     made = sweep.plan(study or f"search_{system}{end}", [f"profile={profile}"] if end else [])
     for point in made.points:
         told = names(made.base, point.changes)
-        if told["system"] not in (system, INLINE) or told["scenario"] not in (SCENARIO, INLINE):
+        if told["system"] not in (system, INLINE):
+            raise InputError(
+                f"{made.base.source}: system: '{told['system']}' given; allowed: '{system}', as is searched"
+            )
+        if system in shipped("systems") and told["scenario"] not in (SCENARIO, INLINE):
             raise InputError(
                 f"{made.base.source}: scenario: '{told['scenario']}' given; allowed: {SCENARIO} of {system}, or events"
             )
     return made
+
+
+def trained_on(system: str, study: str | None, profile: str) -> Any:
+    """The scenario of training: the name, or what the study of a user's own system has."""
+    if study is None or system in shipped("systems"):
+        return SCENARIO
+    base = ensemble(system, study, profile).base
+    return {**base.content, **base.set}.get("scenario", SCENARIO)
 
 
 def _draw(case: Case, reference: str, group: tuple[Any, ...] = ()) -> Draw:

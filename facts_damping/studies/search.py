@@ -51,6 +51,7 @@ OPTIONS = (
     "profile",
     "link",
     "devices",
+    "signals",
     "study",
     "against",
     "compensation",
@@ -84,11 +85,15 @@ class SearchTask(NamedTuple):
     against: str = REFERENCE  # what scores count from: LLC-tuned as shipped, or `none`: no control
     compensation: str = "free"  # of CHOICES
     keep_all: bool = False  # no structure is dropped: all have the same budget
+    signals: tuple[str, ...] = ()  # with devices that are not of `structures.PORTS`
 
     def command(self, names: Sequence[str]) -> str:
         """The command that searches for it."""
         asked = {**self._asdict(), "devices": ",".join(self.devices) or None}
-        more = [f"--{name} {asked[name]}" for name in OPTIONS if asked[name] != self._field_defaults.get(name)]
+        asked["signals"] = ",".join(self.signals) or None
+        more = [
+            f"--{name} {asked[name]}" for name in OPTIONS if asked[name] not in (None, self._field_defaults.get(name))
+        ]
         more += [f"--{name.replace('_', '-')}" for name in FLAGS if asked[name]]
         words = ["facts-damping search", self.system, *names, *more]
         return " ".join([*words, f"--budget {self.budget} --seed {self.seed}"])
@@ -171,7 +176,7 @@ def judge(task: SearchTask, against: Sequence[Draw], entry: Entry) -> Entry:
 def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
     """All structures, the best first."""
     ensemble(task.system, task.study, task.profile)  # whose message says which systems there are
-    asked = structures(load_system(task.system), names, task.devices, task.scheme, task.profile)
+    asked = structures(load_system(task.system), names, task.devices, task.scheme, task.profile, task.signals)
     if task.compensation == "some":
         asked = [one for one in asked if kind(one.name).compensates]
     _check_start(task, asked)

@@ -8,7 +8,7 @@ from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.studies.every import NONE
-from facts_damping.studies.scoring import REFERENCE
+from facts_damping.studies.scoring import REFERENCE, trained_on
 from facts_damping.studies.tune import SCENARIO
 from facts_damping.terminal import table
 
@@ -31,7 +31,7 @@ def run_file(task: SearchTask, command: str, entry: Entry) -> str:
         "description": f"{task.system}: {name}, as a search chose it",
         "profile": None if task.profile == DEFAULT_PROFILE else task.profile,
         "system": task.system,
-        "scenario": SCENARIO,
+        "scenario": trained_on(task.system, task.study, task.profile),
         "devices": list(entry.structure.devices),
         "controllers": [{key: given[key] for key in own if given.get(key) is not None}],
         "link": link,

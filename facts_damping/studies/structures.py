@@ -42,11 +42,13 @@ class Structure(NamedTuple):
     scheme: Scheme
     devices: tuple[str, ...]
     profile: str = DEFAULT_PROFILE
+    given: tuple[str, ...] = ()  # signals; none: those of PORTS
 
     @property
     def signals(self) -> list[str]:
         """The signals that it is given: what the profile has in the place of these."""
-        return read_profile(self.profile).given(PORTS[self.devices][: kind(self.name).signals])
+        given = list(self.given) or PORTS[self.devices]
+        return read_profile(self.profile).given(given[: kind(self.name).signals])
 
     @property
     def is_reference(self) -> bool:
@@ -60,25 +62,39 @@ def structures(
     devices: Sequence[str],
     scheme: Scheme = None,
     profile: str = DEFAULT_PROFILE,
+    signals: Sequence[str] = (),
 ) -> list[Structure]:
     """LLC-tuned and every pair of antecedent and consequent (or those named), in both schemes, with all devices.
 
     `devices`: only with these; none: with each row of `PORTS` that the system has. `scheme`: networks only in this one.
-    `profile`: what they are given, and what they were tuned in.
+    `profile`: what they are given, and what they were tuned in. `signals`: what they are given with other devices.
     """
-    if devices:
-        check_known("--devices", ",".join(devices), [",".join(row) for row in PORTS])
-    have = {device.name for device in system.devices}
-    rows = [row for row in PORTS if have.issuperset(row) and tuple(devices or row) == row]
+    have = [device.name for device in system.devices]
+    for device in devices:
+        check_known("--devices", device, have)
+    for signal in signals:
+        check_known("--signals", signal, list(system.signals))
+    if signals and not devices:
+        raise InputError("--signals: given without --devices; allowed: with them, as what is measured goes with them")
+    known = [row for row in PORTS if set(have).issuperset(row) and tuple(devices or row) == row]
+    rows = [tuple(devices)] if signals else known
     if not rows:
-        raise InputError(f"--devices: '{','.join(devices)}' given; allowed: what {system.name} has, {', '.join(have)}")
+        told = f"--devices: {','.join(devices) or 'none'} given for {system.name}"
+        raise InputError(f"{told}; allowed: {_ports()}, or any of {', '.join(have) or 'none'} with --signals")
     pairs = list(names) or [f"{first}+{second}" for first, second in product(ANTECEDENTS, CONSEQUENTS)]
     others = [name for name in pairs if name != REFERENCE]
     for name in others:
         if not kind(name, "CONTROLLER").tuned:
             raise InputError(f"CONTROLLER: '{name}' given; allowed: one with parameters to choose (LLC-tuned is there)")
-    found = [Structure(name, one, row, profile) for row in rows for name, one in every_scheme([REFERENCE, *others])]
+    given = tuple(signals)
+    found = [
+        Structure(name, one, row, profile, given) for row in rows for name, one in every_scheme([REFERENCE, *others])
+    ]
     return [one for one in found if one.scheme is None or scheme in (None, one.scheme)]
+
+
+def _ports() -> str:
+    return ", ".join(",".join(row) for row in PORTS)
 
 
 def started(start: str, system: str, structure: Structure) -> list[dict[str, Value]]:
