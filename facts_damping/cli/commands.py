@@ -136,12 +136,16 @@ def _recordings(add: Add) -> None:
     command = add(
         "export",
         "recordings.export",
-        "Write all signals of a recording as one table, a row per frame.",
+        "Write all signals of a recording as one table, a row per frame; or a system as a MATPOWER case.",
         "run two_area_small --out results/exported",
         "export results/exported/recording --out results/exported.csv",
+        "export results/exported/recording --out results/exported.lst",
+        "export two_area --out results/two_area.m",
     )
-    command.add_argument("recording", metavar="RECORDING", help="folder, or .mcap file")
-    command.add_argument("--out", required=True, metavar="FILE", help="FILE.parquet or FILE.csv")
+    text = "a recording: folder, or .mcap file; for FILE.m a system: name, or YAML file"
+    command.add_argument("what", metavar="RECORDING|SYSTEM", help=text)
+    text = "FILE.parquet, FILE.csv, or FILE.lst (with FILE.npz, for ANDES's plots); FILE.m: a MATPOWER case"
+    command.add_argument("--out", required=True, metavar="FILE", help=text)
     common(command, sets=False, out=False, json=False)
 
 

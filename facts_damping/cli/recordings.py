@@ -11,7 +11,7 @@ from facts_damping.errors import InputError, RunError
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.simulation import replay as again
-from facts_damping.terminal import Progress, table, write_json
+from facts_damping.terminal import Progress, table, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
+
+CASE = ".m"  # a MATPOWER case
 
 
 def replay(arguments: argparse.Namespace) -> None:
@@ -134,16 +136,30 @@ def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], f
 
 
 def export(arguments: argparse.Namespace) -> None:
-    """All signals of a recording on the grid of its ticks, as Parquet or CSV."""
+    """All signals of a recording, a row a tick; or a system as a MATPOWER case."""
     from facts_damping.recording.export import KINDS, write
     from facts_damping.recording.reader import load
 
     path = Path(arguments.out)
-    if path.suffix not in KINDS:
-        raise InputError(f"--out {path}: given; allowed: a file that ends with {' or '.join(KINDS)}")
+    if path.suffix not in (*KINDS, CASE):
+        raise InputError(f"--out {path}: given; allowed: a file that ends with {', '.join(KINDS)} or {CASE}")
     files.check_writable(str(path), "--out")
-    record = load(arguments.recording)
+    if path.suffix == CASE:
+        _export_case(arguments, path)
+        return
+    record = load(arguments.what)
     write(record, path)
     for note in record.notes:
-        sys.stderr.write(f"{arguments.recording}: {note}\n")
+        sys.stderr.write(f"{arguments.what}: {note}\n")
     say(arguments, f"{len(record.time_ns)} ticks, {len(record.arrays)} columns: {path}")
+
+
+def _export_case(arguments: argparse.Namespace, path: Path) -> None:
+    """A system as a MATPOWER case, a function of the file's name."""
+    from facts_damping.case import loading, matpower_case
+
+    if not path.stem.isidentifier():
+        raise InputError(f"--out {path}: given; allowed: a name of letters, digits and _, as it is that of a function")
+    system = loading.load_system(arguments.what)
+    write_whole(path, matpower_case.text(system, path.stem))
+    say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines: {path}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pyarrow as pa
 from pyarrow import csv, parquet
 
@@ -16,15 +17,20 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-KINDS = (".parquet", ".csv")
+ANDES = ".lst"
+KINDS = (".parquet", ".csv", ANDES)
 
 
 def write(record: Record, path: Path) -> None:
-    """Write `record.arrays` to a `.parquet` or `.csv` file, whole or not at all.
+    """Write `record.arrays` to a `.parquet`, `.csv` or `.lst` file, whole or not at all.
 
     Parquet holds the unit of each column in its field's metadata, and the run (YAML) in that of the file; of CSV a
-    column's name ends with its unit. NaN is NaN in Parquet, in CSV the text `nan`. Raises RecordingError.
+    column's name ends with its unit. NaN is NaN in Parquet, in CSV the text `nan`. A `.lst` is what ANDES's plots read:
+    the names of columns, whose values are in an `.npz` beside it, time first. Raises RecordingError.
     """
+    if path.suffix == ANDES:
+        _write_andes(record, path)
+        return
     fields = [
         pa.field(name, pa.from_numpy_dtype(values.dtype), metadata={"unit": record.units[name]})
         for name, values in record.arrays.items()
@@ -37,5 +43,21 @@ def write(record: Record, path: Path) -> None:
                 csv.write_csv(table, beside)
             else:
                 parquet.write_table(table, beside)
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def _write_andes(record: Record, path: Path) -> None:
+    """Rows `number, name, name in TeX`, and the array `data` (ticks, columns), as `andes plot` takes them."""
+    columns = {
+        name: values for name, values in record.arrays.items() if values.dtype.kind in "fiub" and name != "time_s"
+    }
+    data = np.column_stack([record.time_s, *(values.astype(float) for values in columns.values())])
+    rows = [f"{i:>6}, {name}, {name}" for i, name in enumerate(["Time [s]", *columns])]
+    try:
+        with replacing(path.with_suffix(".npz")) as beside, beside.open("wb") as file:
+            np.savez_compressed(file, data=data)
+        with replacing(path) as beside:
+            beside.write_text("\n".join(rows) + "\n", encoding="utf-8")
     except OSError as error:
         raise RecordingError(f"{path} cannot be written: {error.strerror or error}") from error

@@ -114,7 +114,21 @@ def test_export_holds_the_same_columns(tmp_path: Path, record: Record, write_rec
         assert b"HBsWC" in schema.metadata[b"run.yaml"]
 
 
-@pytest.mark.parametrize(("out", "said"), [("table.xlsx", "allowed: a file that ends with .parquet or .csv"),
+def test_export_for_the_plots_of_andes(tmp_path: Path, record: Record, write_record: Any) -> None:
+    """Read as `andes.plot.TDSData` of ANDES 2.0 does: rows `number, name, TeX`; `data` of the `.npz`, time first."""
+    write_record(record, tmp_path / "run")
+    assert main(["export", str(tmp_path / "run"), "--out", str(tmp_path / "run_out.lst")]) == 0
+    rows = [[cell.strip() for cell in line.split(",")] for line in (tmp_path / "run_out.lst").read_text().splitlines()]
+    data = np.load(tmp_path / "run_out.npz")["data"]
+    assert [int(row[0]) for row in rows] == list(range(data.shape[1]))
+    assert rows[0][1] == "Time [s]"
+    assert data[:, 0].tolist() == record.time_s.tolist()
+    for name in ("machine.G3.rotor_angle_rad", "device.sssc.injected_voltage_pu"):
+        at = next(int(row[0]) for row in rows if row[1] == name)
+        assert data[:, at].tobytes() == record.arrays[name].tobytes()
+
+
+@pytest.mark.parametrize(("out", "said"), [("table.xlsx", "allowed: a file that ends with .parquet, .csv, .lst or .m"),
                                            ("none/table.csv", "cannot be written")])  # fmt: skip
 def test_export_refuses_in_one_line(
     tmp_path: Path, record: Record, write_record: Any, capsys: Any, out: str, said: str

@@ -403,13 +403,20 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["kundur_12_6"], "SYSTEM: 'kundur_12_6' given; allowed: smib, two_area"),
+        (["kundur_12_6"], "SYSTEM: 'kundur_12_6' given without --study; allowed: smib, two_area, or a study"),
         (["smib", "PID"], "'PID' given; allowed: LLC"),
         (["smib", "LLC"], "'LLC' given; allowed: one with parameters to choose"),
-        (["smib", "--devices", "svc"], "--devices: 'svc' given; allowed: sssc, sssc,statcom"),
-        (["smib", "--devices", "sssc,statcom"], "--devices: 'sssc,statcom' given; allowed: what smib has, sssc"),
+        (["smib", "--devices", "svc"], "--devices: 'svc' given; allowed: sssc\n"),
+        (["smib", "--devices", "sssc,statcom"], "--devices: 'statcom' given; allowed: sssc"),
         (["smib", "--link", "telegraph"], "'telegraph' given; allowed:"),
-        (["smib", "--study", "monte_carlo"], "scenario: 'small' given; allowed: training of smib"),
+        (["smib", "--study", "monte_carlo"], "system: 'two_area' given; allowed: 'smib', as is searched"),
+        (["two_area", "--study", "monte_carlo"], "scenario: 'small' given; allowed: training of two_area"),
+        (
+            ["two_area", "--devices", "statcom"],
+            "--devices: statcom given for two_area; allowed: sssc, sssc,statcom,",
+        ),
+        (["two_area", "--devices", "statcom", "--signals", "w99"], "--signals: 'w99' given"),
+        (["two_area", "--signals", "w13"], "--signals: given without --devices"),
         (["smib", "--start", "nothing"], "--start: runs: 'nothing' given; allowed: best_smib"),
         (
             ["smib", "--start", "best_two_area"],
@@ -427,7 +434,7 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
             ["smib", "--deviation", "0.1"],
             "--deviation: 0.1 given with --start hypercube; allowed: with tuned, or a run",
         ),
-        (["smib", "--profile", "deployment"], "SYSTEM: 'smib' given; allowed: two_area"),
+        (["smib", "--profile", "deployment"], "SYSTEM: 'smib' given without --study; allowed: two_area"),
         (["smib", "--tuned", "mine.yaml"], "--tuned mine.yaml: given without --devices"),
         (["smib", "--against", "LQG"], "argument --against: 'LQG' given; allowed: LLC-tuned, none"),
         (["smib", "--compensation", "lead"], "argument --compensation: 'lead' given; allowed: free, none, some"),
@@ -460,7 +467,11 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     assert (asked.system, asked.link or "ideal") == (case.system.name, case.run.link)
     devices = asked.devices.split(",") if asked.devices else []
     task = SearchTask(
-        **{**{key: value for key, value in vars(asked).items() if key in SearchTask._fields}, "devices": devices}
+        **{
+            **{key: value for key, value in vars(asked).items() if key in SearchTask._fields},
+            "devices": devices,
+            "signals": (),
+        }
     )
     assert f"# {task.command(asked.controllers)}" == text.splitlines()[0]
     searched = structures(load_system(asked.system), asked.controllers, devices, asked.scheme)

@@ -1,0 +1,124 @@
+"""A system as a MATPOWER case (version 2): its network, and its power flow as it is solved here.
+
+Branches are lines and transformers, and what series devices are where none is installed, a resistance (MATPOWER User's
+Manual 7.1, 3.2: series admittance, half of the charging at each end, an ideal transformer at the `from` end). What this
+form has no place for, magnetising branches and the conductance of long lines, are shunts. What loads and DC links draw
+at the solved voltages is the demand. Dynamics have no place in a case: a comment says so.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from facts_damping.parameters.devices import Series
+from facts_damping.plant.network import Branch, Topology, branches, device_section
+from facts_damping.plant.power_flow import PowerFlow, solve
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.grid import InfiniteBus
+    from facts_damping.parameters.machines import Machine
+    from facts_damping.parameters.system import System
+
+HEADS = {
+    "bus": "bus_i type Pd Qd Gs Bs area Vm Va baseKV zone Vmax Vmin",
+    "gen": "bus Pg Qg Qmax Qmin Vg mBase status Pmax Pmin",
+    "branch": "fbus tbus r x b rateA rateB rateC ratio angle status angmin angmax",
+}
+PQ, PV, REFERENCE = 1, 2, 3
+NOTHING = 1e-12  # p.u., of a charging or a turn that is round-off
+
+Row = tuple[list[float], str]  # of a table, and the name of what it is of
+
+
+def text(system: System, name: str) -> str:
+    """The case as a MATLAB function of this name. Raises `InputError` where there is no power flow."""
+    base = system.base_power
+    lines = [
+        f"function mpc = {name}",
+        f"% {system.name}: {system.description}",
+        "% Written by facts-damping export: network and power flow. Machines' dynamics, exciters, governors and FACTS",
+        "% devices are not part of a MATPOWER case.",
+        "mpc.version = '2';",
+        f"mpc.baseMVA = {base:.15g};",
+    ]
+    for key, rows in _tables(system).items():
+        lines += [f"\n% {HEADS[key]}", f"mpc.{key} = [", *(_line(row, told) for row, told in rows), "];"]
+    return "\n".join(lines) + "\n"
+
+
+def _tables(system: System) -> dict[str, list[Row]]:
+    """The rows of all tables, MW, Mvar, p.u., degrees."""
+    flow, base = solve(system), system.base_power
+    numbers = {bus.name: i for i, bus in enumerate(system.buses, 1)}
+    shunt = np.zeros(len(numbers), complex)  # MW, and Mvar that it gives, at 1 p.u.
+    for one_shunt in system.shunts:
+        shunt[numbers[one_shunt.bus] - 1] += complex(one_shunt.P, one_shunt.Q)
+    series = [device_section(d, d.rs) for d in system.devices if isinstance(d, Series)]
+    made: list[Row] = []
+    for one in [*branches(system, Topology()), *series]:
+        given, ends = _branch(one, numbers)
+        made.append((given, one.name))
+        for bus_name, y in zip((one.from_bus, one.to_bus), ends, strict=True):
+            shunt[numbers[bus_name] - 1] += y * base
+    generators, types, generation = _generators(system, flow, numbers)
+    demand = generation - flow.injection * base
+    buses: list[Row] = []
+    for i, bus in enumerate(system.buses):
+        v, d, s = flow.voltage[i], _plain(demand[i], base), _plain(shunt[i], base)
+        angle = float(np.rad2deg(np.angle(v)))
+        own = [i + 1, types[i], d.real, d.imag, s.real, s.imag, 1, abs(v), angle, bus.nominal_voltage, 1, 1.1, 0.9]
+        buses.append((own, bus.name))
+    return {"bus": buses, "gen": generators, "branch": made}
+
+
+def _plain(power: complex, base: float) -> complex:
+    """A power without what is round-off."""
+    return power if abs(power) > NOTHING * base else 0j
+
+
+def _generators(
+    system: System, flow: PowerFlow, numbers: dict[str, int]
+) -> tuple[list[Row], list[int], NDArray[np.complex128]]:
+    """Machines and infinite buses as generators, the types of all buses, and what is generated at each, MVA."""
+    base = system.base_power
+    generation, rows, types = np.zeros(len(numbers), complex), list[Row](), [PQ] * len(numbers)
+    ratings = {m.name: m.rating for m in system.machines}
+    fixed = {row.name for row in system.infinite_buses} | {m.name for m in system.machines if m.slack}
+    sources: list[InfiniteBus | Machine] = [*system.infinite_buses, *system.machines]
+    for source in sources:
+        at, power = numbers[source.bus] - 1, flow.generation[source.name] * base
+        generation[at] += power
+        types[at] = REFERENCE if source.name in fixed else max(types[at], PV)
+        rating = ratings.get(source.name, max(base, abs(power)))
+        own = [at + 1, power.real, power.imag, rating, -rating, source.V, rating, 1, max(rating, power.real), 0]
+        rows.append((own, source.name))
+    return rows, types, generation
+
+
+def _branch(one: Branch, numbers: dict[str, int]) -> tuple[list[float], tuple[complex, complex]]:
+    """A branch's row, of its 2 x 2 admittance, and the shunt admittances at its ends that the row has no place for."""
+    (y_ff, y_ft), (y_tf, y_tt) = one.admittance
+    turn = y_ft / y_tf  # t / conj(t), t the ratio at the `from` end
+    shift = float(0.5 * np.angle(turn))
+    straight = abs(y_ft - y_tf) <= NOTHING * abs(y_ft) and abs(y_ff - y_tt) <= 1e-9 * abs(y_ff)
+    # Of a line y_ff = y_tt = y + shunt; of a transformer y_tt = y, for its magnetising branch is at the other end.
+    ratio = 1.0 if straight else float(abs(y_tt / y_tf))
+    series = -y_tf * ratio * np.exp(1j * shift)
+    z = 1.0 / series
+    left = y_ff - series / ratio**2, y_tt - series
+    charging = 2.0 * float(min(left[0].imag, left[1].imag)) if straight else 0.0
+    left = left[0] - 0.5j * charging, left[1] - 0.5j * charging
+    angle = float(np.rad2deg(shift)) if abs(shift) > NOTHING else 0.0
+    tap = 0.0 if straight else ratio
+    row = [numbers[one.from_bus], numbers[one.to_bus], z.real, z.imag, charging, 0, 0, 0, tap, angle, 1, -360, 360]
+    return [0.0 if abs(value) < NOTHING else float(value) for value in row], left
+
+
+def _line(row: Sequence[float], name: str) -> str:
+    return "\t" + "\t".join(f"{float(value):.15g}" for value in row) + f";\t% {name}"
