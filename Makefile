@@ -90,7 +90,7 @@ setup: prerequisites
 	@$(MAKE) --no-print-directory -j2 $(VENV)/.warm $(VENV)/.messages
 
 test-setup: prerequisites
-	@$(MAKE) --no-print-directory -j3 $(VENV)/.warm $(VENV)/.tools $(VENV)/.browser
+	@$(MAKE) --no-print-directory -j3 $(VENV)/.warm $(VENV)/.tools $(VENV)/.browser $(VENV)/.cases
 
 # One line for the first prerequisite that is missing: what it is and how to get it.
 prerequisites:
@@ -147,6 +147,13 @@ $(VENV)/.browser: | $(VENV)/.python
 	    { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends chromium; } \
 	        >/dev/null 2>&1 || echo "set-up: no Chromium to be had; its tests are skipped"; \
 	fi
+	@touch $@
+
+# The PSS/E cases inside ANDES's wheel, which are not part of this repository: GPL (tests/andes_cases.py).
+$(VENV)/.cases: | $(VENV)/.python
+	$(SAY) "set-up: PSS/E cases of ANDES"
+	@$(INSTALL:install=download) --no-deps --dest $(VENV)/andes andes==2.0.0
+	@$(BIN)/python -m zipfile -e $(VENV)/andes/andes-2.0.0-py3-none-any.whl $(VENV)/andes
 	@touch $@
 
 clean:

@@ -23,6 +23,7 @@ import pytest
 from facts_damping.cli.commands import parser
 from facts_damping.cli.main import DEGRADED, main
 from facts_damping.studies import sweep
+from tests.andes_cases import WHEEL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -117,6 +118,7 @@ def shortened(arguments: list[str]) -> list[str]:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("config", "examples", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "andes_wheel").symlink_to(WHEEL)  # which tutorial_case fetches
     (tmp_path / "results").mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")  # as the environment does
