@@ -111,7 +111,8 @@ def shortened(arguments: list[str]) -> list[str]:
         only = [part for column, value in first.items() for part in ("--only", f"{column}={value}")]
         return [*arguments, *only, "--set", "duration=1", "--jobs", "1"]
     own = SHORT.get(name, [])
-    return arguments if own and own[1].partition("=")[0] in " ".join(arguments) else [*arguments, *own]
+    asked = own and (own[1].partition("=")[0] in " ".join(arguments) if own[0] == "--set" else own[0] in arguments)
+    return arguments if asked else [*arguments, *own]
 
 
 @pytest.fixture
