@@ -115,6 +115,7 @@ setup(
         "matplotlib>=3.8,<4",
         "lz4>=4,<5",
         "mcap>=1.5,<2",
+        "networkx>=3.2,<4",  # one-line diagrams: where buses stand
         "numba>=0.60,<1",
         "numpy>=1.26,<2.5",  # the type information of 2.5 rejects a plain array.max()
         "pyarrow>=17",  # no upper bound: a major release a quarter, and only tables are written
@@ -168,6 +169,7 @@ setup(
             "pythonfmu3==0.3.4",
             "ruff==0.17.5",
             "types-PyYAML>=6,<7",
+            "types-networkx>=3.2,<4",
             "websockets>=14,<18",
         ],
     },

@@ -34,16 +34,32 @@ def centres_of_angle(record: Record) -> dict[str, NDArray[np.float64]]:
     where there is one. Otherwise against the centre of all machines: after a change of load the whole system runs at
     another frequency, and its angles against synchronous speed would only tell that.
     """
+    areas = _areas(record)
+    if not areas:
+        return {}
+    angles, origin = np.asarray(record.machines["rotor_angle"]), np.zeros(len(record.machines))
+    if not inline_system(record.configuration).get("infinite_buses"):
+        every, inertias = (np.concatenate(parts) for parts in zip(*areas.values(), strict=True))
+        origin = centre_of_angle(angles[:, every], inertias)
+    return {area: centre_of_angle(angles[:, own], inertias) - origin for area, (own, inertias) in areas.items()}
+
+
+def mean_speeds(record: Record) -> dict[str, NDArray[np.float64]]:
+    """Mean speed deviation of each area, weighted by inertia, p.u., (ticks,): how its centre of angle turns."""
+    speeds = np.asarray(record.machines["speed_deviation"])
+    return {area: centre_of_angle(speeds[:, own], inertias) for area, (own, inertias) in _areas(record).items()}
+
+
+def _areas(record: Record) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
+    """By area: places of its machines in the record, and their inertias; nothing where some are not known."""
     system = inline_system(record.configuration)
     data: dict[str, Mapping[str, Any]] = {one["name"]: one for one in system.get("machines") or []}
     if not record.machine_names or any(not _complete(data.get(name)) for name in record.machine_names):
         return {}
-    angles = np.asarray(record.machines["rotor_angle"])
     inertias = np.array([data[name]["rating"] * data[name]["H"] for name in record.machine_names])
     areas = np.array([data[name].get("area") or WHOLE for name in record.machine_names])
-    origin = np.zeros(len(angles)) if system.get("infinite_buses") else centre_of_angle(angles, inertias)
-    named = dict.fromkeys(areas.tolist())
-    return {area: centre_of_angle(angles[:, areas == area], inertias[areas == area]) - origin for area in named}
+    found = {area: np.flatnonzero(areas == area) for area in dict.fromkeys(areas.tolist())}
+    return {area: (own, inertias[own]) for area, own in found.items()}
 
 
 def _complete(machine: Mapping[str, Any] | None) -> bool:

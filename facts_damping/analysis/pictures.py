@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.analysis.angles import centres_of_angle
+from facts_damping.analysis.angles import centres_of_angle, mean_speeds
 from facts_damping.analysis.histories import jacobian_histories, learning_rate_histories
 from facts_damping.analysis.indices import INDICES, index_curves, regions
 from facts_damping.analysis.latency import HOPS, cdf, hops_ms
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 SLIGHT, ROUND = 1e-6, 1e-7  # relative, absolute: a curve that moves by less stands still, but for round-off
+MANY, LARGEST = 12, 7  # curves of a kind in one axes: of more, those that move most, or the means of areas
 NEAR, MOST_SHOWN = 0.3, 3.0  # of its limit: a monitor is shown that came above the one, up to the other
 POWER, VOLTAGE = (list(CHANNELS).index(name) for name in ("active_power", "voltage_magnitude"))
 
@@ -89,14 +90,27 @@ def shown(picture: Picture, panels: Sequence[dict[str, Panel]]) -> list[str]:
 
 
 def _speeds(record: Record) -> list[Panel]:
-    speeds = station_speeds(record)
-    return [_one(record.stations[i], 1e3 * speeds[:, i]) for i in _stations(record, machines=True)]
+    """Each machine's; of many machines the means of their areas, by inertia, where there are several areas."""
+    speeds, machines = station_speeds(record), list(_stations(record, machines=True))
+    means = mean_speeds(record) if len(machines) > MANY else {}
+    if len(means) > 1:
+        return [_one(f"mean of {area}", 1e3 * values) for area, values in means.items()]
+    return _most([_one(record.stations[i], 1e3 * speeds[:, i]) for i in machines])
 
 
 def _differences(record: Record) -> list[Panel]:
     if not measure_weights(record.configuration):
         return []
-    return [_one(name, 1e3 * values) for name, values in speed_differences(record).items()]
+    return _most([_one(name, 1e3 * values) for name, values in speed_differences(record).items()])
+
+
+def _most(panels: list[Panel]) -> list[Panel]:
+    """Of many curves those that move most, the first of which says of how many."""
+    if len(panels) <= MANY:
+        return panels
+    span = {panel.name: float(np.ptp(np.nan_to_num(panel.curves[""].values))) for panel in panels}
+    kept = sorted(panels, key=lambda panel: -span[panel.name])[:LARGEST]
+    return [kept[0]._replace(name=f"{kept[0].name} ({LARGEST} largest of {len(panels)})"), *kept[1:]]
 
 
 def _tie_power(record: Record) -> list[Panel]:

@@ -337,7 +337,7 @@ def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequ
             if model.washout[s] > 0.0:
                 zeros, own = np.append(zeros, 0.0), np.append(poles, -1.0 / model.washout[s])
             value = (model.response(probe) / model.late(probe))[s, d]
-            gain = value * np.prod(probe - own) / np.prod(probe - zeros)
+            gain = value * np.exp(np.log(probe - own).sum() - np.log(probe - zeros).sum())  # products overflow
             zeros_and_poles = float(gain.real), zeros.tolist(), own.tolist()
             dead_time = float(np.broadcast_to(model.dead_time, len(devices))[d])
             found.append(TransferFunction(device, signal, *zeros_and_poles, float(D), dead_time))

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 SHORT, APART = 0.15, 0.35  # of the longest arrow; rad: labels of short ones would hide each other
 BODE_HZ = (0.05, 5.0)
 SHOWN_STATES = 4
+# Of large systems no more is shown: modes in a picture, machines of a side and residues of a mode in a table.
+MOST_MODES, MOST_MACHINES, MOST_RESIDUES = 12, 8, 12
+MOST_LISTED, WELL_DAMPED = 60, 0.3  # modes of a table; of more, those with a damping ratio up to this
+BAND_HZ = (0.1, 2.5)  # of the modes that a picture of a large system shows: swings between machines
 
 
 class Modal(NamedTuple):
@@ -115,24 +119,51 @@ def modes_text(modal: Modal) -> Iterator[str]:
     for bus in modal.built.flow.buses(system.base_power):
         yield "{name:<12} {v_pu:8.4f} {angle_deg:10.3f} {p_mw:10.2f} {q_mvar:10.2f}".format(**bus)
     yield "\n     real 1/s   imag rad/s         Hz  damping ratio  kind               participation"
-    for mode in modal.modes:
+    shown = _listed(modal)
+    for mode in shown:
         most = ", ".join(f"{state} {share:.2f}" for state, share in list(mode.participation.items())[:SHOWN_STATES])
         yield (
             f"{mode.eigenvalue.real:13.5f} {mode.eigenvalue.imag:12.5f} {mode.frequency_hz:10.4f} "
             f"{mode.damping_ratio:14.4f}  {mode.label:<17}  {most}"
         )
-    for mode in modal.swings:
+    if len(shown) < len(modal.modes):
+        yield f"and {len(modal.modes) - len(shown)} with a damping ratio above {WELL_DAMPED:g}, all in --json"
+    for mode in drawn(modal):
         yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: machines that swing against each other"
         for group in _groups(mode):
-            yield "  " + ", ".join(f"{name} {abs(value):.2f}" for name, value in group)
+            more = f", and {len(group) - MOST_MACHINES} that swing less" if len(group) > MOST_MACHINES else ""
+            yield "  " + ", ".join(f"{name} {abs(value):.2f}" for name, value in group[:MOST_MACHINES]) + more
         if mode.residues:
             yield "  device       signal       residue 1/s  angle deg   u = K y: sign  lead deg"
-        for r in mode.residues:
+        for r in _largest(mode.residues):
             yield (
                 f"  {r.device:<12} {r.signal:<10} {r.magnitude:13.5g} {r.angle_deg:10.1f} "
                 f"{'+' if r.sign > 0 else '-':>15} {r.lead_deg:9.1f}"
             )
     yield from _interactions_text(modal)
+
+
+def _listed(modal: Modal) -> list[linearisation.Eigenmode]:
+    """The modes of the table: all, of a large system those that are not well damped."""
+    if len(modal.modes) <= MOST_LISTED:
+        return modal.modes
+    return [mode for mode in modal.modes if mode.damping_ratio <= WELL_DAMPED]
+
+
+def _largest(residues: Sequence[linearisation.Residue]) -> list[linearisation.Residue]:
+    """Residues in their order; of many the largest ones, the largest first."""
+    if len(residues) <= MOST_RESIDUES:
+        return list(residues)
+    return sorted(residues, key=lambda one: -one.magnitude)[:MOST_RESIDUES]
+
+
+def drawn(modal: Modal) -> list[linearisation.Eigenmode]:
+    """The modes whose shapes are drawn: all, or of a large system the least damped ones in the band."""
+    if len(modal.swings) <= MOST_MODES:
+        return modal.swings
+    low, high = BAND_HZ
+    own = [mode for mode in modal.swings if low <= mode.frequency_hz <= high] or modal.swings
+    return sorted(own, key=lambda mode: mode.damping_ratio)[:MOST_MODES]
 
 
 def _interactions_text(modal: Modal) -> Iterator[str]:
@@ -159,8 +190,12 @@ def _groups(mode: linearisation.Eigenmode) -> list[list[tuple[str, complex]]]:
 
 
 def plot(modal: Modal, folder: Path) -> list[Path]:
-    """Pictures in a folder: mode_shapes.png, and transfer_functions.png where a device is installed."""
-    made = []
+    """Pictures in a folder: one_line.png, mode_shapes.png, and transfer_functions.png where a device is installed."""
+    from facts_damping.small_signal import one_line  # noqa: PLC0415 (its library takes a while to be loaded)
+
+    interarea = [mode for mode in modal.swings if mode.label == "interarea"] or drawn(modal)
+    least = min(interarea, key=lambda mode: mode.damping_ratio, default=None)
+    made = [one_line.draw(modal, least, folder / "one_line.png")]
     if modal.swings:
         made.append(_plot_shapes(modal, folder / "mode_shapes.png"))
     if modal.devices and modal.system.signals:
@@ -170,10 +205,11 @@ def plot(modal: Modal, folder: Path) -> list[Path]:
 
 def _plot_shapes(modal: Modal, path: Path) -> Path:
     """A compass of the machines' speeds for each electromechanical mode."""
-    columns = min(3, len(modal.swings))
-    rows = -(-len(modal.swings) // columns)
+    modes = drawn(modal)
+    columns = min(3, len(modes))
+    rows = -(-len(modes) // columns)
     figure = Figure(figsize=(3.6 * columns, 3.9 * rows), layout="constrained")
-    for i, mode in enumerate(modal.swings):
+    for i, mode in enumerate(modes):
         axes = figure.add_subplot(rows, columns, i + 1, projection="polar")
         for value in mode.shape.values():
             axes.annotate(
@@ -190,7 +226,14 @@ def _plot_shapes(modal: Modal, path: Path) -> Path:
 
 
 def _label_places(shape: Mapping[str, complex]) -> dict[str, tuple[float, float]]:
-    """Angle (rad) and radius of each label: at the tip of a long arrow; of short ones around them, apart."""
+    """Angle (rad) and radius of each label: at the tip of a long arrow; of short ones around them, apart.
+
+    Of many machines only those that swing most have one.
+    """
+    if len(shape) > MOST_MODES:
+        far = [name for name in shape if abs(shape[name]) > APART]
+        most = sorted(far, key=lambda name: -abs(shape[name]))[:MOST_MACHINES]
+        return {name: (float(np.angle(shape[name])), 1.08 * abs(shape[name])) for name in most}
     found = {name: (float(np.angle(v)), 1.08 * abs(v)) for name, v in shape.items() if abs(v) > SHORT}
     before = -np.inf
     for angle, name in sorted((float(np.angle(v)), name) for name, v in shape.items() if abs(v) <= SHORT):
@@ -203,19 +246,32 @@ def _plot_transfer(modal: Modal, path: Path) -> Path:
     """Magnitude and phase from each device's input to each signal."""
     frequency = np.geomspace(*BODE_HZ, 600)
     response = np.array([modal.model.response(2j * np.pi * f) for f in frequency])
+    signals = list(modal.system.signals)
     figure = Figure(figsize=(4.5 * len(modal.devices), 6.5), layout="constrained")
     axes = figure.subplots(2, len(modal.devices), sharex=True, squeeze=False)
     for d, device in enumerate(modal.devices):
-        for s, signal in enumerate(modal.system.signals):
+        for s in _clearest(modal, d):
+            signal = signals[s]
             axes[0, d].loglog(frequency, np.abs(response[:, s, d]), label=signal)
             axes[1, d].semilogx(frequency, np.rad2deg(np.unwrap(np.angle(response[:, s, d]))))
         axes[0, d].set_title(f"from the setpoint of {device}", fontsize=9)
+        axes[0, d].legend(fontsize=8)
         axes[1, d].set_xlabel("frequency [Hz]")
         for axis in axes[:, d]:
             axis.grid(visible=True, which="both", alpha=0.3)
     axes[0, 0].set_ylabel("magnitude [p.u./p.u.]")
     axes[1, 0].set_ylabel("phase [deg]")
-    axes[0, -1].legend(fontsize=8)
     figure.suptitle(f"{modal.system.name}: transfer functions to the signals", fontsize=10)
     save_picture(figure, path, dpi=150)
     return path
+
+
+def _clearest(modal: Modal, device: int) -> list[int]:
+    """The signals that are drawn from a device: all, or of many those with the largest residues in any mode."""
+    signals = list(modal.system.signals)
+    if len(signals) <= MOST_MACHINES:
+        return list(range(len(signals)))
+    size = dict.fromkeys(signals, 0.0)
+    for residue in (r for mode in drawn(modal) for r in mode.residues if r.device == modal.devices[device]):
+        size[residue.signal] = max(size[residue.signal], residue.magnitude)
+    return sorted(signals.index(name) for name in sorted(signals, key=lambda name: -size[name])[:MOST_MACHINES])

@@ -1,0 +1,173 @@
+"""One-line diagram of a system, drawn from its data alone: flows, machines by area, a mode on it, devices, PMUs.
+
+Buses stand where the reactances between them put them (T. Kamada, S. Kawai, An algorithm for drawing general undirected
+graphs, Information Processing Letters 31, 1989), for nothing is known of geography.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import networkx as nx
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from facts_damping.parameters.devices import Parallel, Series
+from facts_damping.plant.network import Topology, branches, device_section
+from facts_damping.terminal import save_picture
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.system import System
+    from facts_damping.plant.power_flow import PowerFlow
+    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.small_signal.modal_analysis import Modal
+
+    Places = dict[str, NDArray[np.float64]]
+
+NEAR, FAR = 0.4, 2.5  # of the median reactance: shorter and longer branches are drawn as if so
+EXACT = 300  # buses, up to which the layout by all distances takes seconds
+NAMED = 40  # buses, up to which all have their names
+LABELS = 12  # flows with their number, the largest
+WIDEST, THINNEST = 5.0, 0.6  # points, of a branch
+ARROW = 0.16  # length of the fastest machine's arrow, of the picture
+SMALL = 0.1  # of the fastest: below, a machine has no arrow
+AREAS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#8C564B", "#000000")
+
+
+def flows(system: System, flow: PowerFlow) -> list[tuple[str, str, float]]:
+    """Each branch with its buses, in the direction of its active power, and that power, MW, where it enters."""
+    voltage = dict(zip(flow.names, flow.voltage, strict=True))
+    series = [device_section(d, complex(d.rs, 0.0)) for d in system.devices if isinstance(d, Series)]
+    found = []
+    for one in [*branches(system, Topology()), *series]:
+        ends = np.array([voltage[one.from_bus], voltage[one.to_bus]])
+        entering = (ends * np.conj(one.admittance @ ends)).real * system.base_power
+        forward = entering[0] >= entering[1]
+        buses = (one.from_bus, one.to_bus) if forward else (one.to_bus, one.from_bus)
+        found.append((*buses, float(entering.max())))
+    return found
+
+
+def places(system: System) -> Places:
+    """Where buses are drawn, by name: within a unit square about the origin."""
+    graph: nx.Graph[str] = nx.Graph()
+    graph.add_nodes_from(bus.name for bus in system.buses)
+    given: list[tuple[str, str, float]] = [(row.from_bus, row.to_bus, abs(row.x) * row.length) for row in system.lines]
+    given += [(t.from_bus, t.to_bus, abs(t.x) * system.base_power / t.rating) for t in system.transformers]
+    given += [(*d.ends, 0.0) for d in system.devices if isinstance(d, Series)]
+    usual = float(np.median([x for _, _, x in given])) or 1.0
+    for a, b, x in given:
+        distance = float(np.clip(x / usual, NEAR, FAR))
+        graph.add_edge(a, b, distance=distance, weight=1.0 / distance)
+    if len(graph) <= EXACT:
+        return dict(nx.kamada_kawai_layout(graph, weight="distance"))
+    return dict(nx.spring_layout(graph, seed=0, iterations=100))
+
+
+def draw(modal: Modal, mode: Eigenmode | None, path: Path) -> Path:
+    """The diagram as a picture; `mode`: whose shape the machines' arrows are."""
+    system, at = modal.system, places(modal.system)
+    figure = Figure(figsize=(12.0, 9.0), layout="constrained")
+    axes = figure.add_subplot()
+    _branches(axes, at, flows(system, modal.built.flow))
+    _buses(axes, system, at)
+    named = _machines(axes, system, at)
+    if mode is not None:
+        _arrows(axes, system, at, mode)
+    marks = [*named, *_devices(axes, modal, at), *_stations(axes, system, at)]
+    axes.legend(handles=marks, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False)
+    axes.set_aspect("equal")
+    axes.margins(0.08)
+    axes.set_axis_off()
+    told = "flows [MW]"
+    if mode is not None:
+        told += f"; arrows: speeds in the mode of {mode.frequency_hz:.3f} Hz, damping ratio {mode.damping_ratio:.3f}"
+    axes.set_title(f"{system.name}: {told}", fontsize=11)
+    save_picture(figure, path, dpi=130)
+    return path
+
+
+def _branches(axes: Axes, at: Places, found: list[tuple[str, str, float]]) -> None:
+    """Each as wide as its power, with a tip in the direction; the largest with their numbers."""
+    most = max((power for *_, power in found), default=1.0) or 1.0
+    for place, (a, b, power) in enumerate(sorted(found, key=lambda one: -one[2])):
+        start, end = at[a], at[b]
+        width = THINNEST + (WIDEST - THINNEST) * power / most
+        axes.plot(*np.transpose([start, end]), color="0.75", lw=width, zorder=1, solid_capstyle="round")
+        middle, onward = start + 0.5 * (end - start), start + 0.54 * (end - start)
+        tip = {"arrowstyle": "-|>", "color": "0.4", "mutation_scale": 6.0 + width}
+        axes.annotate("", xy=tuple(onward), xytext=tuple(middle), arrowprops=tip, zorder=2)
+        if place < LABELS and power > 0.0:
+            axes.annotate(f"{power:.0f}", tuple(middle), fontsize=7, ha="center", va="bottom", zorder=6)
+
+
+def _buses(axes: Axes, system: System, at: Places) -> None:
+    """Dots; names of all in a small system, else none but those of machines."""
+    axes.plot(*np.transpose([at[bus.name] for bus in system.buses]), "o", color="0.35", ms=3, zorder=3)
+    if len(system.buses) <= NAMED:
+        for bus in system.buses:
+            axes.annotate(bus.name, tuple(at[bus.name]), (3, 4), textcoords="offset points", fontsize=7, color="0.35")
+
+
+def _machines(axes: Axes, system: System, at: Places) -> list[Any]:
+    """Circles in the colour of the area, with names; handles for the legend."""
+    areas = list(dict.fromkeys(m.area or "" for m in system.machines))
+    colours = {area: AREAS[i % len(AREAS)] for i, area in enumerate(areas)}
+    for m in system.machines:
+        axes.plot(*at[m.bus], "o", ms=9, mfc="white", mec=colours[m.area or ""], mew=2.0, zorder=4)
+        axes.annotate(m.name, tuple(at[m.bus]), (6, -9), textcoords="offset points", fontsize=7, zorder=6)
+    for row in system.infinite_buses:
+        axes.plot(*at[row.bus], "o", ms=11, color="black", zorder=4)
+    told = {area: area or "machines" for area in areas}
+    return [_mark("o", colours[area], told[area], mfc="white", mew=2.0) for area in areas]
+
+
+def _arrows(axes: Axes, system: System, at: Places, mode: Eigenmode) -> None:
+    """Speeds in a mode as arrows at the machines, as in the compass."""
+    extent = np.ptp(np.array(list(at.values())), axis=0).max()
+    for m in system.machines:
+        value = mode.shape[m.name]
+        if abs(value) < SMALL:
+            continue
+        tip = at[m.bus] + ARROW * extent * np.array([value.real, value.imag])
+        look = {"arrowstyle": "->", "color": "black", "lw": 1.4}
+        axes.annotate("", xy=tuple(tip), xytext=tuple(at[m.bus]), arrowprops=look, zorder=5, annotation_clip=False)
+        axes.plot(*tip, alpha=0.0)  # so that there is room for it
+
+
+def _devices(axes: Axes, modal: Modal, at: Places) -> list[Any]:
+    """Those in series between their buses, others at one; filled where they are installed."""
+    marks = []
+    for d in modal.system.devices:
+        if isinstance(d, Series):
+            place = np.mean([at[bus] for bus in d.ends], axis=0)
+        elif isinstance(d, Parallel):
+            place = at[d.bus]
+        else:
+            axes.plot(*np.transpose([at[bus] for bus in d.buses]), "--", color="#CC79A7", lw=1.5, zorder=2)
+            continue
+        face = "#F0E442" if d.name in modal.devices else "white"
+        shape = "s" if isinstance(d, Series) else "D"
+        axes.plot(*place, shape, ms=10, mfc=face, mec="black", zorder=5)
+        state = "" if d.name in modal.devices else ", not installed"
+        marks.append(_mark(shape, "black", f"{d.name} ({d.kind}{state})", mfc=face))
+    return marks
+
+
+def _stations(axes: Axes, system: System, at: Places) -> list[Any]:
+    """PMUs as triangles beside their buses."""
+    buses = {m.name: m.bus for m in system.machines}
+    where = [at[s.bus or buses[s.machine or ""]] for s in system.stations]
+    for place in where:
+        axes.annotate("▲", tuple(place), (-9, 4), textcoords="offset points", fontsize=6, color="#D55E00", zorder=6)
+    return [_mark("^", "#D55E00", "PMU")] if where else []
+
+
+def _mark(shape: str, colour: str, name: str, **more: Any) -> Line2D:
+    return Line2D([], [], ls="", marker=shape, mec=colour, label=name, ms=8, **{"mfc": colour, **more})
