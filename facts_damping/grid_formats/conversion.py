@@ -196,9 +196,9 @@ def _branches(
         if row["BR_STATUS"] <= 0:
             notes.append(f"branch {i} from bus {a} to bus {b} is out of service: left out")
             continue
-        for column, value, bad in (("r", row["BR_R"], row["BR_R"] < 0), ("x", row["BR_X"], row["BR_X"] <= 0)):
+        for column, value, bad in (("r", row["BR_R"], row["BR_R"] < 0), ("x", row["BR_X"], row["BR_X"] == 0)):
             if bad:
-                limit = "above 0" if column == "x" else "0 or more"
+                limit = "any but 0" if column == "x" else "0 or more"
                 raise InputError(f"mpc.branch, row {i} ({a} to {b}): {column} = {value:g} given; allowed: {limit}")
         line = not row["TAP"] and not row["SHIFT"] and buses[a]["BASE_KV"] == buses[b]["BASE_KV"] and row["BR_B"] >= 0
         stem = f"{'line_' if line else 'T'}{a}_{b}"

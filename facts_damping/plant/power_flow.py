@@ -9,7 +9,6 @@ import numpy as np
 
 from facts_damping.errors import InputError
 from facts_damping.matrices import product
-from facts_damping.matrices import solve as solution
 from facts_damping.parameters.devices import Parallel, Transmission
 from facts_damping.plant import load as loads
 from facts_damping.plant.devices import drawn_by, losses_of
@@ -21,6 +20,7 @@ from facts_damping.plant.network import (
     device_section,
     series_devices,
 )
+from facts_damping.plant.sparse import DENSE, joined, solve_network
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -213,7 +213,7 @@ def _between(
     np.fill_diagonal(weight, 0.0)
     laplacian = np.diag(weight.sum(axis=1) + STRAY) - weight
     given = np.setdiff1d(np.arange(len(angle)), free)
-    return solution(laplacian[np.ix_(free, free)], product(weight[np.ix_(free, given)], angle[given]))
+    return solve_network(laplacian[np.ix_(free, free)], product(weight[np.ix_(free, given)], angle[given]))
 
 
 def _newton(
@@ -227,35 +227,51 @@ def _newton(
     """Newton iterations in polar form from (magnitudes, angles); the voltages and the largest mismatch that remains."""
     magnitude, angle = start
     voltage = magnitude * np.exp(1j * angle)
-    residual = float("inf")
+    residual, enough = (
+        float("inf"),
+        TOLERANCE / (1000 if len(angle) <= DENSE else 10),
+    )  # of many buses, round-off is more
     for _ in range(MAX_ITERATIONS):
         current = product(matrix, voltage)
         drawn, drawn_by_magnitude = demand(magnitude)
         mismatch = voltage * np.conj(current) + drawn - scheduled
         equations = np.concatenate([mismatch.real[free_angle], mismatch.imag[free_magnitude]])
         residual = float(np.max(np.abs(equations), initial=0.0))
-        if residual < TOLERANCE / 1000 or not np.isfinite(residual):
+        if residual < enough or not np.isfinite(residual):
             break
-        by_angle = 1j * voltage[:, None] * np.conj(np.diag(current) - matrix * voltage)
-        unit = voltage / np.abs(voltage)
-        by_magnitude = voltage[:, None] * np.conj(matrix * unit) + np.diag(np.conj(current) * unit + drawn_by_magnitude)
-        jacobian = np.block(
-            [
-                [
-                    by_angle.real[np.ix_(free_angle, free_angle)],
-                    by_magnitude.real[np.ix_(free_angle, free_magnitude)],
-                ],
-                [
-                    by_angle.imag[np.ix_(free_magnitude, free_angle)],
-                    by_magnitude.imag[np.ix_(free_magnitude, free_magnitude)],
-                ],
-            ]
-        )
+        jacobian = _jacobian(matrix, voltage, current, drawn_by_magnitude, free_angle, free_magnitude)
         try:
-            change = solution(jacobian, -equations)
+            change = solve_network(jacobian, -equations)
         except np.linalg.LinAlgError:
             return voltage, float("inf")
         angle[free_angle] += change[: len(free_angle)]
         magnitude[free_magnitude] += change[len(free_angle) :]
         voltage = magnitude * np.exp(1j * angle)
     return voltage, residual
+
+
+def _jacobian(
+    matrix: NDArray[np.complex128],
+    voltage: NDArray[np.complex128],
+    current: NDArray[np.complex128],
+    drawn_by_magnitude: NDArray[np.complex128],
+    free_angle: NDArray[np.int64],
+    free_magnitude: NDArray[np.int64],
+) -> Any:
+    """The balances' derivatives by the free angles and magnitudes; sparse where the network is large."""
+    unit = voltage / np.abs(voltage)
+    own = np.conj(current) * unit + drawn_by_magnitude
+    if len(voltage) > DENSE:
+        from scipy.sparse import csr_array, diags_array  # noqa: PLC0415 (of large systems alone)
+
+        Y, V, U = csr_array(matrix), diags_array(voltage), diags_array(unit)
+        by_angle = (1j * V @ (diags_array(current) - Y @ V).conj()).tocsr()
+        by_magnitude = (V @ (Y @ U).conj() + diags_array(own)).tocsr()
+    else:
+        by_angle = 1j * voltage[:, None] * np.conj(np.diag(current) - matrix * voltage)
+        by_magnitude = voltage[:, None] * np.conj(matrix * unit) + np.diag(own)
+    parts = [
+        [by_angle.real[np.ix_(free_angle, free_angle)], by_magnitude.real[np.ix_(free_angle, free_magnitude)]],
+        [by_angle.imag[np.ix_(free_magnitude, free_angle)], by_magnitude.imag[np.ix_(free_magnitude, free_magnitude)]],
+    ]
+    return joined(parts)

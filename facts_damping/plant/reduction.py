@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from facts_damping.errors import InputError
-from facts_damping.matrices import product, solve
+from facts_damping.matrices import product
 from facts_damping.plant.network import (
     Branch,
     Topology,
@@ -20,6 +20,7 @@ from facts_damping.plant.network import (
     series_devices,
     shunts,
 )
+from facts_damping.plant.sparse import solve_network
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -113,9 +114,11 @@ def _solve(
     for i, source in enumerate(system.infinite_buses):
         if source.bus not in dead:
             given[index[source.bus], machines + i] = 1.0
-    live = [i for i in range(len(names)) if i not in fixed]
+    live, known = [i for i in range(len(names)) if i not in fixed], sorted(fixed)
     try:
-        given[live] = solve(matrix[np.ix_(live, live)], sources[live] - product(matrix[live], given))
+        given[live] = solve_network(
+            matrix[np.ix_(live, live)], sources[live] - product(matrix[np.ix_(live, known)], given[known])
+        )
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"system {system.name}: network equations are singular: {error}; allowed: a regular network"

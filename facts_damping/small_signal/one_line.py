@@ -125,7 +125,8 @@ def _machines(axes: Axes, system: System, at: Places) -> list[Any]:
     for row in system.infinite_buses:
         axes.plot(*at[row.bus], "o", ms=11, color="black", zorder=4)
     told = {area: area or "machines" for area in areas}
-    return [_mark("o", colours[area], told[area], mfc="white", mew=2.0) for area in areas]
+    marks = [_mark("o", colours[area], told[area], mfc="white", mew=2.0) for area in areas]
+    return [*marks, *([_mark("o", "black", "infinite bus")] if system.infinite_buses else [])]
 
 
 def _arrows(axes: Axes, system: System, at: Places, mode: Eigenmode) -> None:

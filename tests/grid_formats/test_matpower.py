@@ -177,7 +177,7 @@ BAD = [
     ({"bus_2": {"BUS_I": 1.5}}, "bus number 1.5 given; allowed: a positive integer"),
     ({"gen_2": {"GEN_BUS": 5}}, "mpc.gen, row 2: bus 5 given; allowed: a bus of mpc.bus"),
     ({"branch_2": {"T_BUS": 5}}, "mpc.branch, row 2: bus 5 given; allowed: a bus of mpc.bus"),
-    ({"branch_1": {"BR_X": 0.0}}, r"mpc.branch, row 1 \(1 to 2\): x = 0 given; allowed: above 0"),
+    ({"branch_1": {"BR_X": 0.0}}, r"mpc.branch, row 1 \(1 to 2\): x = 0 given; allowed: any but 0"),
     ({"branch_1": {"BR_R": -0.1}}, r"row 1 \(1 to 2\): r = -0.1 given; allowed: 0 or more"),
     ({"gen_1": {"GEN_STATUS": 0}}, "no generator in service at the reference bus; allowed: at least one there"),
     ({"gen_1": {"GEN_STATUS": 0}, "gen_2": {"GEN_STATUS": 0}}, "no generator in service given; allowed: at least one"),

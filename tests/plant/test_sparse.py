@@ -1,0 +1,69 @@
+"""Large networks are solved by sparse elimination: beside dense elimination, and a country's grid by itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from facts_damping.case.loading import load_system
+from facts_damping.grid_formats.matpower import import_case
+from facts_damping.parameters.system import System
+from facts_damping.parameters.validation import check
+from facts_damping.plant import power_flow, sparse
+from facts_damping.plant.build import build
+from tests.andes_cases import CASES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@pytest.mark.parametrize(("name", "devices"), [("new_england_39", []), ("two_area", ["sssc", "statcom"]), ("smib", [])])
+def test_both_ways_give_the_same_network(name: str, devices: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    system = load_system(name)
+    dense = build(system, devices, [])
+    monkeypatch.setattr(sparse, "DENSE", 0)
+    monkeypatch.setattr(power_flow, "DENSE", 0)
+    found = build(system, devices, [])
+    assert np.abs(found.flow.voltage - dense.flow.voltage).max() < 1e-9
+    ours, theirs = found.plant.network, dense.plant.network
+    assert np.abs(ours - theirs).max() < 1e-9 * np.abs(theirs).max()
+    assert found.state.x == pytest.approx(dense.state.x, abs=1e-7)
+
+
+def test_singular_equations_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sparse, "DENSE", 0)
+    with pytest.raises(np.linalg.LinAlgError):
+        sparse.solve_network(np.zeros((3, 3)), np.ones(3))
+
+
+def test_a_grid_of_2224_buses_is_at_rest() -> None:
+    """Great Britain's, from ANDES's wheel: the power flow of the case is balanced, its machines stand still."""
+    path = CASES / "GBnetwork" / "GBnetwork.m"
+    system = check(System, import_case(path).content, str(path))
+    built = build(system, [], [])
+    assert (len(system.buses), len(system.machines)) == (2224, 378)
+    assert built.flow.residual < power_flow.TOLERANCE
+    balance = balances(system, built.flow.voltage) - built.flow.injection
+    assert np.abs(balance).max() < 1e-8
+
+
+def balances(system: System, voltage: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """What goes from each bus into its branches and shunts, p.u., branch by branch."""
+    at = {bus.name: i for i, bus in enumerate(system.buses)}
+    found = np.zeros(len(voltage), complex)
+    for line in system.lines:
+        i, j, y, half = at[line.from_bus], at[line.to_bus], 1.0 / complex(line.r, line.x), 0.5j * line.b
+        for a, b in ((i, j), (j, i)):
+            found[a] += voltage[a] * np.conj(y * (voltage[a] - voltage[b]) + half * voltage[a])
+    for t in system.transformers:
+        i, j, y = at[t.from_bus], at[t.to_bus], t.rating / system.base_power / complex(t.r, t.x)
+        ratio = t.tap * np.exp(1j * np.deg2rad(t.phase_shift))
+        current = y * (voltage[i] / ratio - voltage[j])  # behind the ideal transformer
+        found[i] += voltage[i] * np.conj(current / np.conj(ratio))
+        found[j] -= voltage[j] * np.conj(current)
+    for shunt in system.shunts:
+        i = at[shunt.bus]
+        found[i] += abs(voltage[i]) ** 2 * np.conj(complex(shunt.P, shunt.Q)) / system.base_power
+    return found
