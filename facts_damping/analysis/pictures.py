@@ -84,9 +84,28 @@ def moves(picture: Picture, panel: Panel) -> bool:
 
 
 def shown(picture: Picture, panels: Sequence[dict[str, Panel]]) -> list[str]:
-    """Names of the panels of several records: those in which something moves in one of them."""
+    """Names of the panels of several records: those in which something moves in one of them.
+
+    Of many curves that one record has in one axes, those that move most in any of the records.
+    """
     names = dict.fromkeys(name for one in panels for name in one)
-    return [name for name in names if any(name in one and moves(picture, one[name]) for one in panels)]
+    found = [name for name in names if any(name in one and moves(picture, one[name]) for one in panels)]
+    if not picture.together or len(found) <= MANY:
+        return found
+
+    def span(name: str) -> float:
+        curves = [curve.values for one in panels if name in one for curve in one[name].curves.values()]
+        return max(float(np.ptp(values[np.isfinite(values)])) for values in curves if np.isfinite(values).any())
+
+    most = set(sorted(found, key=lambda name: -span(name))[:LARGEST])
+    return [name for name in found if name in most]
+
+
+def title_of(picture: Picture, panels: Sequence[dict[str, Panel]]) -> str:
+    """The title, with how many curves there are where not all are shown."""
+    kept, there = shown(picture, panels), {name for one in panels for name in one}
+    cut = picture.together and len(kept) == LARGEST and len(there) > MANY
+    return f"{picture.title}: the {LARGEST} largest of {len(there)}" if cut else picture.title
 
 
 def _speeds(record: Record) -> list[Panel]:
@@ -95,22 +114,13 @@ def _speeds(record: Record) -> list[Panel]:
     means = mean_speeds(record) if len(machines) > MANY else {}
     if len(means) > 1:
         return [_one(f"mean of {area}", 1e3 * values) for area, values in means.items()]
-    return _most([_one(record.stations[i], 1e3 * speeds[:, i]) for i in machines])
+    return [_one(record.stations[i], 1e3 * speeds[:, i]) for i in machines]
 
 
 def _differences(record: Record) -> list[Panel]:
     if not measure_weights(record.configuration):
         return []
-    return _most([_one(name, 1e3 * values) for name, values in speed_differences(record).items()])
-
-
-def _most(panels: list[Panel]) -> list[Panel]:
-    """Of many curves those that move most, the first of which says of how many."""
-    if len(panels) <= MANY:
-        return panels
-    span = {panel.name: float(np.ptp(np.nan_to_num(panel.curves[""].values))) for panel in panels}
-    kept = sorted(panels, key=lambda panel: -span[panel.name])[:LARGEST]
-    return [kept[0]._replace(name=f"{kept[0].name} ({LARGEST} largest of {len(panels)})"), *kept[1:]]
+    return [_one(name, 1e3 * values) for name, values in speed_differences(record).items()]
 
 
 def _tie_power(record: Record) -> list[Panel]:

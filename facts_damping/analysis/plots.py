@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.pictures import PICTURES, Curve, Panel, Picture, shown
+from facts_damping.analysis.pictures import PICTURES, Curve, Panel, Picture, shown, title_of
 from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.errors import InputError, check_known
 from facts_damping.signals import NANOSECONDS
@@ -109,7 +109,8 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: b
             for found in (drawn[0][2][name].regions for name in row if single):
                 _name_regions(axes, found)
     grid[-1].set_xlabel(picture.over)
-    figure.suptitle(picture.title, fontsize="medium", fontweight="bold", x=0.01, ha="left")
+    title = picture.title if still else title_of(picture, panels)
+    figure.suptitle(title, fontsize="medium", fontweight="bold", x=0.01, ha="left")
     _add_legend(figure, list(grid))
     return figure
 

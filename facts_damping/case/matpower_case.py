@@ -1,13 +1,14 @@
 """A system as a MATPOWER case (version 2): its network, and its power flow as it is solved here.
 
-Branches are lines and transformers, and what series devices are where none is installed, a resistance (MATPOWER User's
-Manual 7.1, 3.2: series admittance, half of the charging at each end, an ideal transformer at the `from` end). What this
-form has no place for, magnetising branches and the conductance of long lines, are shunts. What loads and DC links draw
-at the solved voltages is the demand. Dynamics have no place in a case: a comment says so.
+Branches are lines, transformers, and devices in series: of one that is not installed only its resistance is left, so x
+is 0 (MATPOWER User's Manual 7.1, 3.2: series admittance, half of the charging at each end, an ideal transformer at the
+`from` end). What this form has no place for, magnetising branches and the conductance of long lines, are shunts. What
+loads and DC links draw at the solved voltages is the demand. Dynamics have no place in a case: a comment says so.
 """
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +31,11 @@ HEADS = {
     "gen": "bus Pg Qg Qmax Qmin Vg mBase status Pmax Pmin",
     "branch": "fbus tbus r x b rateA rateB rateC ratio angle status angmin angmax",
 }
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")  # of a function of MATLAB's
+KEYWORDS = (
+    *("break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function", "global", "if"),
+    *("otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while"),
+)
 PQ, PV, REFERENCE = 1, 2, 3
 NOTHING = 1e-12  # p.u., of a charging or a turn that is round-off
 
@@ -41,7 +47,7 @@ def text(system: System, name: str) -> str:
     base = system.base_power
     lines = [
         f"function mpc = {name}",
-        f"% {system.name}: {system.description}",
+        f"% {system.name}: {' '.join(system.description.split())}",
         "% Written by facts-damping export: network and power flow. Machines' dynamics, exciters, governors and FACTS",
         "% devices are not part of a MATPOWER case.",
         "mpc.version = '2';",

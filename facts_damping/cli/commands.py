@@ -272,9 +272,9 @@ def _choices(add: Add) -> None:
     command.add_argument("--damping", type=takes, default=0.1, metavar="RATIO", help=text)
     text = "delay of the loop, from measurement to device, 0 to 1 s; default: 0.1"
     command.add_argument("--delay", type=between(0.0, 1.0, " s"), default=0.1, metavar="S", help=text)
-    text = "the mode next to this frequency; default: the least damped interarea mode, or of all"
-    command.add_argument("--mode", type=between(0.01, 10.0, " Hz"), metavar="HZ", help=text)
-    text = "a line (SSSC), a bus (STATCOM), or a device of the system; default: the best"
+    text = "frequency of the mode, 0.1 to 2 Hz; default: the least damped interarea mode, or of all"
+    command.add_argument("--mode", type=between(0.1, 2.0, " Hz"), metavar="HZ", help=text)
+    text = "a line (for an SSSC), a bus (for a STATCOM), or a device of the system; default: the best"
     command.add_argument("--place", metavar="NAME", help=text)
     text = "input of the controller: a signal of the system, or one that the command ranks; default: the best"
     command.add_argument("--signal", metavar="NAME", help=text)

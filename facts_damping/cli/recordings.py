@@ -158,8 +158,10 @@ def _export_case(arguments: argparse.Namespace, path: Path) -> None:
     """A system as a MATPOWER case, a function of the file's name."""
     from facts_damping.case import loading, matpower_case
 
-    if not path.stem.isidentifier():
-        raise InputError(f"--out {path}: given; allowed: a name of letters, digits and _, as it is that of a function")
+    if not matpower_case.NAME.fullmatch(path.stem) or path.stem in matpower_case.KEYWORDS:
+        raise InputError(
+            f"--out {path}: given; allowed: a name of letters, digits and _ that MATLAB takes for a function"
+        )
     system = loading.load_system(arguments.what)
     write_whole(path, matpower_case.text(system, path.stem))
     say(arguments, f"{len(system.buses)} buses, {len(system.machines)} machines: {path}")

@@ -59,11 +59,17 @@ def design(arguments: argparse.Namespace) -> None:
         arguments.place,
         arguments.signal,
     )
+    folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
+    given = Path(arguments.system)
+    if folder is not None and given.exists() and given.resolve() == (folder / "system.yaml").resolve():
+        raise InputError(f"--out {arguments.out}: given, where SYSTEM would be replaced; allowed: another folder")
     shown: list[Progress] = []
 
     def tell(name: str, what: str) -> Progress:
-        shown.append(Progress(name, what))
-        return shown[-1]
+        for before in shown:
+            before.close()
+        shown[:] = [Progress(name, what)]
+        return shown[0]
 
     try:
         found = study.design(task, arguments.jobs, tell)
@@ -71,8 +77,7 @@ def design(arguments: argparse.Namespace) -> None:
         for progress in shown:
             progress.close()
     written = []
-    if arguments.out is not None:
-        folder = files.new_folder(Path(arguments.out))
+    if folder is not None:
         written = [*pages.write(found, folder), pages.draw(found, folder / "places.png")]
         write_json(str(folder / "result.json"), pages.document(found))
     write_json(arguments.json, pages.document(found))

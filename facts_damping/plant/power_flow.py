@@ -20,7 +20,7 @@ from facts_damping.plant.network import (
     device_section,
     series_devices,
 )
-from facts_damping.plant.sparse import DENSE, joined, solve_network
+from facts_damping.plant.sparse import DENSE, as_needed, joined, solve_network
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -213,7 +213,8 @@ def _between(
     np.fill_diagonal(weight, 0.0)
     laplacian = np.diag(weight.sum(axis=1) + STRAY) - weight
     given = np.setdiff1d(np.arange(len(angle)), free)
-    return solve_network(laplacian[np.ix_(free, free)], product(weight[np.ix_(free, given)], angle[given]))
+    own = as_needed(laplacian[np.ix_(free, free)], len(angle))
+    return solve_network(own, product(weight[np.ix_(free, given)], angle[given]))
 
 
 def _newton(

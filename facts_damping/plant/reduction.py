@@ -20,7 +20,7 @@ from facts_damping.plant.network import (
     series_devices,
     shunts,
 )
-from facts_damping.plant.sparse import solve_network
+from facts_damping.plant.sparse import as_needed, solve_network
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -116,9 +116,8 @@ def _solve(
             given[index[source.bus], machines + i] = 1.0
     live, known = [i for i in range(len(names)) if i not in fixed], sorted(fixed)
     try:
-        given[live] = solve_network(
-            matrix[np.ix_(live, live)], sources[live] - product(matrix[np.ix_(live, known)], given[known])
-        )
+        own = as_needed(matrix[np.ix_(live, live)], len(names))
+        given[live] = solve_network(own, sources[live] - product(matrix[np.ix_(live, known)], given[known]))
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"system {system.name}: network equations are singular: {error}; allowed: a regular network"

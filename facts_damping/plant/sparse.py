@@ -15,7 +15,16 @@ from facts_damping.matrices import solve
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-DENSE = 400  # unknowns, up to which equations are solved by dense elimination
+DENSE = 400  # buses, up to which a network's equations are dense
+
+
+def as_needed(matrix: NDArray[Any], buses: int) -> Any:
+    """A matrix of a network of so many buses, sparse where that is large."""
+    if buses <= DENSE:
+        return matrix
+    from scipy.sparse import csc_array  # noqa: PLC0415 (of large systems alone)
+
+    return csc_array(matrix)
 
 
 def joined(parts: list[list[Any]]) -> Any:
@@ -29,14 +38,13 @@ def joined(parts: list[list[Any]]) -> Any:
 
 def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
     """The x of a x = b, for a vector or a matrix b, a dense or sparse. Raises `LinAlgError` where a is singular."""
-    if isinstance(a, np.ndarray) and len(a) <= DENSE:
+    if isinstance(a, np.ndarray):
         return solve(a, b)
-    from scipy.sparse import csc_array  # noqa: PLC0415 (of large systems alone)
-    from scipy.sparse.linalg import splu  # noqa: PLC0415
+    from scipy.sparse.linalg import splu  # noqa: PLC0415 (of large systems alone)
 
-    kind = np.result_type(a, b, float)
+    kind = np.result_type(a.dtype, b, float)
     try:
-        found = splu(csc_array(a, dtype=kind)).solve(np.ascontiguousarray(b, kind))
+        found = splu(a.astype(kind)).solve(np.ascontiguousarray(b, kind))
     except RuntimeError as error:  # as SuperLU calls it
         raise np.linalg.LinAlgError("singular matrix") from error
     return np.asarray(found)

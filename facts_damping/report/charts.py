@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.analysis.measures import event_times
-from facts_damping.analysis.pictures import PICTURES, Picture, shown
+from facts_damping.analysis.pictures import PICTURES, Picture, shown, title_of
 from facts_damping.analysis.ringdown import interval
 from facts_damping.report.contents import Chart, Curve, Panel
 from facts_damping.report.traces import detailed, steps
@@ -59,7 +59,7 @@ def _chart(picture: Picture, runs: Sequence[ReportedRun]) -> Chart:
     over_time = picture.over == Picture._field_defaults["over"]
     panels = [panel for panel in (_panel(*one, runs, over_time) for one in found.items()) if panel.curves]
     return Chart(
-        picture.stem, picture.title, SENTENCES[picture.stem], picture.over, picture.label, panels, over_time,
+        picture.stem, title_of(picture, drawn), SENTENCES[picture.stem], picture.over, picture.label, panels, over_time,
         picture.logarithmic, picture.words,
     )  # fmt: skip
 

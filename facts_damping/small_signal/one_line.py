@@ -1,7 +1,7 @@
 """One-line diagram of a system, drawn from its data alone: flows, machines by area, a mode on it, devices, PMUs.
 
-Buses stand where the reactances between them put them (T. Kamada, S. Kawai, An algorithm for drawing general undirected
-graphs, Information Processing Letters 31, 1989), for nothing is known of geography.
+Buses that a small reactance joins are drawn close together, for nothing is known of geography (T. Kamada, S. Kawai, An
+algorithm for drawing general undirected graphs, Information Processing Letters 31, 1989).
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from facts_damping.parameters.devices import Parallel, Series
+from facts_damping.parameters.devices import Parallel, Series, Transmission
+from facts_damping.plant.devices import losses_of
 from facts_damping.plant.network import Topology, branches, device_section
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -40,10 +42,12 @@ SMALL = 0.1  # of the fastest: below, a machine has no arrow
 AREAS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#8C564B", "#000000")
 
 
-def flows(system: System, flow: PowerFlow) -> list[tuple[str, str, float]]:
+def flows(system: System, flow: PowerFlow, installed: Sequence[str] = ()) -> list[tuple[str, str, float]]:
     """Each branch with its buses, in the direction of its active power, and that power, MW, where it enters."""
     voltage = dict(zip(flow.names, flow.voltage, strict=True))
-    series = [device_section(d, complex(d.rs, 0.0)) for d in system.devices if isinstance(d, Series)]
+    devices = [d for d in system.devices if isinstance(d, Series)]
+    lost = {d.name: losses_of(d, flow.currents[d.name]) if d.name in installed else 0.0 for d in devices}
+    series = [device_section(d, complex(d.rs + lost[d.name], 0.0)) for d in devices]
     found = []
     for one in [*branches(system, Topology()), *series]:
         ends = np.array([voltage[one.from_bus], voltage[one.to_bus]])
@@ -61,6 +65,7 @@ def places(system: System) -> Places:
     given: list[tuple[str, str, float]] = [(row.from_bus, row.to_bus, abs(row.x) * row.length) for row in system.lines]
     given += [(t.from_bus, t.to_bus, abs(t.x) * system.base_power / t.rating) for t in system.transformers]
     given += [(*d.ends, 0.0) for d in system.devices if isinstance(d, Series)]
+    given += [(d.from_bus, d.to_bus, FAR) for d in system.devices if isinstance(d, Transmission)]
     usual = float(np.median([x for _, _, x in given])) or 1.0
     for a, b, x in given:
         distance = float(np.clip(x / usual, NEAR, FAR))
@@ -75,7 +80,7 @@ def draw(modal: Modal, mode: Eigenmode | None, path: Path) -> Path:
     system, at = modal.system, places(modal.system)
     figure = Figure(figsize=(12.0, 9.0), layout="constrained")
     axes = figure.add_subplot()
-    _branches(axes, at, flows(system, modal.built.flow))
+    _branches(axes, at, flows(system, modal.built.flow, modal.devices))
     _buses(axes, system, at)
     named = _machines(axes, system, at)
     if mode is not None:

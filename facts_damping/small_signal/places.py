@@ -56,6 +56,11 @@ class Place(NamedTuple):
             else f"{self.device.kind} in {self.at}"
         )
 
+    @property
+    def names(self) -> set[str]:
+        """What it may be called by: its line, bus or buses, and one of the system's own by its name."""
+        return {self.at, self.device.name} if self.own else {self.at}
+
 
 class Tried(NamedTuple):
     """A place as the modes see it; arrays over modes, NaN of one that is not found again with the device."""
@@ -81,7 +86,7 @@ def places(system: System) -> list[Place]:
 
     An SSSC in a line, with its default data, a STATCOM at a bus, with those of `two_area`.
     """
-    own = [Place(d, d.place, True) for d in system.devices if isinstance(d, Series | Parallel)]
+    own = [Place(d, d.place, True) for d in system.devices]
     in_series = {d.line for d in system.devices if isinstance(d, Series)}
     taken = {row.bus for row in system.infinite_buses} | {m.bus for m in system.machines}
     taken |= {d.bus for d in system.devices if isinstance(d, Parallel)}
@@ -104,8 +109,9 @@ def with_place(system: System, chosen: Place) -> System:
 def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
     """The system with more signals, and the PMUs that these need: what wide-area damping control is commonly given.
 
-    For each mode the difference of the speeds of the two machines that swing most against each other, those of areas'
-    mean speeds, weighted by inertia, and the active power of each line.
+    For each mode the difference of the speeds of the two machines that swing most against each other (or the speed of
+    the fastest one, where none swings against it), the differences of areas' mean speeds, weighted by inertia, and the
+    active power of each line. What the system has already is not added once more.
     """
     stations = {s.machine: s.name for s in system.stations if s.machine is not None}
     taken = {s.name for s in system.stations}
@@ -114,19 +120,34 @@ def with_signals(system: System, modes: Sequence[Eigenmode]) -> System:
         if m.name not in stations:
             stations[m.name] = _free(m.name, taken)
             more.append(Station(name=stations[m.name], machine=m.name))
-    weights = {f"w_{a}_{b}": {stations[a]: 1.0, stations[b]: -1.0} for a, b in _opposed(modes)}
+    weights = {"_".join(["w", *names]): _difference([stations[name] for name in names]) for names in _opposed(modes)}
     means = _mean_speeds(system, stations)
     for a, b in combinations(means, 2) if len(means) <= MOST_AREAS else ():
         weights[f"w_{a}_{b}"] = {**means[a], **{station: -w for station, w in means[b].items()}}
-    signals = {name: Signal(channel=SPEED, weights=own) for name, own in weights.items()}
-    for line in system.lines:
-        own_name = _free(f"P_{line.name}", taken)
-        more.append(Station(name=own_name, bus=line.from_bus, branches=[line.name]))
-        signals[f"p_{line.name}"] = Signal(channel=FLOW, weights={own_name: 1.0}, deviation=True)
-    there = [s.weights for s in system.signals.values()]
+    there = [s.weights for s in system.signals.values() if s.channel == SPEED]
     there += [{station: -w for station, w in own.items()} for own in there]
-    new = {name: one for name, one in signals.items() if one.weights not in there}
+    named = set(system.signals)
+    new = {_free(name, named): Signal(channel=SPEED, weights=own) for name, own in weights.items() if own not in there}
+    measured = _measured_flows(system)
+    for line in system.lines:
+        if line.name not in measured:
+            own_name = _free(f"P_{line.name}", taken)
+            more.append(Station(name=own_name, bus=line.from_bus, branches=[line.name]))
+            flow = Signal(channel=FLOW, weights={own_name: 1.0}, deviation=True)
+            new[_free(f"p_{line.name}", named)] = flow
     return system.model_copy(update={"stations": [*system.stations, *more], "signals": {**system.signals, **new}})
+
+
+def _difference(stations: Sequence[str]) -> dict[str, float]:
+    """Weights of the speed of one station, or of its difference to another one's."""
+    return dict(zip(stations, (1.0, -1.0), strict=False))
+
+
+def _measured_flows(system: System) -> set[str]:
+    """The lines whose active power is a signal of its own already."""
+    alone = {s.name: s.branches[0] for s in system.stations if len(s.branches) == 1}
+    flows = [s for s in system.signals.values() if s.channel == FLOW and len(s.weights) == 1]
+    return {alone[station] for one in flows for station in one.weights if station in alone}
 
 
 def only(system: System, signals: Sequence[str], own: System) -> System:
@@ -145,15 +166,14 @@ def _free(name: str, taken: set[str]) -> str:
     return name
 
 
-def _opposed(modes: Sequence[Eigenmode]) -> list[tuple[str, str]]:
-    """For each mode the fastest machine, and the one that swings most against it."""
-    found: dict[tuple[str, str], None] = {}
+def _opposed(modes: Sequence[Eigenmode]) -> list[tuple[str, ...]]:
+    """For each mode the fastest machine, and the one that swings most against it, if one does."""
+    found: dict[tuple[str, ...], None] = {}
     for mode in modes:
         first = max(mode.shape, key=lambda name: abs(mode.shape[name]))
         against = {name: (value / mode.shape[first]).real for name, value in mode.shape.items()}
         other = min(against, key=lambda name: against[name])
-        if against[other] < 0.0:
-            found[first, other] = None
+        found[(first, other) if against[other] < 0.0 else (first,)] = None
     return list(found)
 
 

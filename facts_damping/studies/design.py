@@ -25,10 +25,12 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.linearisation import Eigenmode
     from facts_damping.small_signal.places import Tried
     from facts_damping.studies.lead_lag import Tuned
+    from facts_damping.studies.linear_margin import Around
 
     Tell = Callable[[str, str], Callable[[int, int], None]]  # what is done, in what: shows progress
 
 BAND_HZ = (0.1, 2.0)  # swings of machines against each other
+NEARBY = 0.1  # of a frequency: a mode that was asked for lies so near
 MODES, PLACES, SIGNALS, PAIRS = 4, 5, 5, 8  # shown, and looked at for the pair, of each mode
 CONFLICT = 0.25  # of what the mode gains in damping ratio: so much another one may lose at most
 FRAME_RATE = 60
@@ -42,7 +44,7 @@ class Task(NamedTuple):
     sets: list[str]
     damping: float  # wanted damping ratio
     delay: float  # s, from measurement to device
-    mode_hz: float | None = None  # the mode next to it; none: the least damped interarea mode, or of all
+    mode_hz: float | None = None  # of the mode; none: the least damped interarea mode, or of all
     place: str | None = None  # a line, a bus, or a device of the system; none: the best
     signal: str | None = None  # none: the best difference of speeds
 
@@ -54,11 +56,11 @@ class Pair(NamedTuple):
     signal: str
     residue: complex  # 1/s
     law: lead_lag.LeadLag
-    others: list[float]  # by mode: change of its damping ratio for one of the mode's own
+    others: list[float]  # by mode: change of its damping ratio for one of the mode's own; NaN: it is not found again
 
     def conflicts(self) -> bool:
         """Whether another mode loses too much."""
-        return min(self.others) < -CONFLICT
+        return any(value < -CONFLICT for value in self.others)
 
 
 class Design(NamedTuple):
@@ -70,53 +72,61 @@ class Design(NamedTuple):
     target: int  # which is to be damped
     observability: np.ndarray[Any, np.dtype[np.complex128]]  # (modes, signals of the system)
     tried: list[Tried]
-    signals: list[str]  # of the columns of what was tried
     pairs: list[Pair]  # the largest residue first
     chosen: Pair
     content: dict[str, Any]  # of the system's file, with device, signal and its PMUs
     run: dict[str, Any]  # of the run's file, but for system and scenario
     tuned: Tuned
-    margin: float | None  # s, the delay margin; none: above LONGEST_S
-    critical: Eigenmode | None  # the mode that is at the limit there
+    stable: Around | None  # delays in which the loop is stable; none: not even with its own
     scenarios: dict[str, dict[str, Any]]
 
 
 def design(task: Task, jobs: int, tell: Tell) -> Design:
     """Rank, choose, tune. Raises `InputError` where there is nothing to damp, or what was named is not there."""
     own = read_system(task.system, task.sets)
-    modes = listed_modes(own)
-    target = _target(task, modes)
+    modes, target = listed_modes(task, own)
     system = places.with_signals(own, modes)
     observability = places.seen(system, modes)
-    signals = _worth_a_look(task, system, observability)
-    narrow = places.only(system, signals, own)
-    candidates = _candidates(task, own)
-    progress = tell("design", "places")
-    tried = run_all(places.tried, [places.Trial(narrow, one, modes) for one in candidates], jobs, progress)
+    narrow = places.only(system, _worth_a_look(task, system, observability), own)
+    candidates = places.places(own)
+    if task.place is not None:
+        check_known("--place", task.place, sorted({name for one in candidates for name in one.names}))
+    trials = [places.Trial(narrow, one, modes) for one in candidates]
+    tried = run_all(places.tried, trials, jobs, tell("design", "places"))
     pairs = _pairs(task, narrow, tried, modes, target)
     if not pairs:
         raise InputError(_nothing(task, tried))
     chosen = next((pair for pair in pairs if not pair.conflicts()), pairs[0])
     content, run = _written(task, system, own, tried[chosen.tried], chosen)
-    tuned = lead_lag.tune(
-        {**run, "system": content, "scenario": []},
-        chosen.law,
-        chosen.residue,
-        modes[target],
-        task.damping,
-        task.delay,
-        tell("design", "gains"),
-    )
+    plain = {**run, "system": content, "scenario": []}
+    wanted = modes[target], task.damping, task.delay
+    tuned = lead_lag.tune(plain, chosen.law, chosen.residue, *wanted, tell("design", "gains"))
     run["controllers"][0]["parameters"] = chosen.law.parameters(tuned.gain)
-    inline = {**run, "system": content, "scenario": []}
-    margin, critical = linear_margin.first_margin(make_case(inline, "design"), LONGEST_S, tell("design", "delays"))
-    scenarios = made_scenarios.made(inline, tried, target, tell("design", "scenarios"))
-    seen = system, modes, target, observability, tried, list(narrow.signals)
-    return Design(task, *seen, pairs, chosen, content, run, tuned, margin, critical, scenarios)
+    loop = make_case({**run, "system": content, "scenario": []}, "design")
+    stable = linear_margin.stable_around(loop, task.delay, LONGEST_S, tell("design", "delays"))
+    scenarios = made_scenarios.made(plain, tried, tried[chosen.tried].place, target, tell("design", "scenarios"))
+    return Design(
+        task=task,
+        system=system,
+        modes=modes,
+        target=target,
+        observability=observability,
+        tried=tried,
+        pairs=pairs,
+        chosen=chosen,
+        content=content,
+        run=run,
+        tuned=tuned,
+        stable=stable,
+        scenarios=scenarios,
+    )
 
 
-def listed_modes(system: System) -> list[Eigenmode]:
-    """The least damped swing modes in the band without devices, and the least damped interarea mode among them."""
+def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
+    """The least damped swing modes in the band without devices, and which of them is to be damped.
+
+    The one that was asked for is among them, else the least damped interarea mode, if there is one.
+    """
     built = build(place(system), [], [])
     matrix, _ = linearisation.linearise(built)
     found = linearisation.modes(matrix, built.state_names, place(system))
@@ -125,25 +135,27 @@ def listed_modes(system: System) -> list[Eigenmode]:
     if not swings:
         raise InputError(f"SYSTEM: {system.name} has no swing mode from {low:g} to {high:g} Hz; allowed: one that has")
     swings.sort(key=lambda m: m.damping_ratio)
-    interarea = next((m for m in swings if m.label == "interarea"), None)
+    wanted = _wanted(task, swings)
     kept = swings[:MODES]
-    return kept if interarea is None or interarea in kept else [*kept[:-1], interarea]
-
-
-def _target(task: Task, modes: Sequence[Eigenmode]) -> int:
-    """Index of the mode that is to be damped."""
-    if task.mode_hz is not None:
-        wanted = task.mode_hz
-        index = min(range(len(modes)), key=lambda i: abs(modes[i].frequency_hz - wanted))
-    else:
-        index = next((i for i, m in enumerate(modes) if m.label == "interarea"), 0)
-    ratio = modes[index].damping_ratio
-    if ratio >= task.damping:
+    modes = kept if wanted in kept else [*kept[:-1], wanted]
+    if wanted.damping_ratio >= task.damping:
         raise InputError(
-            f"--damping {task.damping:g}: the mode of {modes[index].frequency_hz:.3f} Hz has {ratio:.3f} already; "
-            "allowed: a higher ratio, or another --mode"
+            f"--damping {task.damping:g}: the mode of {wanted.frequency_hz:.3f} Hz has {wanted.damping_ratio:.3f} "
+            "already; allowed: a higher ratio, or another --mode"
         )
-    return index
+    return modes, modes.index(wanted)
+
+
+def _wanted(task: Task, swings: Sequence[Eigenmode]) -> Eigenmode:
+    """The mode that is to be damped, of those in the band, the least damped first."""
+    hertz = task.mode_hz
+    if hertz is None:
+        return next((m for m in swings if m.label == "interarea"), swings[0])
+    nearest = min(swings, key=lambda m: abs(m.frequency_hz - hertz))
+    if abs(nearest.frequency_hz - hertz) > NEARBY * hertz:
+        known = ", ".join(f"{m.frequency_hz:.3f}" for m in sorted(swings, key=lambda m: m.frequency_hz))
+        raise InputError(f"--mode {hertz:g}: no swing mode is near; allowed: {known} Hz")
+    return nearest
 
 
 def _worth_a_look(task: Task, system: System, observability: np.ndarray[Any, Any]) -> list[str]:
@@ -165,15 +177,6 @@ def most(names: Sequence[str], values: Any, channel: str, system: System) -> lis
     return [name for _, name in sorted(own, key=lambda one: -one[0])]
 
 
-def _candidates(task: Task, system: System) -> list[places.Place]:
-    found = places.places(system)
-    if task.place is None:
-        return found
-    names = {p.device.name for p in found if p.own} | {p.at for p in found}
-    check_known("--place", task.place, sorted(names))
-    return [p for p in found if task.place in (p.at, p.device.name if p.own else None)]
-
-
 def _nothing(task: Task, tried: Sequence[Tried]) -> str:
     """Why there is no pair."""
     reasons = {one.why_not for one in tried if one.why_not}
@@ -192,6 +195,7 @@ def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[E
     worth = [
         (abs(one.residue[target, s]) * float(one.place.device.v_max), i, s)
         for i, one in enumerate(tried)
+        if task.place is None or task.place in one.place.names
         for s, name in enumerate(names)
         if name in wanted and np.isfinite(one.residue[target, s])
     ]
@@ -210,7 +214,7 @@ def _pair(
     def gained(i: int) -> float:
         s = modes[i].eigenvalue
         moved = residues[i] * law.response(s) * lead_lag.late(s, task.delay, FRAME_RATE)
-        return float(-moved.real / abs(s)) if np.isfinite(moved) else 0.0
+        return float(-moved.real / abs(s))
 
     return Pair(index, name, complex(residues[target]), law, [gained(i) / gained(target) for i in range(len(modes))])
 

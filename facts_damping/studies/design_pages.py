@@ -20,10 +20,13 @@ if TYPE_CHECKING:
 
     from facts_damping.small_signal.linearisation import Eigenmode
     from facts_damping.studies.design import Design, Pair
+    from facts_damping.studies.linear_margin import Around
 
 SHOWN_MACHINES = 4
+LOAD_LEVEL = {"distribution": "uniform", "low": 0.98, "high": 1.02}
+FILES = ("system", "fault", "line_out", "run", "training_cases")
 MOVED = 0.05  # of its damping ratio: a mode that changes by less is not listed
-TRAINING, HELD_OUT = "fault", "line_out"
+TRAINING = "fault"  # the scenario of `made_scenarios` on which `search` chooses
 
 
 def mode_name(mode: Eigenmode) -> str:
@@ -61,13 +64,15 @@ def text(found: Design) -> Iterator[str]:
     for title, rows in _rankings(found):
         yield f"\n{title}"
         yield from _indented(table([mode_name(m) for m in found.modes], rows, left=len(found.modes), rule=False))
-    left_out = [one for one in found.tried if one.why_not]
-    if left_out:
-        yield f"  left out, since {left_out[0].why_not}: {', '.join(one.place.label for one in left_out)}"
+    left_out: dict[str, list[str]] = {}
+    for one in found.tried:
+        if one.why_not:
+            left_out.setdefault(one.why_not, []).append(one.place.label)
+    yield from (f"  left out: {', '.join(labels)} ({reason})" for reason, labels in left_out.items())
     target = found.modes[found.target]
     yield f"\nfor the mode of {mode_name(target)}, with {1e3 * found.task.delay:.0f} ms of delay"
     others = [f"at {mode_name(m)}" for i, m in enumerate(found.modes) if i != found.target]
-    titles = ["device", "signal", "residue 1/s", "angle deg", "u = K y: sign", "lead deg", *others]
+    titles = ["device", "signal", "residue 1/s", "x limit", "angle deg", "u = K y: sign", "lead deg", *others]
     yield from _indented(table(titles, [_pair(found, pair) for pair in found.pairs], left=2, rule=False))
     if others:
         yield "  last columns: what other modes gain or lose in damping ratio, of what this one gains"
@@ -78,7 +83,7 @@ def _rankings(found: Design) -> Iterator[tuple[str, list[list[str]]]]:
     """Titles and rows of what is ranked for each mode."""
     modes = range(len(found.modes))
     columns = [strongest(found, m) for m in modes]
-    yield "places: what a device does to the mode with its whole setpoint (controllability), 1/s", _side(columns, ".4f")
+    yield "places: controllability times the setpoint's limit, 1/s", _side(columns, ".4f")
     for channel, what in ((SPEED, "speeds"), (FLOW, "flows")):
         columns = [clearest(found, m, channel) for m in modes]
         if any(columns):
@@ -109,10 +114,16 @@ def _machines(mode: Eigenmode, side: float) -> list[str]:
 
 def _pair(found: Design, pair: Pair) -> list[str]:
     angle = float(np.rad2deg(np.angle(pair.residue)))
-    others = [f"{100 * value:+.0f} %" for i, value in enumerate(pair.others) if i != found.target]
+    others = [
+        f"{100 * value:+.0f} %" if np.isfinite(value) else "-"
+        for i, value in enumerate(pair.others)
+        if i != found.target
+    ]
     sign = "+" if pair.law.sign > 0.0 else "-"
-    told = f"{abs(pair.residue):.4g}", f"{angle:.1f}", sign, f"{pair.law.lead_deg:.1f}"
-    return [found.tried[pair.tried].place.label, pair.signal, *told, *others]
+    place = found.tried[pair.tried].place
+    size = abs(pair.residue)
+    told = f"{size:.4g}", f"{size * place.device.v_max:.3g}", f"{angle:.1f}", sign, f"{pair.law.lead_deg:.1f}"
+    return [place.label, pair.signal, *told, *others]
 
 
 def _chosen(found: Design) -> Iterator[str]:
@@ -124,11 +135,13 @@ def _chosen(found: Design) -> Iterator[str]:
     yield f"lead-lag: {values}"
     ratio = tuned.after[tuned.target]
     got = "lost" if ratio is None else f"{ratio.damping_ratio:.4f}"
-    if tuned.reached:
+    if tuned.gain == 0.0:
+        yield f"damping ratio: {got} with the device alone, wanted {task.damping:g}"
+    elif tuned.reached:
         yield f"damping ratio: {got}, wanted {task.damping:g}"
     else:
-        why = "" if tuned.limit is None else f", for more gain would make a mode of {mode_name(tuned.limit)} worse"
-        yield f"damping ratio: {got} at most, wanted {task.damping:g}{why}"
+        why = "does not help" if tuned.limit is None else f"would make a mode of {mode_name(tuned.limit)} worse"
+        yield f"damping ratio: {got} at most, wanted {task.damping:g}; more gain {why}"
     rows = [
         [
             f"{a.frequency_hz:.3f}",
@@ -141,9 +154,7 @@ def _chosen(found: Design) -> Iterator[str]:
     ]
     yield "swing modes that change, with the device without control, and with it:"
     yield from _indented(table(["Hz", "damping ratio", "Hz", "damping ratio"], rows, left=0, rule=False))
-    margin = f"above {1e3 * LONGEST_S:.0f} ms" if found.margin is None else f"{1e3 * found.margin:.1f} ms"
-    grows = "" if found.critical is None else f": there a mode of {mode_name(found.critical)} grows"
-    yield f"delay margin, linear, sampled and held: {margin}{grows}"
+    yield f"stable, linear, sampled and held: {_stable(found.stable)}"
     if tuned.growing is not None:
         rate = f"{tuned.growing.eigenvalue.real:.4f} 1/s"
         yield f"without control a mode of {mode_name(tuned.growing)} grows ({rate}): the grid itself is unstable"
@@ -151,10 +162,20 @@ def _chosen(found: Design) -> Iterator[str]:
         yield f"scenario {name}: {scenario['description']}"
 
 
+def _stable(around: Around | None) -> str:
+    """For which delays the loop is stable, about its own."""
+    if around is None:
+        return "not with this delay"
+    low = f"delays from {1e3 * around.low:.4g} ms"
+    if around.high is None:
+        return f"{low} to above {1e3 * LONGEST_S:.0f} ms"
+    return f"{low} to {1e3 * around.high:.1f} ms, where a mode of {mode_name(around.critical)} grows"
+
+
 def _why(found: Design) -> str:
     """Why it was this pair, where it is not the first."""
     if found.chosen.conflicts():
-        return ", though it takes damping from another mode: all of these do"
+        return ", though it takes damping from another mode, as every pair of the table does"
     passed = found.pairs.index(found.chosen)
     return f"; {passed} before it would take damping from another mode" if passed else ""
 
@@ -193,7 +214,7 @@ def document(found: Design) -> dict[str, Any]:
             {"before": figures(a), "after": None if b is None else figures(b)}
             for a, b in zip(tuned.before, tuned.after, strict=True)
         ],
-        "delay_margin_s": found.margin,
+        "stable_s": None if found.stable is None else [found.stable.low, found.stable.high],
         "scenarios": list(found.scenarios),
     }
 
@@ -220,7 +241,7 @@ def draw(found: Design, path: Path) -> Path:
 
 
 def write(found: Design, folder: Path) -> list[Path]:
-    """The files of the system with the device, of scenarios, of a run, and of training cases."""
+    """The files of the system with the device, of scenarios, of a run, and of training cases; no others of these."""
     where = {name: folder / f"{name}.yaml" for name in ("system", *found.scenarios, "run", "training_cases")}
     head = f"# {found.system.name} with {found.tried[found.chosen.tried].place.label}, by facts-damping design\n"
     first = next(iter(found.scenarios), None)
@@ -229,6 +250,9 @@ def write(found: Design, folder: Path) -> list[Path]:
     texts["run"] = dump({"description": run.pop("description"), **run})
     if first == TRAINING:
         texts["training_cases"] = dump(_training_cases(found, run))
+    for name in FILES:
+        if name not in texts:
+            (folder / f"{name}.yaml").unlink(missing_ok=True)  # of an earlier design
     for name, content in texts.items():
         write_whole(where[name], content)
     return [where[name] for name in texts]
@@ -236,12 +260,8 @@ def write(found: Design, folder: Path) -> list[Path]:
 
 def _training_cases(found: Design, run: dict[str, Any]) -> dict[str, Any]:
     """A study on which `search` chooses: the fault from half a cycle on, at other loads."""
-    loads = {
-        f"system.loads.{i}.{part}": load[part]
-        for i, load in enumerate(found.content["loads"])
-        for part in ("P", "Q")
-        if load.get(part)
-    }
+    rows = enumerate(found.content.get("loads", []))
+    loads = {f"system.loads.{i}.{part}": load[part] for i, load in rows for part in ("P", "Q") if load.get(part)}
     longest = found.scenarios[TRAINING]["events"][0]["duration"] * found.content.get("frequency", 60.0)
     return {
         "description": f"training cases on which `facts-damping search {run['system']}` chooses",
@@ -267,7 +287,7 @@ def _training_cases(found: Design, run: dict[str, Any]) -> dict[str, Any]:
                             "low": 0.5,
                             "high": longest,
                         },
-                        {"name": "load_level", "fields": loads, "distribution": "uniform", "low": 0.98, "high": 1.02},
+                        *([{"name": "load_level", "fields": loads, **LOAD_LEVEL}] if loads else []),
                     ],
                 }
             }

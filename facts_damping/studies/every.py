@@ -53,15 +53,23 @@ def scenarios(system: str) -> list[str]:
 
     Those of a system by path are the files of its folder that have `events`.
     """
-    path = files.find("systems", system)
-    found = [name.removeprefix(f"{system}/") for name in files.shipped("scenarios") if name.startswith(f"{system}/")]
-    if str(path) == system:
-        others = [one for one in sorted(path.parent.glob("*.yaml")) if one != path]
-        found = [str(one) for one in others if "events" in files.read_table(one)]
+    path, known = files.find("systems", system), files.shipped("scenarios")
+    found = [name.removeprefix(f"{system}/") for name in known if name.startswith(f"{system}/")]
+    if path not in files.shipped("systems").values():
+        beside = sorted(one for one in path.parent.iterdir() if one.suffix in (".yaml", ".yml"))
+        found = [str(one) for one in beside if one != path and _is_scenario(one)]
     judged = [name for name in found if Path(name).stem != SCENARIO]
     if not judged:
         raise InputError(f"sweep: no scenario for {system}; allowed: a system with scenarios, or files beside its own")
     return judged
+
+
+def _is_scenario(path: Path) -> bool:
+    """Whether a file has events; one that cannot be read has none."""
+    try:
+        return "events" in files.read_table(path)
+    except InputError:
+        return False
 
 
 def contenders(system: str, case: Case) -> dict[str, dict[str, Any]]:

@@ -5,9 +5,10 @@ delay T and half a frame of hold make of a setpoint to the left:
 
     arg(K s Tw/(1 + s Tw) ((1 + s T1)/(1 + s T2))^2 R exp(-s (T + 1/(2 f)))) = 180 deg   at s = lambda
 
-with T1 = 1/(w sqrt(a)), T2 = a T1, a = (1 - sin(phi/2))/(1 + sin(phi/2)) for a lead phi at w = |lambda| (Kundur 1994,
-12.5). The gain is raised from zero on the sampled closed loop, with its delay and hold, its modes followed, until the
-mode has the ratio; at a gain that makes another mode worse it ends.
+with T1 = 1/(w sqrt(a)), T2 = a T1, w = |lambda|, and a such that the phase is this at lambda; for an undamped mode a
+lead phi of both sections has a = (1 - sin(phi/2))/(1 + sin(phi/2)) (Kundur 1994, 12.5). The gain is raised from zero on
+the sampled closed loop, with its delay and hold, its modes followed, until the mode has the ratio; at a gain that makes
+another mode worse it ends.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from facts_damping.case.loading import make_case
+from facts_damping.control.table import LEAD_LAG_PARAMETERS
 from facts_damping.small_signal import linearisation
 from facts_damping.studies.linear_closed_loop import delayed_loop, eigen, sampled
 from facts_damping.studies.linear_margin import STILL, followed, oscillations
@@ -32,6 +35,8 @@ WASHOUT = 10.0  # s
 STEPS, BEYOND = 32, 4.0  # gains looked at, up to so many times the one that the residue asks for
 WORSE = 0.1  # share of its damping ratio that another mode may lose, if it is below the wanted one then
 FIGURES = 4  # of parameters
+MOST_SPREAD = 6.0  # ln of T2 / T1: more than 90 degrees of both sections, at any damping
+MOST_GAIN = LEAD_LAG_PARAMETERS["gain"].high
 
 
 class LeadLag(NamedTuple):
@@ -83,10 +88,17 @@ def lead_lag(residue: complex, eigenvalue: complex, delay: float, frame_rate: in
     lead = (180.0 - angle + 180.0) % 360.0 - 180.0
     sign = 1.0 if abs(lead) <= 90.0 else -1.0
     lead = lead if sign > 0.0 else (lead + 360.0) % 360.0 - 180.0
-    half = np.sin(np.deg2rad(0.5 * lead))
-    share = (1.0 - half) / (1.0 + half)
-    T1 = 1.0 / (abs(eigenvalue) * np.sqrt(share))
-    return LeadLag(sign, lead, rounded(T1), rounded(share * T1))
+    w = abs(eigenvalue)
+
+    def beyond(exponent: float) -> float:
+        """Lead of sections with a = e^exponent at the eigenvalue, deg, beyond the wanted one."""
+        T1 = np.exp(-0.5 * exponent) / w
+        section = (1.0 + eigenvalue * T1) / (1.0 + eigenvalue * T1 * np.exp(exponent))
+        return 2.0 * float(np.rad2deg(np.angle(section))) - lead
+
+    exponent = float(brentq(beyond, -MOST_SPREAD, MOST_SPREAD))
+    T1 = float(np.exp(-0.5 * exponent)) / w
+    return LeadLag(sign, lead, rounded(T1), rounded(T1 * float(np.exp(exponent))))
 
 
 def tune(
@@ -103,7 +115,7 @@ def tune(
     `run`: a run of `LLC` as the content of its file, `residue` from its device to its signal, `delay` (s) of its link.
     """
     first = _first_gain(law, residue, mode, wanted, delay, int(run["frame_rate"]))
-    gains = [0.0, *(np.linspace(BEYOND / STEPS, BEYOND, STEPS) * first).tolist()]
+    gains = [0.0, *(np.linspace(BEYOND / STEPS, BEYOND, STEPS) * min(first, MOST_GAIN / BEYOND)).tolist()]
     case = make_case(_with(run, law.parameters(1.0)), "design")
     loop = delayed_loop(case)
     listed: list[list[Eigenmode]] = []
@@ -117,16 +129,25 @@ def tune(
     ratios = [_ratio(one) for one in tracks[target]]
     good, limit = _harmless(listed, tracks, target, wanted)
     enough = next((k for k in range(good) if ratios[k] >= wanted), None)
-    if enough is None:
-        last = int(np.argmax(ratios[:good]))
-        gain = rounded(gains[last])
-    else:
-        last, limit = enough - 1, None
-        gain = _up(float(np.interp(wanted, ratios[last : enough + 1], gains[last : enough + 1])))
+    last = int(np.argmax(ratios[:good])) if enough is None else max(0, enough - 1)
+    gain = rounded(gains[last])
+    if enough is not None:
+
+        def missing(at: float) -> float:
+            return _ratio(_next(tracks[target][last], _oscillations(loop, at, delay, case))) - wanted
+
+        gain = _up(float(brentq(missing, gains[last], gains[enough], rtol=1e-4))) if enough else 0.0
+    if enough is not None or last < good - 1:
+        limit = None
     then = _oscillations(loop, gain, delay, case)
-    after = [None if one is None else followed([one], [then])[0][0] for one in (track[last] for track in tracks)]
+    after = [_next(track[last], then) for track in tracks]
     growing = next((one for one in listed[0] if one.eigenvalue.real > STILL and one is not before[target]), None)
     return Tuned(law, gain, enough is not None, before, after, target, gains, ratios, growing, limit)
+
+
+def _next(mode: Eigenmode | None, modes: Sequence[Eigenmode]) -> Eigenmode | None:
+    """What becomes of a mode among those of another gain; none: it is lost, or was before."""
+    return None if mode is None else followed([mode], [modes])[0][0]
 
 
 def _up(gain: float) -> float:

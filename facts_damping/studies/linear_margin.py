@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -74,27 +75,44 @@ def margin(case: Case, longest: float, order: int | None, progress: Callable[[in
     return Margin(case, link_delays(case), delays, worst, follow(listed), stable, limit, critical, by_pade)
 
 
-def first_margin(
-    case: Case, longest: float, progress: Callable[[int, int], None]
-) -> tuple[float | None, linearisation.Eigenmode | None]:
-    """The margin alone, s, up to the longest delay, and the mode that is at the limit there; none: stable so far."""
+class Around(NamedTuple):
+    """In which delays a loop is stable, about one delay."""
+
+    low: float  # s; 0: from none on
+    high: float | None  # s; none: as far as was looked
+    critical: linearisation.Eigenmode  # the mode that is at the upper limit, or that has the largest real part there
+
+
+def stable_around(case: Case, delay: float, longest: float, progress: Callable[[int, int], None]) -> Around | None:
+    """The interval of delays (s) in which the loop is stable, about one; none: there it is not stable itself."""
     case = unsupervised(case)
-    loop, delays = delayed_loop(case), looks(longest, case.run.frame_rate)
-    for i, delay in enumerate(delays):
-        progress(i, len(delays))
-        if eigen(loop, sampled(loop, float(delay))).growth > STILL:
-            break
-    else:
-        progress(1, 1)
-        return None, None
+    loop = delayed_loop(case)
+    looked = looks(longest, case.run.frame_rate)
+    ways = ([delay, *looked[looked > delay]], [delay, *looked[looked < delay][::-1]])
+    done = 0
+
+    def growth(at: float) -> float:
+        return eigen(loop, sampled(loop, float(at))).growth - STILL
+
+    ends: list[float | None] = []
+    for delays in ways:
+        end = None
+        for before, at in pairwise(delays):
+            done += 1
+            progress(done, len(looked))
+            if growth(at) > 0.0:
+                end = (
+                    None
+                    if growth(before) > 0.0
+                    else float(brentq(growth, min(before, at), max(before, at), xtol=EXACT))
+                )
+                break
+        ends.append(end)
     progress(1, 1)
-    low, high = delays[max(i - 1, 0)], delays[i]
-
-    def growth(delay: float) -> float:
-        return eigen(loop, sampled(loop, delay)).growth - STILL
-
-    limit = float(brentq(growth, low, high, xtol=EXACT)) if i else 0.0
-    return limit, _critical(loop, limit, case)
+    if growth(delay) > 0.0:
+        return None
+    high, low = ends
+    return Around(low or 0.0, high, _critical(loop, longest if high is None else high, case))
 
 
 def looks(longest: float, frame_rate: int) -> NDArray[np.float64]:

@@ -17,12 +17,13 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.small_signal import linearisation
-    from facts_damping.studies.linear_margin import Margin
+    from facts_damping.studies.linear_margin import Margin, Track
     from facts_damping.studies.linear_margin_runs import Beside
 
 ROW = 0.02  # s, between the rows of the table
 BEYOND = 0.1  # s, that table and picture go beyond the margin
 DPI = 130
+MOST = 7  # modes that terminal and picture show
 
 
 def names(found: Margin) -> list[str]:
@@ -42,6 +43,21 @@ def shown_to(found: Margin) -> float:
     return min(float(found.delays[-1]), max(limits, default=float(found.delays[-1])) + BEYOND)
 
 
+def shown(found: Margin) -> list[tuple[str, Track]]:
+    """The modes that are shown, with their names: all, or of many those whose damping ratio the delay moves most."""
+    named = list(zip(names(found), found.tracks, strict=True))
+    if len(named) <= MOST:
+        return named
+    kept = found.delays <= shown_to(found) + 1e-9
+
+    def moved(track: Track) -> float:
+        ratios = [mode.damping_ratio for mode, near in zip(track.modes, kept, strict=True) if near and mode is not None]
+        return max(ratios, default=0.0) - min(ratios, default=0.0)
+
+    most = sorted(found.tracks, key=moved, reverse=True)[:MOST]
+    return [(name, track) for name, track in named if any(track is one for one in most)]
+
+
 def margin_text(found: Margin, beside: Beside | None) -> Iterator[str]:
     """Lines for the terminal."""
     case, longest = found.case, found.delays[-1]
@@ -58,14 +74,17 @@ def margin_text(found: Margin, beside: Beside | None) -> Iterator[str]:
     yield f"{f'stable, of 0 to {_ms(longest)}':<43} {spans}"
     if beside is not None:
         yield from _runs(found, beside)
-    heads = [f"{name}: Hz, ratio" for name in names(found)]
+    named = shown(found)
+    heads = [f"{name}: Hz, ratio" for name, _ in named]
     wide = max(26, *(len(head) + 2 for head in heads))
     yield "\ndelay ms  " + "".join(f"{head:>{wide}}" for head in heads) + "   growth 1/s of, Hz"
     for i in rows(found):
         if found.delays[i] <= shown_to(found) + 1e-9:
-            cells = "".join(f"{_cell(track.modes[i]):>{wide}}" for track in found.tracks)
+            cells = "".join(f"{_cell(track.modes[i]):>{wide}}" for _, track in named)
             worst = found.worst[i]
             yield f"{1e3 * found.delays[i]:8.0f}  {cells}{worst.real:13.4f}{worst.imag / (2.0 * np.pi):8.3f}"
+    if len(named) < len(found.tracks):
+        yield f"and {len(found.tracks) - len(named)} modes that the delay moves less, in --json"
 
 
 PADE = {"held": "delay and half a frame", "continuous": "delay alone"}
@@ -162,7 +181,7 @@ def draw(found: Margin, beside: Beside | None, path: Path) -> Path:
     end = shown_to(found)
     kept = found.delays <= end + 1e-9
     ms = 1e3 * found.delays[kept]
-    for name, track, colour in zip(names(found), found.tracks, COLOURS * len(found.tracks), strict=False):
+    for (name, track), colour in zip(shown(found), COLOURS, strict=False):
         for axes, field in ((damping, "damping_ratio"), (frequency, "frequency_hz")):
             values = [np.nan if m is None else getattr(m, field) for m in track.modes]
             axes.plot(ms, np.array(values)[kept], color=colour, lw=1.8, label=name)

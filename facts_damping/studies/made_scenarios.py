@@ -1,7 +1,7 @@
 """Scenarios for a system that has none: what disturbs a mode most, by the controllability of places.
 
-A short fault at the bus where the mode is moved most, and a fault on the line of the same kind that then trips. Each is
-the first of its kind after which the machines stay in synchronism without control.
+A short fault at the bus at which a device moves the mode most, and one on the line in which a device moves it
+most, which then trips. Each is the first of its kind after which the machines stay in synchronism without control.
 """
 
 from __future__ import annotations
@@ -12,36 +12,36 @@ import numpy as np
 
 from facts_damping.case.loading import make_case
 from facts_damping.errors import FactsDampingError
-from facts_damping.parameters.devices import Parallel
+from facts_damping.parameters.devices import Parallel, Series
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from facts_damping.small_signal.places import Tried
+    from facts_damping.small_signal.places import Place, Tried
 
 AT_S, CLEARED_S, DURATION_S = 1.0, 0.1, 20.0
-LOOK_S = 8.0  # so long a run is looked at
 TRIED = 6  # places of each kind
 
 
 def made(
-    run: dict[str, Any], tried: Sequence[Tried], mode: int, progress: Callable[[int, int], None]
+    run: dict[str, Any], tried: Sequence[Tried], taken: Place, mode: int, progress: Callable[[int, int], None]
 ) -> dict[str, dict[str, Any]]:
     """The content of scenario files by name: `fault` and `line_out`, those that were found.
 
-    `run`: the content of a run of the system, `mode`: index among those of which the places know.
+    `run`: the content of a run of the system, `taken`: the place of its device, whose line does not trip, `mode`: index
+    among those of which the places know.
     """
     order = np.argsort([-t.strength[mode] if np.isfinite(t.strength[mode]) else np.inf for t in tried])
     places = [tried[i].place for i in order.tolist() if not tried[i].why_not]
     buses = [p.at for p in places if isinstance(p.device, Parallel)][:TRIED]
-    lines = [p.at for p in places if not isinstance(p.device, Parallel) and not p.own][:TRIED]
-    kinds = {"fault": [fault(bus) for bus in buses], "line_out": [trip(line) for line in lines]}
+    lines = [p.at for p in places if isinstance(p.device, Series) and p.device.line is not None and p.at != taken.at]
+    kinds = {"fault": [fault(bus) for bus in buses], "line_out": [trip(line) for line in lines[:TRIED]]}
     found: dict[str, dict[str, Any]] = {}
     done = 0
     for name, scenarios in kinds.items():
         for scenario in scenarios:
-            progress(done, len(buses) + len(lines))
+            progress(done, len(buses) + TRIED)
             done += 1
             if _survived(run, scenario["events"]):
                 found[name] = {"name": name, **scenario}
@@ -73,7 +73,7 @@ def trip(line: str) -> dict[str, Any]:
 def _survived(run: dict[str, Any], events: list[dict[str, Any]]) -> bool:
     """Whether the machines stay in synchronism without control."""
     try:
-        case = make_case({**run, "scenario": events, "controllers": [], "duration": LOOK_S}, "design")
+        case = make_case({**run, "scenario": events, "controllers": [], "duration": DURATION_S}, "design")
         return bool(loop.run(case).in_synchronism.all())
     except FactsDampingError:  # it would part the network
         return False

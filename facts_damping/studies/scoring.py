@@ -127,7 +127,7 @@ def draws(
 
 
 def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFILE) -> sweep.Plan:
-    """The draws of a system in a profile; none has another scenario than that of training, or events of its own.
+    """The draws of a system in a profile; of a shipped one all have the scenario of training, or events of their own.
 
     `study`: whose they are; none: `search_SYSTEM` in the profile thesis, in another one `search_SYSTEM_PROFILE`.
     """

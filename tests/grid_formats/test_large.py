@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis.angles import centres_of_angle, mean_speeds
-from facts_damping.analysis.pictures import LARGEST, PICTURES
+from facts_damping.analysis.pictures import LARGEST, PICTURES, shown, title_of
 from facts_damping.analysis.plots import plot_record
 from facts_damping.case.loading import load_system, make_case
 from facts_damping.cli.main import main
@@ -84,8 +84,12 @@ def test_many_machines_are_drawn_by_their_areas(record: Record, tmp_path: Path) 
     panels = {picture.stem: picture.panels(record) for picture in PICTURES}
     areas = [f"mean of area_{i}" for i in range(1, 7)]
     assert [panel.name for panel in panels["speeds"]] == areas
-    assert len(panels["differences"]) == LARGEST
-    assert panels["differences"][0].name.endswith("(7 largest of 47)")
+    picture = next(one for one in PICTURES if one.stem == "differences")
+    own = [{panel.name: panel for panel in panels["differences"]}]
+    kept = shown(picture, own)
+    assert title_of(picture, own) == "Speed difference: the 7 largest of 47"
+    size = {name: np.ptp(panel.curves[""].values) for name, panel in own[0].items()}
+    assert set(kept) == set(sorted(size, key=lambda name: -size[name])[:LARGEST])
     assert plot_record(record, tmp_path)
 
 
