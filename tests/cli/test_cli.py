@@ -202,7 +202,7 @@ def test_modes_with_both_devices_gives_the_promised_fields_and_pictures(tmp_path
         assert set(t) == {"device", "signal", "gain", "zeros", "poles", "feedthrough", "dead_time_s"}
         assert len(t["poles"]) == states + (t["signal"] in washed)
     pictures = sorted(out.iterdir())
-    assert [p.name for p in pictures] == ["mode_shapes.png", "transfer_functions.png"]
+    assert [p.name for p in pictures] == ["mode_shapes.png", "one_line.png", "transfer_functions.png"]
     assert all(p.read_bytes().startswith(b"\x89PNG") and p.stat().st_size > 10_000 for p in pictures)
     assert all(f"plot: {p}" in text for p in pictures)
     assert "devices installed: sssc, statcom\n" in text
@@ -213,7 +213,7 @@ def test_modes_without_devices_has_no_inputs(tmp_path: Path, inside: Inside) -> 
     result = json.loads(inside("modes", "two_area", "--devices", "none", "--out", str(tmp_path), "--json", "-"))
     assert result["devices"] == result["transfer_functions"] == []
     assert [mode["residues"] for mode in result["modes"]] == [[]] * len(result["modes"])
-    assert [p.name for p in tmp_path.iterdir()] == ["mode_shapes.png"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mode_shapes.png", "one_line.png"]
     assert json.loads(inside("modes", "two_area", "--json", "-"))["devices"] == ["sssc"]
     assert json.loads(inside("modes", "kundur_12_6", "--json", "-"))["devices"] == []
 
