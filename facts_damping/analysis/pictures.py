@@ -101,10 +101,10 @@ def shown(picture: Picture, panels: Sequence[dict[str, Panel]]) -> list[str]:
     return [name for name in found if name in most]
 
 
-def title_of(picture: Picture, panels: Sequence[dict[str, Panel]]) -> str:
-    """The title, with how many curves there are where not all are shown."""
-    kept, there = shown(picture, panels), {name for one in panels for name in one}
-    cut = picture.together and len(kept) == LARGEST and len(there) > MANY
+def title_of(picture: Picture, panels: Sequence[dict[str, Panel]], names: Sequence[str]) -> str:
+    """The title, with how many curves there are where `names`, those that are shown, are not all."""
+    there = {name for one in panels for name in one}
+    cut = picture.together and len(names) == LARGEST and len(there) > MANY
     return f"{picture.title}: the {LARGEST} largest of {len(there)}" if cut else picture.title
 
 

@@ -109,8 +109,7 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: b
             for found in (drawn[0][2][name].regions for name in row if single):
                 _name_regions(axes, found)
     grid[-1].set_xlabel(picture.over)
-    title = picture.title if still else title_of(picture, panels)
-    figure.suptitle(title, fontsize="medium", fontweight="bold", x=0.01, ha="left")
+    figure.suptitle(title_of(picture, panels, names), fontsize="medium", fontweight="bold", x=0.01, ha="left")
     _add_legend(figure, list(grid))
     return figure
 

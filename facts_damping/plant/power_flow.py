@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.sparse import csr_array, diags_array
 
 from facts_damping.errors import InputError
 from facts_damping.matrices import product
@@ -228,10 +229,8 @@ def _newton(
     """Newton iterations in polar form from (magnitudes, angles); the voltages and the largest mismatch that remains."""
     magnitude, angle = start
     voltage = magnitude * np.exp(1j * angle)
-    residual, enough = (
-        float("inf"),
-        TOLERANCE / (1000 if len(angle) <= DENSE else 10),
-    )  # of many buses, round-off is more
+    residual = float("inf")
+    enough = TOLERANCE / (1000 if len(angle) <= DENSE else 10)  # of many buses, round-off is more
     for _ in range(MAX_ITERATIONS):
         current = product(matrix, voltage)
         drawn, drawn_by_magnitude = demand(magnitude)
@@ -263,8 +262,6 @@ def _jacobian(
     unit = voltage / np.abs(voltage)
     own = np.conj(current) * unit + drawn_by_magnitude
     if len(voltage) > DENSE:
-        from scipy.sparse import csr_array, diags_array  # noqa: PLC0415 (of large systems alone)
-
         Y, V, U = csr_array(matrix), diags_array(voltage), diags_array(unit)
         by_angle = (1j * V @ (diags_array(current) - Y @ V).conj()).tocsr()
         by_magnitude = (V @ (Y @ U).conj() + diags_array(own)).tocsr()

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.sparse import block_array, csc_array
 
 from facts_damping.matrices import solve
 
@@ -20,19 +21,13 @@ DENSE = 400  # buses, up to which a network's equations are dense
 
 def as_needed(matrix: NDArray[Any], buses: int) -> Any:
     """A matrix of a network of so many buses, sparse where that is large."""
-    if buses <= DENSE:
-        return matrix
-    from scipy.sparse import csc_array  # noqa: PLC0415 (of large systems alone)
-
-    return csc_array(matrix)
+    return matrix if buses <= DENSE else csc_array(matrix)
 
 
 def joined(parts: list[list[Any]]) -> Any:
     """Blocks of a matrix as one, dense or sparse as they are."""
     if isinstance(parts[0][0], np.ndarray):
         return np.block(parts)
-    from scipy.sparse import block_array  # noqa: PLC0415 (of large systems alone)
-
     return block_array(parts, format="csc")
 
 

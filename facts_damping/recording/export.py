@@ -49,9 +49,7 @@ def write(record: Record, path: Path) -> None:
 
 def _write_andes(record: Record, path: Path) -> None:
     """Rows `number, name, name in TeX`, and the array `data` (ticks, columns), as `andes plot` takes them."""
-    columns = {
-        name: values for name, values in record.arrays.items() if values.dtype.kind in "fiub" and name != "time_s"
-    }
+    columns = {name: values for name, values in record.arrays.items() if name != "time_s"}
     data = np.column_stack([record.time_s, *(values.astype(float) for values in columns.values())])
     rows = [f"{i:>6}, {name}, {name}" for i, name in enumerate(["Time [s]", *columns])]
     try:

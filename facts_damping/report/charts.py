@@ -53,14 +53,13 @@ def charts(runs: Sequence[ReportedRun], stems: Sequence[str]) -> list[Chart]:
 def _chart(picture: Picture, runs: Sequence[ReportedRun]) -> Chart:
     """One picture: a panel for each name that a run has."""
     drawn = [{panel.name: panel for panel in picture.panels(run.record)} for run in runs]
-    found = {
-        name: [(index, one[name]) for index, one in enumerate(drawn) if name in one] for name in shown(picture, drawn)
-    }
+    names = shown(picture, drawn)
+    found = {name: [(index, one[name]) for index, one in enumerate(drawn) if name in one] for name in names}
     over_time = picture.over == Picture._field_defaults["over"]
     panels = [panel for panel in (_panel(*one, runs, over_time) for one in found.items()) if panel.curves]
     return Chart(
-        picture.stem, title_of(picture, drawn), SENTENCES[picture.stem], picture.over, picture.label, panels, over_time,
-        picture.logarithmic, picture.words,
+        picture.stem, title_of(picture, drawn, names), SENTENCES[picture.stem], picture.over, picture.label, panels,
+        over_time, picture.logarithmic, picture.words,
     )  # fmt: skip
 
 

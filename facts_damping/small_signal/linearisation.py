@@ -99,6 +99,11 @@ class Eigenmode(NamedTuple):
     shape: dict[str, complex]
     residues: list[Residue]
 
+    @property
+    def swings(self) -> bool:
+        """Whether machines swing against each other in it."""
+        return self.label not in ("common", "control")
+
 
 def _central(f: Callable[[NDArray[np.float64]], NDArray[np.float64]], at: NDArray[np.float64]) -> NDArray[np.float64]:
     """Jacobian of f by central differences, a column an argument."""
@@ -210,7 +215,7 @@ def modes(
             continue
         v, w = right[:, i], left[:, i]
         one = mode(complex(values[i]), v, w, names, system)
-        if model is not None and system is not None and one.label not in ("common", "control"):
+        if model is not None and system is not None and one.swings:
             seen = model.gain(values[i]) * (model.seen[0] @ v)
             matrix_of_residues = np.outer(seen, w @ model.B) / (w @ v) * model.late(values[i])
             one = one._replace(residues=_residues(matrix_of_residues, list(system.signals), devices))
@@ -296,11 +301,15 @@ def _residues(matrix: NDArray[Any], signals: Sequence[str], devices: Sequence[st
     for d, device in enumerate(devices):
         for s, signal in enumerate(signals):
             angle = float(np.rad2deg(np.angle(matrix[s, d])))
-            lead = (180.0 - angle + 180.0) % 360.0 - 180.0
-            sign = 1 if abs(lead) <= 90.0 else -1
-            lead = lead if sign == 1 else (lead + 360.0) % 360.0 - 180.0
-            found.append(Residue(device, signal, float(abs(matrix[s, d])), angle, sign, lead))
+            found.append(Residue(device, signal, float(abs(matrix[s, d])), angle, *sign_and_lead(angle)))
     return found
+
+
+def sign_and_lead(angle_deg: float) -> tuple[int, float]:
+    """Sign of a gain, and its phase lead (deg, at most 90 to either side), that turn an angle to -180 degrees."""
+    lead = (180.0 - angle_deg + 180.0) % 360.0 - 180.0
+    sign = 1 if abs(lead) <= 90.0 else -1
+    return sign, lead if sign == 1 else (lead + 360.0) % 360.0 - 180.0
 
 
 class TransferFunction(NamedTuple):

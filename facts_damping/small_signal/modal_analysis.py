@@ -49,7 +49,7 @@ class Modal(NamedTuple):
     @property
     def swings(self) -> list[linearisation.Eigenmode]:
         """The electromechanical modes."""
-        return [mode for mode in self.modes if mode.label not in ("common", "control")]
+        return [mode for mode in self.modes if mode.swings]
 
 
 def analyse(system: System, devices: Sequence[str]) -> Modal:

@@ -50,11 +50,8 @@ class Place(NamedTuple):
     @property
     def label(self) -> str:
         """For people."""
-        return (
-            f"{self.device.kind} at {self.at}"
-            if isinstance(self.device, Parallel)
-            else f"{self.device.kind} in {self.at}"
-        )
+        where = "at" if isinstance(self.device, Parallel) else "in"
+        return f"{self.device.kind} {where} {self.at}"
 
     @property
     def names(self) -> set[str]:

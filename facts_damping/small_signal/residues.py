@@ -87,11 +87,7 @@ def residues(
     """
     stations = [s.name for s in system.stations]
     model = linearisation.linear_model(built, system.signals, stations, measured, frame_rate)
-    swings = [
-        mode
-        for mode in linearisation.modes(model.A, built.state_names, system)
-        if mode.label not in ("common", "control")
-    ]
+    swings = [mode for mode in linearisation.modes(model.A, built.state_names, system) if mode.swings]
     if not swings:
         return None
     least = min(swings, key=lambda mode: mode.damping_ratio)

@@ -127,11 +127,12 @@ def listed_modes(task: Task, system: System) -> tuple[list[Eigenmode], int]:
 
     The one that was asked for is among them, else the least damped interarea mode, if there is one.
     """
-    built = build(place(system), [], [])
+    placed = place(system)
+    built = build(placed, [], [])
     matrix, _ = linearisation.linearise(built)
-    found = linearisation.modes(matrix, built.state_names, place(system))
+    found = linearisation.modes(matrix, built.state_names, placed)
     low, high = BAND_HZ
-    swings = [m for m in found if m.label not in ("common", "control") and low <= m.frequency_hz <= high]
+    swings = [m for m in found if m.swings and low <= m.frequency_hz <= high]
     if not swings:
         raise InputError(f"SYSTEM: {system.name} has no swing mode from {low:g} to {high:g} Hz; allowed: one that has")
     swings.sort(key=lambda m: m.damping_ratio)

@@ -42,7 +42,7 @@ MOST_GAIN = LEAD_LAG_PARAMETERS["gain"].high
 class LeadLag(NamedTuple):
     """Parameters of `LLC` but for the gain's size: u = K y with a gain of this sign."""
 
-    sign: float
+    sign: int
     lead_deg: float  # of both sections together
     T1: float  # s, of both
     T2: float
@@ -57,16 +57,13 @@ class LeadLag(NamedTuple):
 
 
 class Tuned(NamedTuple):
-    """A lead-lag with its gain, and the swing modes without it and with it, as they are followed."""
+    """The gain of a lead-lag, and the swing modes without it and with it, as they are followed."""
 
-    law: LeadLag
     gain: float
     reached: bool  # the wanted ratio
     before: list[Eigenmode]
     after: list[Eigenmode | None]  # none: lost on the way
     target: int  # which of them was asked for
-    gains: list[float]  # that were looked at
-    ratios: list[float]  # of the target by gain
     growing: Eigenmode | None  # a mode beside the target that grows without control, too
     limit: Eigenmode | None  # the oscillation that the next higher gain would make worse than allowed; none: none does
 
@@ -85,9 +82,7 @@ def lead_lag(residue: complex, eigenvalue: complex, delay: float, frame_rate: in
     """The sections and the sign for a residue (1/s) with a delay (s)."""
     washed = eigenvalue * WASHOUT / (1.0 + eigenvalue * WASHOUT)
     angle = float(np.rad2deg(np.angle(residue * washed * late(eigenvalue, delay, frame_rate))))
-    lead = (180.0 - angle + 180.0) % 360.0 - 180.0
-    sign = 1.0 if abs(lead) <= 90.0 else -1.0
-    lead = lead if sign > 0.0 else (lead + 360.0) % 360.0 - 180.0
+    sign, lead = linearisation.sign_and_lead(angle)
     w = abs(eigenvalue)
 
     def beyond(exponent: float) -> float:
@@ -123,7 +118,7 @@ def tune(
         progress(i, len(gains))
         listed.append(_oscillations(loop, gain, delay, case))
     progress(len(gains), len(gains))
-    before = [one for one in listed[0] if one.label not in ("common", "control")]
+    before = [one for one in listed[0] if one.swings]
     target = int(np.argmin([linearisation.unlike(mode, one) for one in before]))
     tracks = [[start, *later] for start, later in zip(before, followed(before, listed[1:]), strict=True)]
     ratios = [_ratio(one) for one in tracks[target]]
@@ -142,7 +137,7 @@ def tune(
     then = _oscillations(loop, gain, delay, case)
     after = [_next(track[last], then) for track in tracks]
     growing = next((one for one in listed[0] if one.eigenvalue.real > STILL and one is not before[target]), None)
-    return Tuned(law, gain, enough is not None, before, after, target, gains, ratios, growing, limit)
+    return Tuned(gain, enough is not None, before, after, target, growing, limit)
 
 
 def _next(mode: Eigenmode | None, modes: Sequence[Eigenmode]) -> Eigenmode | None:

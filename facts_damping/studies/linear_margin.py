@@ -88,31 +88,25 @@ def stable_around(case: Case, delay: float, longest: float, progress: Callable[[
     case = unsupervised(case)
     loop = delayed_loop(case)
     looked = looks(longest, case.run.frame_rate)
-    ways = ([delay, *looked[looked > delay]], [delay, *looked[looked < delay][::-1]])
     done = 0
 
     def growth(at: float) -> float:
         return eigen(loop, sampled(loop, float(at))).growth - STILL
 
-    ends: list[float | None] = []
-    for delays in ways:
-        end = None
-        for before, at in pairwise(delays):
+    def end(delays: NDArray[np.float64]) -> float | None:
+        """Where the loop is no longer stable, on the way over these delays; none: nowhere."""
+        nonlocal done
+        for before, at in pairwise([delay, *delays]):
             done += 1
             progress(done, len(looked))
             if growth(at) > 0.0:
-                end = (
-                    None
-                    if growth(before) > 0.0
-                    else float(brentq(growth, min(before, at), max(before, at), xtol=EXACT))
-                )
-                break
-        ends.append(end)
-    progress(1, 1)
-    if growth(delay) > 0.0:
+                return float(brentq(growth, *sorted((before, at)), xtol=EXACT))
         return None
-    high, low = ends
-    return Around(low or 0.0, high, _critical(loop, longest if high is None else high, case))
+
+    stable = growth(delay) <= 0.0
+    low, high = (end(looked[looked < delay][::-1]), end(looked[looked > delay])) if stable else (None, None)
+    progress(1, 1)
+    return Around(low or 0.0, high, _critical(loop, longest if high is None else high, case)) if stable else None
 
 
 def looks(longest: float, frame_rate: int) -> NDArray[np.float64]:
@@ -174,7 +168,7 @@ def _pade_margin(loop: DelayedLoop, delays: NDArray[np.float64], order: int, hol
 
 def follow(listed: Sequence[Sequence[linearisation.Eigenmode]]) -> list[Track]:
     """Modes at each delay (s) as tracks: the electromechanical ones of no delay, then others that become unstable."""
-    swings = [mode for mode in listed[0] if mode.label not in ("common", "control")]
+    swings = [mode for mode in listed[0] if mode.swings]
     columns = followed(swings, listed[1:])
     tracks = [Track(mode.label, [mode, *column]) for mode, column in zip(swings, columns, strict=True)]
     for i, modes in enumerate(listed):

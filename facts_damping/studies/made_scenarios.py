@@ -32,7 +32,7 @@ def made(
     `run`: the content of a run of the system, `taken`: the place of its device, whose line does not trip, `mode`: index
     among those of which the places know.
     """
-    order = np.argsort([-t.strength[mode] if np.isfinite(t.strength[mode]) else np.inf for t in tried])
+    order = np.argsort([-t.strength[mode] for t in tried])  # NaN last
     places = [tried[i].place for i in order.tolist() if not tried[i].why_not]
     buses = [p.at for p in places if isinstance(p.device, Parallel)][:TRIED]
     lines = [p.at for p in places if isinstance(p.device, Series) and p.device.line is not None and p.at != taken.at]

@@ -131,9 +131,10 @@ def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFI
 
     `study`: whose they are; none: `search_SYSTEM` in the profile thesis, in another one `search_SYSTEM_PROFILE`.
     """
-    end = "" if profile == DEFAULT_PROFILE else f"_{profile}"
+    end, systems = "" if profile == DEFAULT_PROFILE else f"_{profile}", shipped("systems")
     if study is None:
-        known = [name for name in shipped("systems") if f"search_{name}{end}" in shipped("studies")]
+        studies = shipped("studies")
+        known = [name for name in systems if f"search_{name}{end}" in studies]
         if system not in known:
             given = f"SYSTEM: '{system}' given without --study"
             raise InputError(f"{given}; allowed: {', '.join(known)}, or a study with training cases by --study")
@@ -144,7 +145,7 @@ def ensemble(system: str, study: str | None = None, profile: str = DEFAULT_PROFI
             raise InputError(
                 f"{made.base.source}: system: '{told['system']}' given; allowed: '{system}', as is searched"
             )
-        if system in shipped("systems") and told["scenario"] not in (SCENARIO, INLINE):
+        if system in systems and told["scenario"] not in (SCENARIO, INLINE):
             raise InputError(
                 f"{made.base.source}: scenario: '{told['scenario']}' given; allowed: {SCENARIO} of {system}, or events"
             )

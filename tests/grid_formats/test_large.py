@@ -88,7 +88,7 @@ def test_many_machines_are_drawn_by_their_areas(record: Record, tmp_path: Path) 
     picture = next(one for one in PICTURES if one.stem == "differences")
     own = [{panel.name: panel for panel in panels["differences"]}]
     kept = shown(picture, own)
-    assert title_of(picture, own) == "Speed difference: the 7 largest of 47"
+    assert title_of(picture, own, kept) == "Speed difference: the 7 largest of 47"
     size = {name: np.ptp(panel.curves[""].values) for name, panel in own[0].items()}
     assert set(kept) == set(sorted(size, key=lambda name: -size[name])[:LARGEST])
     assert plot_record(record, tmp_path)
