@@ -44,7 +44,7 @@ test: test-setup
 	$(BIN)/ruff format --check
 	$(if $(filter kilted,$(ROS)),$(BIN)/mypy)
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadgroup --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadgroup --no-loadscope-reorder
 
 # Random examples instead of the same ones, until a test fails or the minutes are over: what it prints then goes into the
 # test as an example of its own. MINUTES=60 make explore

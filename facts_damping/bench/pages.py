@@ -87,11 +87,11 @@ def notes(results: Iterable[Result]) -> list[str]:
     return [f"{one.title}: {one.failed or one.note}" for one in results]
 
 
-def text(results: Sequence[Result], rates: Sequence[Rate]) -> list[str]:
+def text(results: Sequence[Result], rates: Sequence[Rate], about: str = CASE) -> list[str]:
     """Everything for a terminal."""
     lines = []
     if results:
-        lines += [CASE, "", *ladder(results), "", *summary(results), "", *notes(results)]
+        lines += [about, "", *ladder(results), "", *summary(results), "", *notes(results)]
     if rates:
         lines += ["", *exchange(rates), "", *(f"{one.title}: {one.failed or one.note}" for one in rates)]
     return lines
@@ -121,7 +121,7 @@ def _document(one: Result, ours: Result) -> dict[str, Any]:
     }
 
 
-def draw(results: Iterable[Result], path: Path) -> Path:
+def draw(results: Iterable[Result], path: Path, system: str = grid.SYSTEM) -> Path:
     """Error over the time of a run, log-log, a line a program, a marker a step, as PNG."""
     figure = Figure(figsize=(7.5, 5.0), layout="constrained")
     axes = figure.add_subplot()
@@ -133,7 +133,7 @@ def draw(results: Iterable[Result], path: Path) -> Path:
         for x in one.rungs:
             axes.plot(x.wall_s, x.error, marks[x.step_s], color=line.get_color(), ms=6)
     axes.axhline(EQUAL_ERROR, color="black", lw=0.8, ls="--")
-    axes.set(xlabel=f"time of {grid.DURATION:g} s of {grid.SYSTEM} on one core [s]", ylabel="error over largest swing")
+    axes.set(xlabel=f"time of {grid.DURATION:g} s of {system} on one core [s]", ylabel="error over largest swing")
     axes.grid(visible=True, which="both", alpha=0.3)
     axes.add_artist(axes.legend(fontsize=9, loc="lower right"))
     kinds = [Line2D([], [], color="black", ls="", marker=marks[step], label=f"{1e3 * step:g} ms") for step in steps]

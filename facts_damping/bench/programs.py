@@ -84,6 +84,28 @@ PROGRAMS = {
         "a constant torque; modified Euler's method of its own solver",
     ),
 }
+LARGE = {
+    OURS: Program(
+        "facts_damping",
+        f"{ROOM}.large_ours",
+        (),
+        (0.01, 0.005, 0.0025, 0.00125),
+        "",
+        (),
+        "imported from the files; Runge-Kutta of fourth order; the network is reduced before the run, which counts as "
+        "set-up",
+    ),
+    "andes": Program(
+        "ANDES",
+        f"{ROOM}.large_andes",
+        PROGRAMS["andes"].distributions,
+        FEWER,
+        "",
+        (),
+        "trapezoidal rule, its steps of 0.1 ms after events, tolerance 1e-6; two machines at bus 23 share their "
+        "reactive power otherwise than ours",
+    ),
+}
 HELICS = ("helics",)  # the distribution
 
 

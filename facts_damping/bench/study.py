@@ -61,12 +61,14 @@ def measure(
     progress: Callable[[int, int], None],
     repeats: int = REPEATS,
     table: Mapping[str, Program] = PROGRAMS,
+    *,
+    sweep: bool = True,
 ) -> list[Result]:
     """Ladders of steps, sweeps, and the difference from ours, of these programs; ours is always there, and first."""
     wanted = list(dict.fromkeys([OURS, *names]))
     there = [name for name in wanted if not missing(table[name].distributions)]
     rungs = max(len(table[name].steps) for name in there)
-    turns = 3 + rungs * repeats + OTHERS
+    turns = 3 + rungs * repeats + (OTHERS if sweep else 0)
     left = dict.fromkeys(there, turns)
     of = len(there) * turns
     field = Field(table, {}, {}, left, lambda: progress(of - sum(left.values()), of))
@@ -80,11 +82,13 @@ def measure(
         for name in there:
             field.sessions[name] = stack.enter_context(session(table[name].module))
         _measure(field, repeats, rungs)
+        if sweep:
+            _sweep(field)
     return [field.results[name] for name in wanted]
 
 
 def _measure(field: Field, repeats: int, rungs: int) -> None:
-    """Everything, from programs that are starting to their figures."""
+    """From programs that are starting to their ladders."""
     each(field, lambda _name, one, _row: one.read())
     each(field, lambda _name, one, row: one.ask(row.steps[0]))  # warm: not counted
     fine = each(field, lambda _name, one, row: one.ask(row.steps[-1] / FINER)["swings"])
@@ -100,7 +104,6 @@ def _measure(field: Field, repeats: int, rungs: int) -> None:
         steps = field.table[name].steps
         found = tuple(rung(step, fine[name], runs[name, step]) for step in steps)
         note(field, name, rungs=found, reference_step_s=steps[-1] / FINER)
-    _sweep(field)
 
 
 def _compare(field: Field, fine: Mapping[str, Any]) -> None:

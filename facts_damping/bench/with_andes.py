@@ -48,19 +48,29 @@ def build(grid: Grid) -> Any:
         at = {"bus": m.bus, "gen": static["idx"], "Sn": m.rating, "Vn": grid.nominal[m.bus], "fn": grid.frequency}
         ss.add("GENROU", idx=m.name, **at, M=2 * m.H, D=m.D, **data)
     ss.add("Fault", bus=FAULT_BUS, tf=FAULT_START - EVENT_DELAY, tc=FAULT_END - EVENT_DELAY, rf=0.0, xf=FAULT_X)
-    config = ss.PQ.config
-    config.pq2z, config.p2p, config.p2i, config.p2z = 0, 0.0, 0.0, 1.0
-    config.q2q, config.q2i, config.q2z = 0.0, 0.0, 1.0
+    constant_impedances(ss)
     ss.setup()
     if not ss.PFlow.run():
         raise RuntimeError("the power flow does not converge")
     return ss
 
 
+def constant_impedances(ss: Any) -> None:
+    """Loads are impedances in time."""
+    config = ss.PQ.config
+    config.pq2z, config.p2p, config.p2i, config.p2z = 0, 0.0, 0.0, 1.0
+    config.q2q, config.q2i, config.q2z = 0.0, 0.0, 1.0
+
+
 def run(made: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001
     """One run."""
     began = time.perf_counter()
     ss = build(grid)
+    return simulated(ss, step, began)
+
+
+def simulated(ss: Any, step: float, began: float) -> TimedRun:
+    """A run in time of a system with its power flow, machines by their bus; `began`: instant of the clock, s."""
     config = ss.TDS.config
     config.tf, config.tstep, config.fixt, config.tol = DURATION, step, 1, TOLERANCE
     config.no_tqdm, config.criteria = 1, 0
@@ -70,5 +80,8 @@ def run(made: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001
         raise RuntimeError("the simulation failed")
     ended = time.perf_counter()
     ss.dae.ts.unpack()
-    speeds = np.array(ss.dae.ts.x)[:, np.array(ss.GENROU.omega.a)] - 1.0
-    return TimedRun(ready - began, ended - ready, np.array(ss.dae.ts.t), speeds)
+    models = (ss.GENROU, ss.GENCLS)
+    by_bus = np.argsort([bus for model in models for bus in model.bus.v], kind="stable")
+    speeds = np.concatenate([np.array(model.omega.a, int) for model in models])[by_bus]
+    found = np.array(ss.dae.ts.x)[:, speeds] - 1.0
+    return TimedRun(ready - began, ended - ready, np.array(ss.dae.ts.t), found)

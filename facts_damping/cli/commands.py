@@ -254,6 +254,7 @@ def _studies(add: Add) -> None:
         "bench andes",
     )
     command.add_argument("programs", nargs="*", metavar="PROGRAM", help="which of those in docs/programs.md; none: all")
+    command.add_argument("--large", action="store_true", help="140 buses and 48 machines instead, beside ANDES alone")
     common(command, sets=False)
 
 

@@ -18,6 +18,10 @@ from facts_damping.terminal import INTERRUPTED, INTERRUPTIONS, at_work, end_at_o
 if TYPE_CHECKING:
     import argparse
 
+# Matrices have some hundred rows: threads of OpenBLAS, which NumPy starts, gain nothing there, and where other work
+# holds the cores they wait for each other (87 times as long, measured).
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 DONE, FAILED, BAD_INPUT, DEGRADED = 0, 1, 2, 3
 
 

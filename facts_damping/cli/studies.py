@@ -219,10 +219,10 @@ def margin(arguments: argparse.Namespace) -> None:
 
 def bench(arguments: argparse.Namespace) -> None:
     """Time and error of a run, a sweep and lockstep beside other programs, those that are installed, in one run."""
-    from facts_damping.bench import pages, study, ticks
-    from facts_damping.bench.programs import EXCHANGE, OURS, PROGRAMS
+    from facts_damping.bench import grid, large, pages, study, ticks
+    from facts_damping.bench.programs import EXCHANGE, LARGE, OURS, PROGRAMS
 
-    allowed = [name for name in (*PROGRAMS, EXCHANGE) if name != OURS]
+    allowed = [name for name in (LARGE if arguments.large else (*PROGRAMS, EXCHANGE)) if name != OURS]
     for name in arguments.programs:
         check_known("PROGRAM", name, allowed)
     asked = arguments.programs or allowed
@@ -231,7 +231,9 @@ def bench(arguments: argparse.Namespace) -> None:
     progress = Progress("bench", "runs")
     clean_up_first()
     try:
-        if others:
+        if arguments.large:
+            results = study.measure(others, progress, large.REPEATS, LARGE, sweep=False)
+        elif others:
             results = study.measure(others, progress)
         if EXCHANGE in asked:
             rates = ticks.measure(progress)
@@ -240,10 +242,11 @@ def bench(arguments: argparse.Namespace) -> None:
     finally:
         progress.close()
     write_json(arguments.json, pages.document(results, rates))
-    for line in pages.text(results, rates):
+    about, system = (large.CASE, large.NAME) if arguments.large else (pages.CASE, grid.SYSTEM)
+    for line in pages.text(results, rates, about):
         say(arguments, line)
     if folder is not None and results:
-        say(arguments, f"picture: {pages.draw(results, folder / 'bench.png')}")
+        say(arguments, f"picture: {pages.draw(results, folder / 'bench.png', system)}")
 
 
 def reproduce(arguments: argparse.Namespace) -> None:

@@ -29,15 +29,22 @@ def held_for(
 def rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:
     """All rotors turned alike, and all speeds raised alike, where neither the plant nor a signal answers to it.
 
-    Such motions, (states, 0 to 2), orthonormal, have eigenvalues of zero, which round-off takes to either side.
+    States beside the rotors' may settle elsewhere, as washouts do. Such motions, (states, 0 to 2), orthonormal, have
+    eigenvalues of zero, which round-off takes to either side.
     """
     found = np.zeros((len(A), 0))
     whole = np.vstack([A, C])
-    for end in ((".delta", ".theta", ".theta_w"), ".omega"):  # with the rotors the angles that loads know
+    turning = (".delta", ".theta", ".theta_w")  # with the rotors the angles that loads know
+    beside = np.array([not name.endswith((*turning, ".omega")) for name in names])
+    for end in (turning, ".omega"):
         motion = np.array([float(name.endswith(end)) for name in names])
+        answer = product(A[beside], motion)
+        if np.abs(answer).max(initial=0.0) > NEAR:
+            motion[beside] = np.linalg.lstsq(A[np.ix_(beside, beside)], -answer)[0]
+        motion -= product(found, found.T, motion)
         answer = product(whole, motion)
         answer[: len(A)] -= product(found, found.T, answer[: len(A)])  # all speeds raised turn all rotors
-        cancelled = product(np.abs(whole), motion) + np.abs(whole).max(axis=1)
+        cancelled = product(np.abs(whole), np.abs(motion)) + np.abs(whole).max(axis=1)
         if motion.any() and (np.abs(answer) <= NEAR * cancelled).all():
-            found = np.column_stack([found, motion / np.sqrt(motion.sum())])
+            found = np.column_stack([found, motion / np.linalg.norm(motion)])
     return found

@@ -135,10 +135,9 @@ def _chosen(found: Design) -> Iterator[str]:
     yield f"lead-lag: {values}"
     ratio = tuned.after[tuned.target]
     got = "lost" if ratio is None else f"{ratio.damping_ratio:.4f}"
-    if tuned.gain == 0.0:
-        yield f"damping ratio: {got} with the device alone, wanted {task.damping:g}"
-    elif tuned.reached:
-        yield f"damping ratio: {got}, wanted {task.damping:g}"
+    if tuned.reached:
+        alone = " with the device alone" if tuned.gain == 0.0 else ""
+        yield f"damping ratio: {got}{alone}, wanted {task.damping:g}"
     else:
         why = "does not help" if tuned.limit is None else f"would make a mode of {mode_name(tuned.limit)} worse"
         yield f"damping ratio: {got} at most, wanted {task.damping:g}; more gain {why}"

@@ -299,8 +299,18 @@ def test_pade_loops_near_the_sampled_ones(which: str) -> None:
         (["controllers.0.signals=[g1]", "system.signals.g1={channel: speed_deviation, weights: {G1: 1}}"], 1),
         ([f"system.machines.{g}.D=0.01" for g in range(4)], 1),
         (["system=smib"], 0),
+        ([f"system.stabilisers.{g}.enabled=true" for g in range(4)], 2),
+        (["system=nets_nyps"], 2),
     ],
-    ids=["two_area", "with governors", "a signal that is no difference", "a little damping", "infinite bus"],
+    ids=[
+        "two_area",
+        "with governors",
+        "a signal that is no difference",
+        "a little damping",
+        "infinite bus",
+        "stabilisers",
+        "nets_nyps",
+    ],
 )
 def test_motions_that_nothing_answers_are_left_out(sets: list[str], count: int) -> None:
     """And nothing else: the plant's other eigenvalues stay, with a controller that gives nothing."""
