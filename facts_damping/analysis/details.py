@@ -58,7 +58,7 @@ def lines(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: 
         yield f"{name}: {'; '.join([told, *duty])}"
         yield from (f"  {_mode(mode)}" for mode in result["modes"])
     rows = [
-        [f"{name}: {hop}, {HOPS[hop]}, {_together(who)}", *(f"{value:.2f}" for value in told)]
+        [f"{name}: {hop}, {HOPS[hop]}, {together(who)}", *(f"{value:.2f}" for value in told)]
         for name, result in zip(names, results, strict=True)
         for hop in PARTS
         for told, who in alike(_values(result["latency_hops_ms"][hop])).items()
@@ -80,7 +80,7 @@ def _values(parts: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, 
     return {who: tuple(told.values()) for who, told in parts.items()}
 
 
-def _together(names: Sequence[str]) -> str:
+def together(names: Sequence[str]) -> str:
     """Those with the same latencies, in a word."""
     return f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else names[0]
 

@@ -25,6 +25,6 @@ def files() -> tuple[Path, Path]:
 
 CASE = (
     f"20 s of {NAME}, 140 buses and 48 machines with controls, from the RAW and DYR inside ANDES; three-phase fault at "
-    f"bus {BUS} through j {FAULT_X:g} p.u. from {FAULT_START:g} to {FAULT_END:g} s, one core. error: of a swing over the "
-    "largest swing, against the same program with a finer step."
+    f"bus {BUS} through j {FAULT_X:g} p.u. from {FAULT_START:g} to {FAULT_END:g} s, one core. error: of a swing over "
+    "the largest swing, against the same program with a finer step."
 )

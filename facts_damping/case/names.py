@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from facts_damping.parameters.files import is_path
 from facts_damping.parameters.run import Run
 
 SUPERVISED = "supervised"  # topic of what a supervisor passes on or says
@@ -150,7 +152,9 @@ def label(run: dict[str, Any]) -> str:
 
 
 def _word(given: Any) -> str:
-    """What was given by name; what stands inline by its own name, events by their kinds."""
+    """What was given by name, of a path its end; what stands inline by its own name, events by their kinds."""
     if isinstance(given, list):
         return "+".join(dict.fromkeys(event["kind"] for event in given)) or "steady"
-    return given if isinstance(given, str) else given.get("name") or "custom"
+    if isinstance(given, str):
+        return "_".join(Path(given).with_suffix("").parts[-2:]) if is_path(given) else given
+    return given.get("name") or "custom"

@@ -37,10 +37,15 @@ def shipped(kind: str) -> dict[str, Path]:
     return {str(f.relative_to(folder).with_suffix("")): f for f in sorted(folder.rglob("*.yaml"))}
 
 
+def is_path(name: str) -> bool:
+    """Whether what was given is a file, not the name of a shipped one."""
+    return name.endswith((".yaml", ".yml")) or "/" in name
+
+
 def find(kind: str, name: str, within: str = "") -> Path:
     """File of a shipped name (a scenario's within its system), or of a path."""
     path = Path(name)
-    if path.suffix in (".yaml", ".yml") or "/" in name:
+    if is_path(name):
         if not path.is_file():
             raise InputError(f"{path}: no such file; allowed: an existing YAML file")
         return path

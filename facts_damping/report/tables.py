@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.analysis.details import JUDGED
+from facts_damping.analysis.details import JUDGED, together
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.ringdown import COVERED
@@ -161,7 +161,7 @@ def supervision(runs: Sequence[ReportedRun]) -> list[ReportTable]:
 def links(runs: Sequence[ReportedRun]) -> ReportTable:
     """Latency of each hop, and what was lost."""
     rows = [
-        [Cell(run.name), Cell(HOPS[hop]), Cell(", ".join(names)), *(Cell(one) for one in told)]
+        [Cell(run.name), Cell(HOPS[hop]), Cell(together(names)), *(Cell(one) for one in told)]
         for run in runs
         for hop, parts in hops_ms(run.record).items()
         for told, names in alike(_latencies(parts)).items()

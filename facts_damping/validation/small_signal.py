@@ -183,7 +183,10 @@ def others() -> ValidationTable:
         found = furthest(_far(eigenvalues(grid)), _far(theirs))
         rows.append(within(f"{name}: ANDES", "1/s", found, tolerance))
     return ValidationTable(
-        "Eigenvalues of wscc_9, new_england_39 and nets_nyps", "Sauer and Pai; ANDES", "facts-damping modes wscc_9", rows
+        "Eigenvalues of wscc_9, new_england_39 and nets_nyps",
+        "Sauer and Pai; ANDES",
+        "facts-damping modes wscc_9",
+        rows,
     )
 
 
