@@ -211,7 +211,8 @@ def margin(arguments: argparse.Namespace) -> None:
             progress.close()
     pictures = []
     if arguments.out is not None:
-        pictures.append(pages.draw(found, runs, files.new_folder(Path(arguments.out)) / "margin.png"))
+        folder = files.new_folder(Path(arguments.out))
+        pictures += [pages.draw(found, runs, folder / "margin.png"), pages.draw_loops(found, folder / "one_line.png")]
     write_json(arguments.json, pages.document(found, runs))
     for line in (*pages.margin_text(found, runs), *(f"plot: {path}" for path in pictures)):
         say(arguments, line)

@@ -85,9 +85,9 @@ def outputs(
 ) -> None:
     """Write the signals that rows `first` to `end` give into `s`, from index `at` on; states `x`.
 
-    lag: x; lead_lag: K (x + T1/T2 (u - x)); washout, rate: K (u - x), K/T (u - x); second_order: numerator over
-    denominator in the companion form; product of two; source: |KP Vt + j (KI + KP XL) It|; sum, and where a time
-    constant is zero: K u.
+    lag, servo, field: x; lead_lag: K (x + T1/T2 (u - x)); washout, rate: K (u - x), K/T (u - x); second_order:
+    numerator over denominator in the companion form; product of two; source: |KP Vt + j (KI + KP XL) It|; sum, and
+    where a time constant is zero: K u.
     """
     for k in range(first, end):
         b = blocks[k]
@@ -110,7 +110,7 @@ def outputs(
         elif b.kind == SECOND_ORDER:
             y = x[b.state] + b.p[0] * x[b.state + 1] + b.p[1] * _acceleration(b, u, x)
         else:
-            y = x[b.state]
+            y = _limited(b, x[b.state], s)  # within a step the state may pass its limit
         s[at + k - first] = y
 
 

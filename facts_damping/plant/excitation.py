@@ -135,9 +135,9 @@ def derivatives(
     if e.xf >= 0:
         feedback = e.KF / e.TF * efd - x[e.xf]
         dx[e.xf] = feedback / e.TF
-    regulator = x[e.VR]
+    regulator = min(max(x[e.VR], e.minimum), e.maximum)  # within a step the state may pass its limit
     slope = (e.KA * (e.Vref + stabiliser - seen - feedback) - regulator) / e.TA
-    if (regulator >= e.maximum and slope > 0.0) or (regulator <= e.minimum and slope < 0.0):
+    if (x[e.VR] >= e.maximum and slope > 0.0) or (x[e.VR] <= e.minimum and slope < 0.0):
         slope = 0.0
     dx[e.VR] = slope
     dx[e.Efd] = (regulator - (e.KE + e.AEX * math.exp(e.BEX * efd)) * efd) / e.TE

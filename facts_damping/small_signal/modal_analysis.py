@@ -195,7 +195,7 @@ def plot(modal: Modal, folder: Path) -> list[Path]:
 
     interarea = [mode for mode in modal.swings if mode.label == "interarea"] or drawn(modal)
     least = min(interarea, key=lambda mode: mode.damping_ratio, default=None)
-    made = [one_line.draw(modal, least, folder / "one_line.png")]
+    made = [one_line.draw(modal.system, modal.built.flow, modal.devices, least, folder / "one_line.png")]
     if modal.swings:
         made.append(_plot_shapes(modal, folder / "mode_shapes.png"))
     if modal.devices and modal.system.signals:

@@ -1,4 +1,4 @@
-"""One-line diagram of a system, drawn from its data alone: flows, machines by area, a mode on it, devices, PMUs.
+"""One-line diagram of a system, drawn from its data alone: flows, machines by area, a mode on it, devices, PMUs, loops.
 
 Buses that a small reactance joins are drawn close together, for nothing is known of geography (T. Kamada, S. Kawai, An
 algorithm for drawing general undirected graphs, Information Processing Letters 31, 1989).
@@ -6,14 +6,14 @@ algorithm for drawing general undirected graphs, Information Processing Letters 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import networkx as nx
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from facts_damping.parameters.devices import Parallel, Series, Transmission
+from facts_damping.parameters.devices import Series, Transmission
 from facts_damping.plant.devices import losses_of
 from facts_damping.plant.network import Topology, branches, device_section
 from facts_damping.terminal import save_picture
@@ -25,10 +25,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.system import Device, System
     from facts_damping.plant.power_flow import PowerFlow
     from facts_damping.small_signal.linearisation import Eigenmode
-    from facts_damping.small_signal.modal_analysis import Modal
 
     Places = dict[str, NDArray[np.float64]]
 
@@ -39,7 +38,16 @@ LABELS = 12  # flows with their number, the largest
 WIDEST, THINNEST = 5.0, 0.6  # points, of a branch
 ARROW = 0.16  # length of the fastest machine's arrow, of the picture
 SMALL = 0.1  # of the fastest: below, a machine has no arrow
+LOOPS = ("#0072B2", "#009E73", "#CC79A7", "#D55E00")
 AREAS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#8C564B", "#000000")
+
+
+class Loop(NamedTuple):
+    """A controller's way over the link: from the PMUs of its signals to its devices, by their names."""
+
+    name: str  # for the legend
+    stations: list[str]
+    devices: list[str]
 
 
 def flows(system: System, flow: PowerFlow, installed: Sequence[str] = ()) -> list[tuple[str, str, float]]:
@@ -75,17 +83,25 @@ def places(system: System) -> Places:
     return dict(nx.spring_layout(graph, seed=0, iterations=100))
 
 
-def draw(modal: Modal, mode: Eigenmode | None, path: Path) -> Path:
+def draw(
+    system: System,
+    flow: PowerFlow,
+    installed: Sequence[str],
+    mode: Eigenmode | None,
+    path: Path,
+    loops: Sequence[Loop] = (),
+) -> Path:
     """The diagram as a picture; `mode`: whose shape the machines' arrows are."""
-    system, at = modal.system, places(modal.system)
+    at = places(system)
     figure = Figure(figsize=(12.0, 9.0), layout="constrained")
     axes = figure.add_subplot()
-    _branches(axes, at, flows(system, modal.built.flow, modal.devices))
+    _branches(axes, at, flows(system, flow, installed))
     _buses(axes, system, at)
     named = _machines(axes, system, at)
     if mode is not None:
         _arrows(axes, system, at, mode)
-    marks = [*named, *_devices(axes, modal, at), *_stations(axes, system, at)]
+    marks = [*named, *_devices(axes, system, installed, at), *_stations(axes, system, at)]
+    marks += _loops(axes, system, loops, at)
     axes.legend(handles=marks, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False)
     axes.set_aspect("equal")
     axes.margins(0.08)
@@ -147,32 +163,52 @@ def _arrows(axes: Axes, system: System, at: Places, mode: Eigenmode) -> None:
         axes.plot(*tip, alpha=0.0)  # so that there is room for it
 
 
-def _devices(axes: Axes, modal: Modal, at: Places) -> list[Any]:
+def _place(device: Device, at: Places) -> NDArray[np.float64]:
+    """Where a device is drawn: between its buses, or at its one."""
+    buses = device.ends if isinstance(device, Series) else device.buses
+    return np.asarray(np.mean([at[bus] for bus in buses], axis=0))
+
+
+def _devices(axes: Axes, system: System, installed: Sequence[str], at: Places) -> list[Any]:
     """Those in series between their buses, others at one; filled where they are installed."""
     marks = []
-    for d in modal.system.devices:
-        if isinstance(d, Series):
-            place = np.mean([at[bus] for bus in d.ends], axis=0)
-        elif isinstance(d, Parallel):
-            place = at[d.bus]
-        else:
+    for d in system.devices:
+        if isinstance(d, Transmission):
             axes.plot(*np.transpose([at[bus] for bus in d.buses]), "--", color="#CC79A7", lw=1.5, zorder=2)
             continue
-        face = "#F0E442" if d.name in modal.devices else "white"
+        face = "#F0E442" if d.name in installed else "white"
         shape = "s" if isinstance(d, Series) else "D"
-        axes.plot(*place, shape, ms=10, mfc=face, mec="black", zorder=5)
-        state = "" if d.name in modal.devices else ", not installed"
+        axes.plot(*_place(d, at), shape, ms=10, mfc=face, mec="black", zorder=5)
+        state = "" if d.name in installed else ", not installed"
         marks.append(_mark(shape, "black", f"{d.name} ({d.kind}{state})", mfc=face))
     return marks
 
 
 def _stations(axes: Axes, system: System, at: Places) -> list[Any]:
     """PMUs as triangles beside their buses."""
-    buses = {m.name: m.bus for m in system.machines}
-    where = [at[s.bus or buses[s.machine or ""]] for s in system.stations]
-    for place in where:
+    where = _seen_at(system, at)
+    for place in where.values():
         axes.annotate("▲", tuple(place), (-9, 4), textcoords="offset points", fontsize=6, color="#D55E00", zorder=6)
     return [_mark("^", "#D55E00", "PMU")] if where else []
+
+
+def _seen_at(system: System, at: Places) -> Places:
+    """Where PMUs measure, by their names."""
+    buses = {m.name: m.bus for m in system.machines}
+    return {s.name: at[s.bus or buses[s.machine or ""]] for s in system.stations}
+
+
+def _loops(axes: Axes, system: System, loops: Sequence[Loop], at: Places) -> list[Any]:
+    """Each as dotted lines from its PMUs to its devices."""
+    where, marks = _seen_at(system, at), []
+    for i, loop in enumerate(loops):
+        look: dict[str, Any] = {"color": LOOPS[i % len(LOOPS)], "ls": ":", "lw": 1.3}
+        for device in loop.devices:
+            end = _place(system.device(device), at)
+            for station in loop.stations:
+                axes.plot(*np.transpose([where[station], end]), alpha=0.7, zorder=2, **look)
+        marks.append(Line2D([], [], label=loop.name, **look))
+    return marks
 
 
 def _mark(shape: str, colour: str, name: str, **more: Any) -> Line2D:

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.plots import COLOURS
-from facts_damping.small_signal import linearisation
+from facts_damping.case.names import controller_names
+from facts_damping.plant import power_flow
 from facts_damping.small_signal.modal_analysis import figures
 from facts_damping.terminal import save_picture
 
@@ -172,6 +173,21 @@ def document(found: Margin, beside: Beside | None) -> dict[str, Any]:
             ],
         }
     return made
+
+
+def draw_loops(found: Margin, path: Path) -> Path:
+    """The system with the controllers' ways over their links, and the mode at the margin, as PNG."""
+    from facts_damping.small_signal import one_line  # noqa: PLC0415 (its library takes a while to be loaded)
+
+    case = found.case
+    loops = []
+    for c, name in enumerate(controller_names(case)):
+        row = case.controllers[c]
+        stations = list(dict.fromkeys(s for signal in row.signals for s in case.system.signals[signal].weights))
+        late = f"{1e3 * found.own[case.used_links[c]]:g} ms"
+        loops.append(one_line.Loop(f"{name}: {', '.join(row.signals)}, {late}", stations, list(row.devices)))
+    flow = power_flow.solve(case.system, case.run.devices)
+    return one_line.draw(case.system, flow, case.run.devices, found.critical, path, loops)
 
 
 def draw(found: Margin, beside: Beside | None, path: Path) -> Path:

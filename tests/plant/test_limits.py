@@ -182,6 +182,19 @@ def test_dc_regulator_stays_within_its_limits_and_leaves_them() -> None:
     assert found[-1].max() < high - 0.05
 
 
+def test_what_a_step_takes_a_regulator_beyond_its_limit_has_no_effect() -> None:
+    """The field voltage of a coarse step is near that of a fine one; with it, they would be 0.04 p.u. apart."""
+    system = shipped("kundur_12_6_dc")
+    start = plant(system)
+    high = max(start.state.x[start.state_names.index(f"G{g}.VR")] for g in (1, 2, 3, 4)) + 0.2
+    exciters = [{**e.model_dump(), "maximum": float(high)} for e in system.exciters]
+    found = []
+    for step in (1 / 120, 1 / 960):
+        run = follow(plant(changed(system, exciters=exciters, step=step), FAULT), frame_times(4))
+        found.append(run.machines["field_voltage"])
+    assert np.abs(found[0] - found[1]).max() < 0.015
+
+
 def test_static_exciters_field_voltage_is_limited() -> None:
     """0 to 7: both are reached by a fault near the machines, neither is passed."""
     fault = {"time": 0.1, "kind": "fault", "bus": "B9", "duration": 0.1}

@@ -322,7 +322,8 @@ def test_command_gives_what_runs_say(inside: Callable[..., tuple[int, str, str]]
 def test_command_writes_a_picture_and_a_table(inside: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     status, out, err = inside("two_area_small", "--max-delay", "0.2", "--out", str(tmp_path / "new"))
     assert (status, err) == (0, "")
-    assert (tmp_path / "new" / "margin.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("margin", "one_line"):
+        assert (tmp_path / "new" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     assert "delay margin" in out
     assert len([line for line in out.splitlines() if line.strip().split(" ")[0].isdecimal()]) == 11
 
