@@ -14,6 +14,8 @@ HELD := $(word 2,$(subst _, ,$(notdir $(wildcard $(VENV)/lib/python3*/site-packa
 ROS ?= $(or $(HELD),kilted)
 # Errors only. They are complete, compiler output included.
 INSTALL := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input install
+# Threads of OpenBLAS gain nothing here and wait for each other where other work holds the cores (cli/main.py).
+export OPENBLAS_NUM_THREADS ?= 1
 # Python compiles a module when it is first imported: most never are.
 export PIP_NO_COMPILE := 1
 SAY := @printf '%s\n'
@@ -44,7 +46,7 @@ test: test-setup
 	$(BIN)/ruff format --check
 	$(if $(filter kilted,$(ROS)),$(BIN)/mypy)
 	$(BIN)/lint-imports --no-logo
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadgroup --no-loadscope-reorder
+	$(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadgroup --no-loadscope-reorder
 
 # Random examples instead of the same ones, until a test fails or the minutes are over: what it prints then goes into the
 # test as an example of its own. MINUTES=60 make explore

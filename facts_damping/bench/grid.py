@@ -28,6 +28,17 @@ LOAD = 967.0  # MW at B7, as in the file
 RATE = 50  # 1/s, instants at which speeds are compared; every step is a part of 20 ms
 
 
+class Shown(NamedTuple):
+    """What pages say of a case."""
+
+    name: str  # on the axis of the picture
+    text: str
+    fault: str  # where it is
+
+
+SHOWN = Shown(SYSTEM, SYSTEM, FAULT_BUS)
+
+
 class TimedRun(NamedTuple):
     """What a program made of the case: s of set-up, s of the run in time alone, speeds less 1 (p.u.) at times (s)."""
 

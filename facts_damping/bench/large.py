@@ -1,7 +1,7 @@
 """The large case: the power pool of the North-East (NPCC), whose PSS/E files come inside ANDES.
 
-20 s of 140 buses and 48 machines with exciters, governors and stabilisers. From 1.0 to 1.1 s a three-phase fault at
-bus 37 through a reactance of 0.02 p.u., as in `grid`.
+140 buses and 48 machines, 21 of them classical, with 24 exciters and 29 governors; duration and fault are those of
+`grid`, the fault at bus 37.
 """
 
 from __future__ import annotations
@@ -9,22 +9,28 @@ from __future__ import annotations
 from importlib.util import find_spec
 from pathlib import Path
 
-from facts_damping.bench.grid import FAULT_END, FAULT_START, FAULT_X
+from facts_damping.bench.grid import Shown
+from facts_damping.bench.programs import LARGE, missing
+from facts_damping.errors import InputError
 
-NAME = "NPCC"
 BUS = 37
 REPEATS = 3
+SHOWN = Shown(
+    "NPCC",
+    "NPCC (140 buses; 48 machines, 21 of them classical; 24 exciters, 29 governors; from the RAW and DYR inside ANDES)",
+    f"bus {BUS}",
+)
+
+
+def check() -> None:
+    """Raise `InputError` where ANDES, and so the files, are not there."""
+    if lacking := missing(LARGE["andes"].distributions):
+        raise InputError(f"--large: its files come inside ANDES: {lacking}; allowed: with ANDES")
 
 
 def files() -> tuple[Path, Path]:
     """RAW and DYR; ANDES is found, but not loaded."""
     found = find_spec("andes")
-    cases = Path(str(found.origin)).parent / "cases" / "npcc" if found else Path()
+    assert found is not None  # noqa: S101 (`check`)
+    cases = Path(str(found.origin)).parent / "cases" / "npcc"
     return cases / "npcc.raw", cases / "npcc_full.dyr"
-
-
-CASE = (
-    f"20 s of {NAME}, 140 buses and 48 machines with controls, from the RAW and DYR inside ANDES; three-phase fault at "
-    f"bus {BUS} through j {FAULT_X:g} p.u. from {FAULT_START:g} to {FAULT_END:g} s, one core. error: of a swing over "
-    "the largest swing, against the same program with a finer step."
-)

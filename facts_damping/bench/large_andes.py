@@ -30,4 +30,6 @@ def run(made: None, grid: Grid, step: float, **_twin: Any) -> TimedRun:  # noqa:
     ss.setup()
     if not ss.PFlow.run():
         raise RuntimeError("the power flow does not converge")
-    return simulated(ss, step, began)
+    # Ours come by bus, and at one bus in the order of the RAW file, which gives the number of its static generator.
+    at = [pair for model in (ss.GENROU, ss.GENCLS) for pair in zip(model.bus.v, model.gen.v, strict=True)]
+    return simulated(ss, step, began, sorted(range(len(at)), key=lambda i: at[i]))

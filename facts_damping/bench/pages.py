@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 
 from facts_damping.bench import grid
 from facts_damping.bench.figures import EQUAL_ERROR, at_equal_error, ratio
+from facts_damping.bench.grid import SHOWN
 from facts_damping.bench.programs import OURS
 from facts_damping.bench.study import FINER
 from facts_damping.terminal import save_picture, table
@@ -19,21 +20,26 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.bench.figures import Result
+    from facts_damping.bench.grid import Shown
     from facts_damping.bench.ticks import Rate
 
 NOTHING = "-"
 MARKS = ["o", "s", "^", "D", "v", "P"]
-CASE = (
-    f"{grid.DURATION:g} s of {grid.SYSTEM}, three-phase fault at {grid.FAULT_BUS} through j {grid.FAULT_X:g} p.u. from "
-    f"{grid.FAULT_START:g} to {grid.FAULT_END:g} s, one core. error: of a swing over the largest swing, against the "
-    f"same program with a step {FINER} times finer than its finest here."
-)
+
+
+def case(shown: Shown) -> str:
+    """What is run, and what an error is."""
+    return (
+        f"{grid.DURATION:g} s of {shown.text}, three-phase fault at {shown.fault} through j {grid.FAULT_X:g} p.u. from "
+        f"{grid.FAULT_START:g} to {grid.FAULT_END:g} s, one core. error: of a swing over the largest swing, against "
+        f"the same program with a step {FINER} times finer than its finest here."
+    )
 
 
 def ladder(results: Iterable[Result]) -> list[str]:
     """Every program at every step."""
     rows = [
-        [one.title, f"{1e3 * x.step_s:g}", f"{x.error:.1e}", _s(x.wall_s), f"{grid.DURATION / x.wall_s:.0f}"]
+        [one.title, f"{1e3 * x.step_s:g}", f"{x.error:.1e}", _s(x.wall_s), _times(grid.DURATION / x.wall_s)]
         for one in results
         for x in one.rungs
     ]
@@ -87,11 +93,11 @@ def notes(results: Iterable[Result]) -> list[str]:
     return [f"{one.title}: {one.failed or one.note}" for one in results]
 
 
-def text(results: Sequence[Result], rates: Sequence[Rate], about: str = CASE) -> list[str]:
+def text(results: Sequence[Result], rates: Sequence[Rate], shown: Shown = SHOWN) -> list[str]:
     """Everything for a terminal."""
     lines = []
     if results:
-        lines += [about, "", *ladder(results), "", *summary(results), "", *notes(results)]
+        lines += [case(shown), "", *ladder(results), "", *summary(results), "", *notes(results)]
     if rates:
         lines += ["", *exchange(rates), "", *(f"{one.title}: {one.failed or one.note}" for one in rates)]
     return lines
@@ -121,7 +127,7 @@ def _document(one: Result, ours: Result) -> dict[str, Any]:
     }
 
 
-def draw(results: Iterable[Result], path: Path, system: str = grid.SYSTEM) -> Path:
+def draw(results: Iterable[Result], path: Path, of: Shown = SHOWN) -> Path:
     """Error over the time of a run, log-log, a line a program, a marker a step, as PNG."""
     figure = Figure(figsize=(7.5, 5.0), layout="constrained")
     axes = figure.add_subplot()
@@ -133,7 +139,7 @@ def draw(results: Iterable[Result], path: Path, system: str = grid.SYSTEM) -> Pa
         for x in one.rungs:
             axes.plot(x.wall_s, x.error, marks[x.step_s], color=line.get_color(), ms=6)
     axes.axhline(EQUAL_ERROR, color="black", lw=0.8, ls="--")
-    axes.set(xlabel=f"time of {grid.DURATION:g} s of {system} on one core [s]", ylabel="error over largest swing")
+    axes.set(xlabel=f"time of {grid.DURATION:g} s of {of.name} on one core [s]", ylabel="error over largest swing")
     axes.grid(visible=True, which="both", alpha=0.3)
     axes.add_artist(axes.legend(fontsize=9, loc="lower right"))
     kinds = [Line2D([], [], color="black", ls="", marker=marks[step], label=f"{1e3 * step:g} ms") for step in steps]

@@ -11,6 +11,7 @@ import numpy as np
 from facts_damping.bench.grid import DURATION, FAULT_BUS, FAULT_END, FAULT_START, FAULT_X, Grid, TimedRun
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
 LINE_OFFSET = 1e-8  # p.u., what ANDES adds to r and x of a line
@@ -69,8 +70,8 @@ def run(made: None, grid: Grid, step: float) -> TimedRun:  # noqa: ARG001
     return simulated(ss, step, began)
 
 
-def simulated(ss: Any, step: float, began: float) -> TimedRun:
-    """A run in time of a system with its power flow, machines by their bus; `began`: instant of the clock, s."""
+def simulated(ss: Any, step: float, began: float, order: Sequence[int] | None = None) -> TimedRun:
+    """A run in time of a system with its power flow; `began`: instant of the clock, s; `order`: of GENROU, GENCLS."""
     config = ss.TDS.config
     config.tf, config.tstep, config.fixt, config.tol = DURATION, step, 1, TOLERANCE
     config.no_tqdm, config.criteria = 1, 0
@@ -80,8 +81,6 @@ def simulated(ss: Any, step: float, began: float) -> TimedRun:
         raise RuntimeError("the simulation failed")
     ended = time.perf_counter()
     ss.dae.ts.unpack()
-    models = (ss.GENROU, ss.GENCLS)
-    by_bus = np.argsort([bus for model in models for bus in model.bus.v], kind="stable")
-    speeds = np.concatenate([np.array(model.omega.a, int) for model in models])[by_bus]
-    found = np.array(ss.dae.ts.x)[:, speeds] - 1.0
+    speeds = np.concatenate([np.array(model.omega.a, int) for model in (ss.GENROU, ss.GENCLS)])
+    found = np.array(ss.dae.ts.x)[:, speeds if order is None else speeds[order]] - 1.0
     return TimedRun(ready - began, ended - ready, np.array(ss.dae.ts.t), found)

@@ -156,5 +156,6 @@ def _word(given: Any) -> str:
     if isinstance(given, list):
         return "+".join(dict.fromkeys(event["kind"] for event in given)) or "steady"
     if isinstance(given, str):
-        return "_".join(Path(given).with_suffix("").parts[-2:]) if is_path(given) else given
+        parts = [part for part in Path(given).parts if part.strip("./")]
+        return "_".join(parts[-2:]).removesuffix(".yaml").removesuffix(".yml") if is_path(given) else given
     return given.get("name") or "custom"

@@ -227,6 +227,8 @@ def bench(arguments: argparse.Namespace) -> None:
     for name in arguments.programs:
         check_known("PROGRAM", name, allowed)
     asked = arguments.programs or allowed
+    if arguments.large:
+        large.check()
     folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
     others, results, rates = [name for name in asked if name != EXCHANGE], [], []
     progress = Progress("bench", "runs")
@@ -243,11 +245,11 @@ def bench(arguments: argparse.Namespace) -> None:
     finally:
         progress.close()
     write_json(arguments.json, pages.document(results, rates))
-    about, system = (large.CASE, large.NAME) if arguments.large else (pages.CASE, grid.SYSTEM)
-    for line in pages.text(results, rates, about):
+    shown = large.SHOWN if arguments.large else grid.SHOWN
+    for line in pages.text(results, rates, shown):
         say(arguments, line)
     if folder is not None and results:
-        say(arguments, f"picture: {pages.draw(results, folder / 'bench.png', system)}")
+        say(arguments, f"picture: {pages.draw(results, folder / 'bench.png', shown)}")
 
 
 def reproduce(arguments: argparse.Namespace) -> None:

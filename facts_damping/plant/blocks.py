@@ -85,9 +85,9 @@ def outputs(
 ) -> None:
     """Write the signals that rows `first` to `end` give into `s`, from index `at` on; states `x`.
 
-    lag, servo, field: x; lead_lag: K (x + T1/T2 (u - x)); washout, rate: K (u - x), K/T (u - x); second_order:
-    numerator over denominator in the companion form; product of two; source: |KP Vt + j (KI + KP XL) It|; sum, and
-    where a time constant is zero: K u.
+    lag, servo, field: x within its limits; lead_lag: K (x + T1/T2 (u - x)); washout, rate: K (u - x), K/T (u - x);
+    second_order: numerator over denominator in the companion form; product of two; source: |KP Vt + j (KI + KP XL) It|;
+    sum, and where a time constant is zero: K u.
     """
     for k in range(first, end):
         b = blocks[k]

@@ -114,7 +114,7 @@ def derivatives(
 
     TR dVm = |V| - Vm; static: TF dxf = Efd - xf, TB dxb = Vref + Vs - Vm - KF / TF (Efd - xf) - xb;
     dc: TA dVR = KA (Vref + Vs - Vm - (KF / TF Efd - xf)) - VR, TF dxf = KF / TF Efd - xf,
-    TE dEfd = VR - (KE + AEX exp(BEX Efd)) Efd (thesis 2.24-2.30). VR does not move beyond its limits.
+    TE dEfd = VR - (KE + AEX exp(BEX Efd)) Efd (thesis 2.24-2.30), VR within its limits, at which it does not wind up.
     """
     if e.code == CONSTANT:
         return
@@ -135,9 +135,10 @@ def derivatives(
     if e.xf >= 0:
         feedback = e.KF / e.TF * efd - x[e.xf]
         dx[e.xf] = feedback / e.TF
-    regulator = min(max(x[e.VR], e.minimum), e.maximum)  # within a step the state may pass its limit
+    regulator = x[e.VR]
     slope = (e.KA * (e.Vref + stabiliser - seen - feedback) - regulator) / e.TA
-    if (x[e.VR] >= e.maximum and slope > 0.0) or (x[e.VR] <= e.minimum and slope < 0.0):
+    if (regulator >= e.maximum and slope > 0.0) or (regulator <= e.minimum and slope < 0.0):
         slope = 0.0
     dx[e.VR] = slope
-    dx[e.Efd] = (regulator - (e.KE + e.AEX * math.exp(e.BEX * efd)) * efd) / e.TE
+    limited = min(max(regulator, e.minimum), e.maximum)  # within a step the state may pass its limit
+    dx[e.Efd] = (limited - (e.KE + e.AEX * math.exp(e.BEX * efd)) * efd) / e.TE

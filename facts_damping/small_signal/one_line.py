@@ -38,7 +38,7 @@ LABELS = 12  # flows with their number, the largest
 WIDEST, THINNEST = 5.0, 0.6  # points, of a branch
 ARROW = 0.16  # length of the fastest machine's arrow, of the picture
 SMALL = 0.1  # of the fastest: below, a machine has no arrow
-LOOPS = ("#0072B2", "#009E73", "#CC79A7", "#D55E00")
+LOOPS = (":", "--", "-.", (0, (1, 4)))  # dashes of loops: colours are those of areas
 AREAS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#8C564B", "#000000")
 
 
@@ -108,7 +108,8 @@ def draw(
     axes.set_axis_off()
     told = "flows [MW]"
     if mode is not None:
-        told += f"; arrows: speeds in the mode of {mode.frequency_hz:.3f} Hz, damping ratio {mode.damping_ratio:.3f}"
+        ratio = round(mode.damping_ratio, 3) + 0.0  # no -0.000
+        told += f"; arrows: speeds in the mode of {mode.frequency_hz:.3f} Hz, damping ratio {ratio:.3f}"
     axes.set_title(f"{system.name}: {told}", fontsize=11)
     save_picture(figure, path, dpi=130)
     return path
@@ -199,14 +200,14 @@ def _seen_at(system: System, at: Places) -> Places:
 
 
 def _loops(axes: Axes, system: System, loops: Sequence[Loop], at: Places) -> list[Any]:
-    """Each as dotted lines from its PMUs to its devices."""
+    """Each as broken lines from its PMUs to its devices."""
     where, marks = _seen_at(system, at), []
     for i, loop in enumerate(loops):
-        look: dict[str, Any] = {"color": LOOPS[i % len(LOOPS)], "ls": ":", "lw": 1.3}
+        look: dict[str, Any] = {"color": "black", "ls": LOOPS[i % len(LOOPS)], "lw": 0.9}
         for device in loop.devices:
             end = _place(system.device(device), at)
             for station in loop.stations:
-                axes.plot(*np.transpose([where[station], end]), alpha=0.7, zorder=2, **look)
+                axes.plot(*np.transpose([where[station], end]), alpha=0.6, zorder=2, **look)
         marks.append(Line2D([], [], label=loop.name, **look))
     return marks
 

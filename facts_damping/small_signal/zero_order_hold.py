@@ -40,7 +40,7 @@ def rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str]) 
         motion = np.array([float(name.endswith(end)) for name in names])
         answer = product(A[beside], motion)
         if np.abs(answer).max(initial=0.0) > NEAR:
-            motion[beside] = np.linalg.lstsq(A[np.ix_(beside, beside)], -answer)[0]
+            motion[beside] = np.linalg.lstsq(A[np.ix_(beside, beside)], -answer, rcond=None)[0]
         motion -= product(found, found.T, motion)
         answer = product(whole, motion)
         answer[: len(A)] -= product(found, found.T, answer[: len(A)])  # all speeds raised turn all rotors

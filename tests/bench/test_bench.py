@@ -161,6 +161,15 @@ def test_programs_side_by_side(table: dict[str, Program], monkeypatch: pytest.Mo
     assert beside[OURS]["ratio"] == 1.0
 
 
+def test_without_a_sweep_there_are_ladders_alone(table: dict[str, Program]) -> None:
+    done: list[tuple[int, int]] = []
+    results = study.measure(["second"], lambda *at: done.append(at), 1, table, sweep=False)
+    assert [len(one.rungs) for one in results] == [3, 3]
+    assert all(one.sweep is None for one in results)
+    assert done[-1][0] == done[-1][1]
+    assert all(one["sweep"] is None for one in pages.document(results, [])["programs"])
+
+
 def waits(path: Path) -> str:
     path.joinpath("waits.py").write_text("import time\ndef prepare(grid, folder):\n    time.sleep(600)\n")
     return "waits"

@@ -2,32 +2,54 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+
 import pytest
 
 from facts_damping.bench import large, large_ours
 from facts_damping.bench.figures import difference
 from facts_damping.bench.grid import FAULT_END, RATE, grid, swings
-from facts_damping.bench.programs import LARGE
+from facts_damping.bench.programs import LARGE, missing
+from facts_damping.cli.main import main
 from tests.andes_cases import CASES
 
 
-@pytest.fixture(autouse=True)
-def _files(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
     folder = CASES / "npcc"
     monkeypatch.setattr(large_ours, "files", lambda: (folder / "npcc.raw", folder / "npcc_full.dyr"))
+    return large_ours.prepare(grid(), folder)
+
+
+def test_it_is_what_the_text_says(made: dict[str, list[dict[str, object]]]) -> None:
+    models = Counter(machine["model"] for machine in made["machines"])
+    counts = [len(made["buses"]), models.total(), models["classical"], len(made["exciters"]), len(made["governors"])]
+    assert re.findall(r"\d+", large.SHOWN.text) == [str(count) for count in counts]
 
 
 def test_steps_meet_instants() -> None:
     for row in LARGE.values():
         assert all(1.0 / RATE / step == pytest.approx(round(1.0 / RATE / step)) for step in row.steps)
-    assert "48 machines" in large.CASE
 
 
-def test_our_errors_are_small_though_limits_act() -> None:
+def test_our_errors_are_small_though_limits_act(made: dict[str, object]) -> None:
     """Regulators meet their limits after the fault: errors do not fall with the fourth power there."""
-    made, case = large_ours.prepare(grid(), None), grid()  # type: ignore[arg-type]
+    case = grid()
     found = {step: swings(large_ours.run(made, case, step)) for step in (0.01, 0.005, 0.000625)}
     assert found[0.01].shape == (48, round((20.0 - FAULT_END) * RATE))
     errors = [difference(found[step], found[0.000625]) for step in (0.01, 0.005)]
     assert errors[0] < 4e-3
     assert errors[1] < 2e-3
+
+
+@pytest.mark.skipif(not missing(("andes",)), reason="ANDES is here: it would run for ten minutes")
+def test_without_andes_it_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--large"]) == 2
+    assert (
+        capsys.readouterr()
+        .err.strip()
+        .endswith("--large: its files come inside ANDES: not installed (pip install andes); allowed: with ANDES")
+    )
+    assert main(["bench", "dpsim", "--large"]) == 2
+    assert "PROGRAM: 'dpsim' given; allowed: andes" in capsys.readouterr().err

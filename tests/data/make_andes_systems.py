@@ -71,7 +71,8 @@ def build(content: dict[str, Any], slopes: dict[str, float], more: Callable[[Any
         more(ss)
     ss.PFlow.config.tol = 1e-11
     ss.setup()
-    ss.PFlow.run()
+    if not ss.PFlow.run():
+        raise RuntimeError("the power flow does not converge")
     ss.TDS.init()
     return ss
 
@@ -148,7 +149,8 @@ def fault(content: dict[str, Any]) -> list[list[float]]:
     ss = build({**content, "stabilisers": [{**s, **wide} for s in content["stabilisers"]]}, {}, more)
     config = ss.TDS.config
     config.tf, config.tstep, config.fixt, config.shrinkt, config.tol, config.criteria = UNTIL, STEP, 1, 0, 1e-8, 0
-    ss.TDS.run()
+    if not ss.TDS.run():
+        raise RuntimeError("the simulation ended early")
     t, omega = np.asarray(ss.dae.ts.t), np.asarray(ss.dae.ts.x)[:, ss.GENROU.omega.a]
     shown = np.arange(0.0, UNTIL + 0.5 * STEP, SHOWN * STEP)
     return [[float(at), *(float(np.interp(at, t, w)) for w in omega.T)] for at in shown]
@@ -167,6 +169,7 @@ def main() -> None:
     for name in ("wscc_9", "new_england_39", "nets_nyps"):
         content = yaml.safe_load((SYSTEMS / f"{name}.yaml").read_text(encoding="utf-8"))
         write(f"{name}_eigenvalues", ["re", "im"], [(v.real, v.imag) for v in eigenvalues(content)])
+    content = yaml.safe_load((SYSTEMS / "nets_nyps.yaml").read_text(encoding="utf-8"))
     write("nets_nyps_voltages", ["bus", "magnitude", "angle"], voltages(content))
     write("nets_nyps_fault", ["t", *(m["name"] for m in content["machines"])], fault(content))
 
