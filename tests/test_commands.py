@@ -54,7 +54,12 @@ UNTRIED = {
     "python": "tests/test_examples.py",
     "export": "a variable of the shell",
 }
-PARSED = {"bench": "other programs", "validate": "tests/validation", "reproduce": "tests/reproduction"}
+PARSED = {
+    "bench": "other programs",
+    "validate": "tests/validation",
+    "reproduce": "tests/reproduction",
+    "pmu-serve": "waits for a client: tests/streaming",
+}
 SHORT = {
     "simulate": ["--set", "duration=1"],
     "run": ["--set", "duration=1"],

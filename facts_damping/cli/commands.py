@@ -148,6 +148,32 @@ def _recordings(add: Add) -> None:
     command.add_argument("--out", required=True, metavar="FILE", help=text)
     common(command, sets=False, out=False, json=False)
 
+    command = add(
+        "pmu-serve",
+        "streams.pmu_serve",
+        "Serve the PMUs of a recording as a stream of IEEE C37.118.2, at its own pace.",
+        "pmu-serve results/exported/recording --port 4712",
+    )
+    command.add_argument("recording", metavar="RECORDING", help="folder, or .mcap file")
+    command.add_argument(
+        "--each", action="store_true", help="each station as a PMU of its own, at ports from --port on"
+    )
+    text = "address of this computer at which clients connect; default: 127.0.0.1"
+    command.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help=text)
+    text = "TCP and UDP port, 1 to 60000, or 0: a free one; default: 4712"
+    command.add_argument("--port", type=whole(0, 60000), default=4712, metavar="N", help=text)
+    text = "also send by UDP to this address, which may be a multicast group; repeatable"
+    command.add_argument("--to", action="append", default=[], metavar="HOST:PORT", help=text)
+    text = "number of the stream, 1 to 65534; default: 1"
+    command.add_argument("--idcode", type=whole(1, 65534), default=1, metavar="N", help=text)
+    text = "what is polar, what are floats: polar, float_phasors, float_analogs, float_frequency, or none; default: all"
+    command.add_argument(
+        "--format", default="polar,float_phasors,float_analogs,float_frequency", metavar="NAME,...", help=text
+    )
+    text = "time of the recording's begin, s since 1970; default: now"
+    command.add_argument("--epoch", type=whole(0, (1 << 32) - 1), metavar="S", help=text)
+    common(command, sets=False, out=False)
+
 
 def _systems(add: Add) -> None:
     command = add(

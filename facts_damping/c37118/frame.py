@@ -1,0 +1,157 @@
+"""The common part of all messages (6.2, table 2), command and header frames (6.5, 6.6), and frames in a stream."""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc_hqx
+from typing import TYPE_CHECKING, NamedTuple
+
+from facts_damping.errors import FactsDampingError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+SYNC = 0xAA  # first byte of every frame
+VERSION = 2  # of 2011; 1 is that of 2005
+KINDS: Mapping[str, int] = {  # bits 6 to 4 of the second byte
+    "data": 0,
+    "header": 1,
+    "configuration_1": 2,
+    "configuration_2": 3,
+    "command": 4,
+    "configuration_3": 5,
+}
+COMMANDS: Mapping[str, int] = {  # table 15
+    "turn_off": 1,
+    "turn_on": 2,
+    "send_header": 3,
+    "send_configuration_1": 4,
+    "send_configuration_2": 5,
+    "send_configuration_3": 6,
+    "extended": 8,
+}
+HEAD = struct.Struct(">BBHHII")  # SYNC, FRAMESIZE, IDCODE, SOC, FRACSEC
+CHECK = struct.Struct(">H")  # CHK
+LEAST, MOST = HEAD.size + CHECK.size, 0xFFFF  # bytes of a frame
+
+
+class FrameError(FactsDampingError):
+    """A message that is not of the standard: what was found, what is allowed, and where that is said."""
+
+
+class Frame(NamedTuple):
+    """A message: its kind, and what the common part says; `body` is what lies between that and the check word."""
+
+    kind: str
+    idcode: int  # of the stream that it belongs to, 1 to 65534
+    soc: int  # s since 1970 (UTC)
+    fraction: int  # of a second, in parts of TIME_BASE, 24 bits
+    body: bytes = b""
+    quality: int = 0  # bits 31 to 24 of FRACSEC: leap seconds and the clock's quality (table 3)
+    version: int = VERSION
+
+
+def checksum(data: bytes) -> int:
+    """CHK: the cyclic redundancy check x^16 + x^12 + x^5 + 1, from -1 on, of all before it (annex B)."""
+    return crc_hqx(data, 0xFFFF)
+
+
+def encode(frame: Frame) -> bytes:
+    """A message as bytes. Raises `FrameError` for one that does not fit."""
+    size = LEAST + len(frame.body)
+    if size > MOST:
+        raise FrameError(f"FRAMESIZE: {size} bytes; allowed: {LEAST} to {MOST} (6.2)")
+    second = KINDS[frame.kind] << 4 | frame.version
+    fraction = frame.quality << 24 | frame.fraction
+    data = HEAD.pack(SYNC, second, size, frame.idcode, frame.soc, fraction) + frame.body
+    return data + CHECK.pack(checksum(data))
+
+
+def decode(data: bytes) -> Frame:
+    """A whole message from bytes. Raises `FrameError` where it is none."""
+    size = framesize(data)
+    if size != len(data):
+        raise FrameError(f"FRAMESIZE: {size} in a frame of {len(data)} bytes; allowed: its length (6.2)")
+    _, second, _, idcode, soc, fraction = HEAD.unpack_from(data)
+    (found,) = CHECK.unpack_from(data, size - CHECK.size)
+    if found != (wanted := checksum(data[: -CHECK.size])):
+        raise FrameError(f"CHK: {found:#06x} given; allowed: {wanted:#06x} (6.2)")
+    kind = next(name for name, code in KINDS.items() if code == second >> 4)
+    return Frame(kind, idcode, soc, fraction & 0xFFFFFF, data[HEAD.size : -CHECK.size], fraction >> 24, second & 0xF)
+
+
+def framesize(data: bytes | bytearray) -> int:
+    """FRAMESIZE of a frame that begins here, of which there are four bytes at least; `FrameError` where none does."""
+    if len(data) < LEAST:
+        raise FrameError(f"a frame of {len(data)} bytes; allowed: {LEAST} and more (6.2)")
+    first, second, size = data[0], data[1], int.from_bytes(data[2:4], "big")
+    if first != SYNC or second >> 4 not in KINDS.values() or second & 0xF not in (1, VERSION):
+        raise FrameError(f"SYNC: {data[:2].hex()} given; allowed: aa and a kind of frame of version 1 or 2 (6.2)")
+    if size < LEAST:
+        raise FrameError(f"FRAMESIZE: {size}; allowed: {LEAST} and more (6.2)")
+    return size
+
+
+def split(stream: bytearray) -> tuple[list[bytes], int]:
+    """Take the whole frames out of a stream, and what is none, of which the bytes are counted; what is begun stays.
+
+    Where a frame is not complete, but one that lies behind its begin is, it was none: lengths may be wrong, too.
+    """
+    frames, lost, at = list[bytes](), 0, 0
+    while len(stream) - at >= LEAST:
+        whole = _whole(stream, at)
+        if whole:
+            lost += at
+            frames.append(whole)
+            del stream[: at + len(whole)]
+            at = 0
+            continue
+        at = _following(stream, at + 1)
+    waits = _begun(stream)
+    del stream[:waits]
+    return frames, lost + waits
+
+
+def _whole(stream: bytearray, at: int) -> bytes | None:
+    """The frame that begins here, where it is whole and one."""
+    try:
+        whole = bytes(stream[at : at + framesize(stream[at : at + LEAST])])
+        decode(whole)
+    except FrameError:
+        return None
+    return whole
+
+
+def _following(stream: bytearray, at: int) -> int:
+    """Where the next frame may begin."""
+    found = stream.find(SYNC, at)
+    return len(stream) if found < 0 else found
+
+
+def _begun(stream: bytearray) -> int:
+    """Where what may become a frame begins, of a stream without whole ones."""
+    at = _following(stream, 0)
+    while len(stream) - at >= LEAST:
+        try:
+            if framesize(stream[at : at + LEAST]) > len(stream) - at:
+                break
+        except FrameError:
+            pass
+        at = _following(stream, at + 1)
+    return at
+
+
+def command(idcode: int, name: str, soc: int, fraction: int = 0, extended: bytes = b"") -> bytes:
+    """A command frame as bytes (table 14): a name of `COMMANDS`, and data of an extended one."""
+    return encode(Frame("command", idcode, soc, fraction, CHECK.pack(COMMANDS[name]) + extended))
+
+
+def command_of(frame: Frame) -> str:
+    """Which command a command frame gives. Raises `FrameError` for one that the standard does not know."""
+    if len(frame.body) < CHECK.size:
+        raise FrameError("CMD: missing; allowed: two bytes (6.6)")
+    (code,) = CHECK.unpack_from(frame.body)
+    name = next((name for name, known in COMMANDS.items() if known == code), None)
+    if name is None:
+        raise FrameError(f"CMD: {code} given; allowed: {', '.join(map(str, COMMANDS.values()))} (6.6)")
+    return name

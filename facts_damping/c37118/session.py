@@ -1,0 +1,129 @@
+"""Both ends of a stream without sockets: what a server answers to commands, and what a client makes of bytes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from facts_damping.c37118 import configuration, data, frame
+from facts_damping.c37118.frame import Frame, FrameError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping.c37118.configuration import Configuration
+    from facts_damping.c37118.data import Data, Layout
+
+CHANGE = 1 << 10  # bit 10 of STAT: the configuration has changed, or will within a minute
+ANSWERS = {f"send_{kind}": kind for kind in ("configuration_1", "configuration_2", "configuration_3")}
+
+
+class Stream(NamedTuple):
+    """What is sent: its number, its PMUs, and a text about it."""
+
+    idcode: int
+    configuration: Configuration
+    layout: Layout
+    header: str = ""
+
+
+class Instant(NamedTuple):
+    """A data frame as it was received: its time, s and parts of TIME_BASE, its quality (table 3), the values."""
+
+    soc: int
+    fraction: int
+    quality: int
+    data: Data
+
+
+def stream(idcode: int, made: Configuration, header: str = "") -> Stream:
+    """A stream of a configuration. Raises `FrameError` where a name, or a frame, would be too long."""
+    one = Stream(idcode, made, data.layout(made), header)
+    for name in ANSWERS:
+        answers(one, name, 0, 0)
+    return one
+
+
+def told(one: Stream, instant: Instant) -> bytes:
+    """A data frame."""
+    body = data.encode(one.layout, instant.data)
+    return frame.encode(Frame("data", one.idcode, instant.soc, instant.fraction, body, instant.quality))
+
+
+def commanded(one: Stream, raw: bytes) -> str:
+    """The command that bytes give to a stream, by its name. Raises `FrameError` where they give none."""
+    found = frame.decode(raw)
+    if found.kind != "command":
+        raise FrameError(f"SYNC: a {found.kind} frame; allowed: commands (6.6)")
+    if found.idcode != one.idcode:
+        raise FrameError(f"IDCODE: {found.idcode} given; allowed: {one.idcode} (6.2)")
+    return frame.command_of(found)
+
+
+def answers(one: Stream, name: str, soc: int, fraction: int) -> list[bytes]:
+    """What a server sends for a command, by its name; nothing for those that begin and end data."""
+    if name == "send_header":
+        return [frame.encode(Frame("header", one.idcode, soc, fraction, one.header.encode()))]
+    kind = ANSWERS.get(name)
+    bodies = [] if kind is None else configuration.encode(one.configuration, kind)
+    return [frame.encode(Frame(kind or "", one.idcode, soc, fraction, body)) for body in bodies]
+
+
+class Receiver:
+    """A client's end: bytes as they come in, configurations and instants out; what is neither is counted."""
+
+    def __init__(self) -> None:
+        self.stream, self.layout = bytearray(), None
+        self.parts: list[bytes] = []  # of a configuration 3
+        self.changed = True  # a configuration is to be asked for
+        self.lost_bytes, self.refused = 0, dict[str, int]()  # by the field that was wrong
+
+    layout: Layout | None
+
+    def feed(self, received: bytes) -> list[Configuration | Instant | str]:
+        """What these bytes complete: a configuration, an instant, or a header's text."""
+        self.stream += received
+        frames, lost = frame.split(self.stream)
+        self.lost_bytes += lost
+        return self.take(frames)
+
+    def take(self, frames: Sequence[bytes]) -> list[Configuration | Instant | str]:
+        """The same of whole frames, such as datagrams are."""
+        found: list[Configuration | Instant | str] = []
+        for raw in frames:
+            try:
+                made = self._read(frame.decode(raw))
+            except FrameError as error:
+                field = str(error).partition(":")[0]
+                self.refused[field] = self.refused.get(field, 0) + 1
+            else:
+                found += [] if made is None else [made]
+        return found
+
+    def _read(self, one: Frame) -> Configuration | Instant | str | None:
+        if one.kind == "header":
+            return one.body.decode(errors="replace")
+        if one.kind == "data":
+            return self._instant(one)
+        if one.kind == "command":
+            raise FrameError("CMD: a command from a server; allowed: data, headers, configurations (6.6)")
+        bodies = [one.body]
+        if one.kind == "configuration_3":
+            self.parts = bodies = [*self.parts, one.body] if one.body[:2] > b"\0\1" else bodies
+            if not configuration.whole(bodies):
+                return None
+            self.parts = []
+        made = configuration.decode(bodies, one.kind)
+        if one.kind != "configuration_1":  # that says what could be sent
+            self.layout, self.changed = data.layout(made), False
+        return made
+
+    def _instant(self, one: Frame) -> Instant | None:
+        if self.layout is None:
+            return None  # data that run before the configuration is known
+        try:
+            found = data.decode(self.layout, one.body)
+        except FrameError:
+            self.changed = True
+            raise
+        self.changed = self.changed or bool((found.status & CHANGE).any())
+        return Instant(one.soc, one.fraction, one.quality, found)

@@ -1,0 +1,170 @@
+"""A server of one stream: TCP for as many clients as come, UDP for those that ask and for fixed receivers.
+
+IEEE C37.118.2, annex F: over TCP, and over UDP to the server's port, clients command; data goes to those that have
+turned it on. Over UDP spontaneously, data and once a minute configuration 2 go to given addresses, multicast too.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.c37118 import frame, session
+from facts_damping.c37118.frame import FrameError
+from facts_damping.errors import RunError, one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from facts_damping.c37118.session import Instant, Stream
+
+    Address = tuple[str, int]
+
+MOST_WAITING = 1 << 18  # bytes that a client may be behind: then it is dropped
+CONFIGURATION_S = 60.0  # between the configurations that go to fixed receivers
+CHUNK = 4096
+
+
+@dataclass
+class Counts:
+    """What has happened."""
+
+    frames: int = 0  # data frames, however many they went to
+    clients: int = 0  # connections, and addresses that have commanded by UDP
+    dropped: int = 0  # clients that were too slow
+    refused: dict[str, int] = field(default_factory=dict)  # commands that were none, by what was wrong
+
+
+class Server:
+    """A stream's server; `begin`, then `send` each instant, `end` at last."""
+
+    def __init__(self, stream: Stream, now: Callable[[], tuple[int, int]]) -> None:
+        """`now`: the time of answers, s and parts of a second."""
+        self.stream, self.now, self.counts = stream, now, Counts()
+        self._clients: dict[asyncio.StreamWriter, bool] = {}  # whether data is turned on
+        self._asking: dict[Address, bool] = {}  # the same by UDP
+        self._fixed: list[Address] = []
+        self._tcp: asyncio.Server | None = None
+        self._udp: asyncio.DatagramTransport | None = None
+        self._told_s = -CONFIGURATION_S  # when fixed receivers last had the configuration
+
+    async def begin(self, tcp: Address | None, udp: Address | None, fixed: Sequence[Address] = ()) -> None:
+        """Open the ports. Raises `RunError` where one cannot be had."""
+        loop = asyncio.get_running_loop()
+        try:
+            if tcp is not None:
+                self._tcp = await asyncio.start_server(self._serve, *tcp)
+            if udp is not None or fixed:
+                made = await loop.create_datagram_endpoint(lambda: _Datagrams(self), local_addr=udp or ("0.0.0.0", 0))  # noqa: S104 (answers come to where commands went)
+                self._udp = made[0]
+        except OSError as error:
+            raise RunError(
+                f"{tcp or udp}: {one_line(error)}; allowed: an address of this computer and a free port"
+            ) from None
+        self._fixed = list(fixed)
+
+    @property
+    def ports(self) -> tuple[int, int]:
+        """Those of TCP and UDP that were opened; 0: none."""
+        tcp = 0 if self._tcp is None else self._tcp.sockets[0].getsockname()[1]
+        return tcp, 0 if self._udp is None else self._udp.get_extra_info("sockname")[1]
+
+    @property
+    def listening(self) -> int:
+        """How many have data turned on."""
+        return sum(self._clients.values()) + sum(self._asking.values()) + len(self._fixed)
+
+    def send(self, instant: Instant) -> None:
+        """A data frame to all who listen; those who are too far behind are dropped."""
+        raw = session.told(self.stream, instant)
+        self.counts.frames += 1
+        for client in [one for one, on in self._clients.items() if on]:
+            if client.transport.get_write_buffer_size() > MOST_WAITING:
+                self.counts.dropped += 1
+                self._clients.pop(client)
+                client.transport.abort()
+            else:
+                client.write(raw)
+        if self._udp is not None:
+            self._remind()
+            for address in [*(one for one, on in self._asking.items() if on), *self._fixed]:
+                self._udp.sendto(raw, address)
+
+    def _remind(self) -> None:
+        """The configuration to fixed receivers, which cannot ask for it."""
+        now_s = asyncio.get_running_loop().time()
+        if self._fixed and now_s - self._told_s >= CONFIGURATION_S and self._udp is not None:
+            self._told_s = now_s
+            for raw in session.answers(self.stream, "send_configuration_2", *self.now()):
+                for address in self._fixed:
+                    self._udp.sendto(raw, address)
+
+    def answer(self, raw: bytes) -> tuple[list[bytes], bool | None]:
+        """What a command asks for, and whether it turns data on or off; what is none is counted."""
+        try:
+            name = session.commanded(self.stream, raw)
+        except FrameError as error:
+            self._count(str(error).partition(":")[0])
+            return [], None
+        turned = {"turn_on": True, "turn_off": False}.get(name)
+        return session.answers(self.stream, name, *self.now()), turned
+
+    def _count(self, what: str, times: int = 1) -> None:
+        self.counts.refused[what] = self.counts.refused.get(what, 0) + times
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """One client of TCP, until it goes."""
+        self.counts.clients += 1
+        self._clients[writer], stream = False, bytearray()
+        try:
+            while received := await reader.read(CHUNK):
+                stream += received
+                frames, lost = frame.split(stream)
+                if lost:
+                    self._count("bytes that are no frame", lost)
+                for raw in frames:
+                    answers, turned = self.answer(raw)
+                    writer.writelines(answers)
+                    if turned is not None and writer in self._clients:
+                        self._clients[writer] = turned
+                if len(stream) > frame.MOST:
+                    break  # nothing that could become a frame
+        except ConnectionError:
+            pass
+        finally:
+            self._clients.pop(writer, None)
+            writer.close()
+
+    def received(self, raw: bytes, address: Address) -> None:
+        """A datagram, which is one command."""
+        answers, turned = self.answer(raw)
+        if answers or turned is not None:
+            self.counts.clients += address not in self._asking
+            self._asking[address] = self._asking.get(address, False) if turned is None else turned
+        if self._udp is not None:
+            for one in answers:
+                self._udp.sendto(one, address)
+
+    async def end(self) -> None:
+        """Close all."""
+        if self._tcp is not None:
+            self._tcp.close()
+        for client in list(self._clients):
+            client.close()
+        if self._udp is not None:
+            self._udp.close()
+        await asyncio.sleep(0)
+
+
+class _Datagrams(asyncio.DatagramProtocol):
+    """Datagrams to the server."""
+
+    def __init__(self, server: Server) -> None:
+        self.server = server
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        self.server.received(data, addr[:2])
+
+    def error_received(self, exc: Exception) -> None:
+        """A receiver that is not there."""

@@ -1,0 +1,130 @@
+"""A recording as a stream, by the command: values to the bits of 32, its own pace, another program beside ours."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from facts_damping.c37118 import frame, stations
+from facts_damping.c37118.session import Instant, Receiver
+from facts_damping.case.loading import load_case
+from facts_damping.cli.main import main
+from facts_damping.nodes import graph
+from facts_damping.recording.reader import load
+from facts_damping.simulation import loop
+from facts_damping.streaming import recorded
+from tests.nodes.graphs import LOADED_S, quiet
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+EPOCH, HERE = 1_700_000_000, "127.0.0.1"
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("served")
+    case = load_case("two_area_small", ["duration=2"])
+    return graph.run(case, "lockstep", folder, quiet, LOADED_S).recording
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind((HERE, 0))
+        return int(one.getsockname()[1])
+
+
+def listen(port: int, idcode: int, until: int) -> tuple[list[Any], list[float]]:
+    """Configuration and so many instants, and when each came."""
+    end = time.monotonic() + LOADED_S
+    while True:
+        try:
+            stream = socket.create_connection((HERE, port), timeout=LOADED_S)
+            break
+        except ConnectionRefusedError:
+            assert time.monotonic() < end
+            time.sleep(0.05)
+    receiver, found, times = Receiver(), list[Any](), list[float]()
+    with stream:
+        stream.sendall(frame.command(idcode, "send_configuration_3", 0) + frame.command(idcode, "turn_on", 0))
+        while len(found) < until + 1 and (received := stream.recv(65536)):
+            more = receiver.feed(received)
+            found += more
+            times += [time.monotonic()] * len(more)
+    assert (receiver.lost_bytes, receiver.refused) == (0, {})
+    return found, times
+
+
+def serve(recording: Path, *options: str) -> subprocess.Popen[str]:
+    told = [sys.executable, "-m", "facts_damping", "pmu-serve", str(recording), "--epoch", str(EPOCH), *options]
+    return subprocess.Popen(told, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_a_client_gets_what_was_recorded(recording: Path) -> None:
+    record, port = load(recording), free_port()
+    seen = recorded.grid_stations(load_case("two_area_small", []).system)
+    with serve(recording, "--port", str(port), "--json", "-") as server:
+        found, times = listen(port, 1, len(record.time_ns))
+        out, err = server.communicate(timeout=LOADED_S)
+    assert (server.returncode, err) == (0, "")
+    assert [pmu.name for pmu in found[0].pmus] == record.stations
+    assert len(found) == 1 + len(record.time_ns)
+    for k, one in enumerate(found[1:]):
+        assert isinstance(one, Instant)
+        assert (one.soc, one.fraction) == (EPOCH + k // 60, k % 60 * 1_000_000 // 60)
+        wanted = stations.to_data(seen, record.frames[k], record.status[k])
+        for name in ("phasors", "frequency", "rocof", "analogs"):
+            np.testing.assert_array_equal(getattr(one.data, name), getattr(wanted, name).astype(np.float32))
+        np.testing.assert_array_equal(one.data.status, record.status[k])
+    assert times[-1] - times[1] > 1.9  # its own pace
+    (row,) = json.loads(out)["streams"]
+    assert (row["frames"], row["clients"], row["dropped"], row["refused"]) == (120, 1, 0, {})
+
+
+def test_each_station_alone(recording: Path) -> None:
+    record, port = load(recording), free_port()
+    with serve(recording, "--port", str(port), "--each", "--idcode", "40", "--format", "none") as server:
+        found, _ = listen(port + 4, 44, 30)
+        server.terminate()
+        server.communicate(timeout=LOADED_S)
+    assert [(pmu.name, pmu.idcode) for pmu in found[0].pmus] == [("TIE", 44)]
+    told = np.array([one.data.phasors[0, 0] for one in found[1:]])
+    volts = recorded.grid_stations(load_case("two_area_small", []).system)[4].volts
+    assert np.abs(told / volts - record.frames[:30, 4, stations.MAGNITUDE]).max() < 2.0 / 30000
+
+
+def test_what_has_not_been_measured_is_absent_and_stamps_are_those_of_the_instants() -> None:
+    """PMUs of class M: the first frames are not there; later ones describe the instant six frames ago."""
+    case = load_case("two_area_small", ["duration=1", "measurement=m_class", "controllers=[]"])
+    record = loop.run(case)
+    timed = list(recorded.instants(record, recorded.grid_stations(case.system), EPOCH))
+    ticks = round(timed[0][0] * 60)
+    assert 0 < ticks < 20
+    assert (timed[0][1].soc, timed[0][1].fraction) == (EPOCH, 0)
+    assert [one.fraction for _, one in timed[:3]] == [0, 16666, 33333]
+    assert len(timed) == len(record.time_ns) - ticks
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--format", "polar,doubles"], "--format: 'doubles' given; allowed: polar, float_phasors"),
+        (["--to", "here"], "--to: 'here' given; allowed: HOST:PORT"),
+        (["--idcode", "65530"], "--idcode: 65530 given with 5 stations; allowed: 1 to 65529"),
+        (["--port", "70000"], "argument --port: 70000 given; allowed: 0 to 60000"),
+    ],
+)
+def test_bad_options_are_one_line(
+    recording: Path, options: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["pmu-serve", str(recording), *options]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
