@@ -7,7 +7,7 @@ from binascii import crc_hqx
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import configuration, frame, session
+from facts_damping.c37118 import data, frame, session
 from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, Pmu
 from facts_damping.c37118.data import Data
 from facts_damping.c37118.frame import FrameError
@@ -79,7 +79,8 @@ def test_a_configuration_that_changes_is_asked_for_again() -> None:
 def test_parts_of_a_configuration_3_that_do_not_fit_are_refused() -> None:
     names = tuple(f"bit {i} " + "x" * 200 for i in range(16))
     wide = Pmu("W", 1, (), (), tuple(Digital(names) for _ in range(15)))
-    served, receiver = session.stream(9, Configuration((wide, wide), 60)), Receiver()
+    c = Configuration((wide, wide), 60)
+    served, receiver = session.Stream(9, c, data.layout(c)), Receiver()  # too long for configurations 1 and 2
     first, last = session.answers(served, "send_configuration_3", 1, 0)
     assert receiver.take([first]) == []
     assert receiver.take([last]) == [served.configuration]
@@ -122,4 +123,4 @@ def test_a_stream_that_is_too_wide_is_refused_before_it_begins() -> None:
     with pytest.raises(FrameError, match="FRAMESIZE: 72022 bytes of data; allowed: 16 to 65535"):
         session.stream(1, Configuration((pmu,), 60))
     with pytest.raises(FrameError, match="CHNAM: 'a name of more than 16' has 22 bytes; allowed: 16"):
-        configuration.encode(Configuration((Pmu("X", 1, (Phasor("a name of more than 16"),)),), 60), "configuration_2")
+        session.stream(1, Configuration((Pmu("X", 1, (Phasor("a name of more than 16"),)),), 60))
