@@ -219,17 +219,18 @@ def test_another_programs_client_reads_it() -> None:
         theirs.run()
         out["header"], out["configuration"] = theirs.get_header(), theirs.get_config()
         theirs.start()
-        out["data"] = [theirs.get().get_measurements() for _ in range(TOTAL)]
+        for _ in range(TOTAL):
+            out["data"].append(theirs.get().get_measurements())
         theirs.stop()
         theirs.quit()
 
     async def act(server: Server) -> dict[str, Any]:
-        out: dict[str, Any] = {}
+        out: dict[str, Any] = {"data": []}
         asking = asyncio.create_task(asyncio.to_thread(ask, server.ports[0], out))
         await until(lambda: server.listening == 1)
         for k in range(TOTAL):
             server.send(instant(k))
-            await asyncio.sleep(0.002)  # it drops what follows a frame in the same packet
+            await until(lambda k=k: len(out["data"]) > k)  # type: ignore[misc]  # it drops what comes with a frame
         await asking
         return out
 
