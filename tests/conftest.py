@@ -81,3 +81,11 @@ def _new_domain() -> Iterator[int]:
         patched.setenv("ROS_DOMAIN_ID", str(number))
         patched.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # for the tests' own nodes, and the commands of ROS 2
         yield number
+
+
+@pytest.fixture
+def port() -> int:
+    """A port of this computer that is free."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])

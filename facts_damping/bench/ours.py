@@ -11,7 +11,10 @@ from facts_damping.bench.grid import DURATION, Grid, TimedRun, case
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+    from facts_damping.case.model import Case
 
 
 def prepare(grid: Grid, folder: Path) -> None:
@@ -30,8 +33,13 @@ def run(
 
     With another machine model, and more fields of the machines as of `--set`, it is the twin of another program.
     """
+    return timed(lambda: case(step, grid.load, model, more, end))
+
+
+def timed(make: Callable[[], Case]) -> TimedRun:
+    """A run of a case, which is made as a part of its set-up."""
     began = time.perf_counter()
-    parts = loop.build_loop(case(step, grid.load, model, more, end))
+    parts = loop.build_loop(make())
     ready = time.perf_counter()
     loop.run_loop(parts)
     ended = time.perf_counter()

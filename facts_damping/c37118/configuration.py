@@ -12,6 +12,7 @@ NAME = 16  # bytes of a name in configuration 1 and 2
 BITS = 16  # of a digital word
 FORMATS = ("polar", "float_phasors", "float_analogs", "float_frequency")  # bits 0 to 3 of FORMAT
 UNIT = 1e-5  # V or A for one in PHUNIT
+TIME_BASE = 1_000_000  # parts of a second in which our frames tell their time
 ONLY, FIRST, LAST = 0, 1, 0xFFFF  # CONT_IDX of a configuration 3 in one frame, of its first part, of its last
 
 
@@ -76,7 +77,7 @@ class Configuration(NamedTuple):
 
     pmus: tuple[Pmu, ...]
     rate: int  # frames a second; below zero: seconds a frame
-    time_base: int = 1_000_000
+    time_base: int = TIME_BASE
 
 
 class _Reader:
@@ -116,8 +117,7 @@ def encode(c: Configuration, kind: str) -> list[bytes]:
         return [whole]
     room = MOST - LEAST - 2
     cut = [whole[i : i + room] for i in range(0, len(whole), room)]
-    indices = [ONLY] if len(cut) == 1 else [*range(FIRST, len(cut)), LAST]
-    return [struct.pack(">H", index) + part for index, part in zip(indices, cut, strict=True)]
+    return [struct.pack(">H", index) + part for index, part in zip(_indices(len(cut)), cut, strict=True)]
 
 
 def decode(bodies: list[bytes], kind: str) -> Configuration:
@@ -134,10 +134,15 @@ def decode(bodies: list[bytes], kind: str) -> Configuration:
     return Configuration(pmus, rate, time_base & 0xFFFFFF)
 
 
+def _indices(parts: int) -> list[int]:
+    """CONT_IDX of so many parts."""
+    return [ONLY] if parts == 1 else [*range(FIRST, parts), LAST]
+
+
 def _joined(bodies: list[bytes]) -> bytes:
     """The parts of a configuration 3 in their order."""
     indices = [_Reader(body).take("H", "CONT_IDX")[0] for body in bodies]
-    wanted = [ONLY] if len(bodies) == 1 else [*range(FIRST, len(bodies)), LAST]
+    wanted = _indices(len(bodies))
     if indices != wanted:
         raise FrameError(f"CONT_IDX: {indices} given; allowed: {wanted} (6.4)")
     return b"".join(body[2:] for body in bodies)

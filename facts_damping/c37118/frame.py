@@ -38,6 +38,11 @@ LEAST, MOST = HEAD.size + CHECK.size, 0xFFFF  # bytes of a frame
 class FrameError(FactsDampingError):
     """A message that is not of the standard: what was found, what is allowed, and where that is said."""
 
+    @property
+    def field(self) -> str:
+        """What was wrong, for counts: the field, before what was found."""
+        return str(self).partition(":")[0]
+
 
 class Frame(NamedTuple):
     """A message: its kind, and what the common part says; `body` is what lies between that and the check word."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.c37118 import configuration, data, frame
@@ -72,12 +73,11 @@ class Receiver:
     """A client's end: bytes as they come in, configurations and instants out; what is neither is counted."""
 
     def __init__(self) -> None:
-        self.stream, self.layout = bytearray(), None
+        self.stream = bytearray()
+        self.layout: Layout | None = None
         self.parts: list[bytes] = []  # of a configuration 3
         self.changed = True  # a configuration is to be asked for
-        self.lost_bytes, self.refused = 0, dict[str, int]()  # by the field that was wrong
-
-    layout: Layout | None
+        self.lost_bytes, self.refused = 0, Counter[str]()  # by the field that was wrong
 
     def feed(self, received: bytes) -> list[Configuration | Instant | str]:
         """What these bytes complete: a configuration, an instant, or a header's text."""
@@ -93,8 +93,7 @@ class Receiver:
             try:
                 made = self._read(frame.decode(raw))
             except FrameError as error:
-                field = str(error).partition(":")[0]
-                self.refused[field] = self.refused.get(field, 0) + 1
+                self.refused[error.field] += 1
             else:
                 found += [] if made is None else [made]
         return found

@@ -156,6 +156,8 @@ def _word(given: Any) -> str:
     if isinstance(given, list):
         return "+".join(dict.fromkeys(event["kind"] for event in given)) or "steady"
     if isinstance(given, str):
+        if not is_path(given):
+            return given
         parts = [part for part in Path(given).parts if part.strip("./")]
-        return "_".join(parts[-2:]).removesuffix(".yaml").removesuffix(".yml") if is_path(given) else given
+        return "_".join(parts[-2:]).removesuffix(".yaml").removesuffix(".yml")
     return given.get("name") or "custom"

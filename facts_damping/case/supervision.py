@@ -103,12 +103,8 @@ def check_fallbacks(case: Case, source: str, sets: dict[str, str] | None) -> Non
 def local_signals(system: System, devices: list[str]) -> list[str]:
     """Signals of which all stations are at a bus of one of the devices, or measure what flows through it."""
     buses = {bus for name in devices for bus in _buses(system, name)}
-    machines = {machine.name: machine.bus for machine in system.machines}
-    at = {
-        s.name
-        for s in system.stations
-        if (s.bus or machines[s.machine or ""]) in buses or set(s.branches) & set(devices)
-    }
+    where = system.station_buses()
+    at = {s.name for s in system.stations if where[s.name] in buses or set(s.branches) & set(devices)}
     return [name for name, signal in system.signals.items() if set(signal.weights) <= at]
 
 

@@ -167,9 +167,7 @@ def _recordings(add: Add) -> None:
     text = "number of the stream, 1 to 65534; default: 1"
     command.add_argument("--idcode", type=whole(1, 65534), default=1, metavar="N", help=text)
     text = "what is polar, what are floats: polar, float_phasors, float_analogs, float_frequency, or none; default: all"
-    command.add_argument(
-        "--format", default="polar,float_phasors,float_analogs,float_frequency", metavar="NAME,...", help=text
-    )
+    command.add_argument("--format", metavar="NAME,...", help=text)
     text = "time of the recording's begin, s since 1970; default: now"
     command.add_argument("--epoch", type=whole(0, (1 << 32) - 1), metavar="S", help=text)
     common(command, sets=False, out=False)

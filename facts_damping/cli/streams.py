@@ -87,9 +87,9 @@ def _names(server: Server) -> str:
     return f"IDCODE {server.stream.idcode}, {shown}"
 
 
-def _formats(text: str) -> dict[str, bool]:
-    """FORMAT by the names of its bits; none: all integers, rectangular."""
-    names = [name for name in text.split(",") if name and name != "none"]
+def _formats(text: str | None) -> dict[str, bool]:
+    """FORMAT by the names of its bits; not given: all; `none`: all integers, rectangular."""
+    names = FORMATS if text is None else [name for name in text.split(",") if name and name != "none"]
     for name in names:
         check_known("--format", name, [*FORMATS, "none"])
     return {name: name in names for name in FORMATS}

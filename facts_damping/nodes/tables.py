@@ -173,9 +173,8 @@ class FramesMessage(TableMessage):
     def __init__(self, case: Case, seal: Seal | None = None) -> None:
         """Take the names of stations and their buses; `seal`: of the topic, if messages are signed."""
         super().__init__(case, seal)
-        self._stations = [station.name for station in case.system.stations]
-        buses = {m.name: m.bus for m in case.system.machines}
-        self._buses = [s.bus or buses[s.machine or ""] for s in case.system.stations]
+        where = case.system.station_buses()
+        self._stations, self._buses = list(where), list(where.values())
         numbers = [np.zeros(0, f"<{form}") for form in MARKS]
         self._mark = specialised(mark, np.zeros(0, DELIVERY), self._rate, np.zeros((0, 2), np.int64), *numbers)
 

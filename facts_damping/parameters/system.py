@@ -51,6 +51,11 @@ class System(ParameterModel):
         check_references(self)
         return self
 
+    def station_buses(self) -> dict[str, str]:
+        """The bus at which each station measures, by its name."""
+        buses = {m.name: m.bus for m in self.machines}
+        return {s.name: s.bus or buses[s.machine or ""] for s in self.stations}
+
     def device(self, name: str) -> Device:
         """The device of a name."""
         return next(device for device in self.devices if device.name == name)

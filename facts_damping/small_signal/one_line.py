@@ -195,8 +195,7 @@ def _stations(axes: Axes, system: System, at: Places) -> list[Any]:
 
 def _seen_at(system: System, at: Places) -> Places:
     """Where PMUs measure, by their names."""
-    buses = {m.name: m.bus for m in system.machines}
-    return {s.name: at[s.bus or buses[s.machine or ""]] for s in system.stations}
+    return {name: at[bus] for name, bus in system.station_buses().items()}
 
 
 def _loops(axes: Axes, system: System, loops: Sequence[Loop], at: Places) -> list[Any]:

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.c37118 import stations
+from facts_damping.c37118.configuration import TIME_BASE
 from facts_damping.c37118.data import Data
 from facts_damping.c37118.session import Instant
 from facts_damping.c37118.stations import Station
+from facts_damping.measurement.pmu import DATA_ERROR
 from facts_damping.signals import LOST, NANOSECONDS
 
 if TYPE_CHECKING:
@@ -22,16 +24,13 @@ if TYPE_CHECKING:
 
     Timed = tuple[float, Instant]  # s since the first tick, what is sent then
 
-TIME_BASE = 1_000_000  # parts of a second in which frames tell their time
-ABSENT = 0x8000  # STAT: data error, there is no value
 WAIT_S = 0.02  # between two looks whether anybody listens
 
 
 def grid_stations(system: System) -> list[Station]:
     """The system's stations with the bases of what they measure."""
     kilovolts = {bus.name: bus.nominal_voltage for bus in system.buses}
-    buses = {m.name: m.bus for m in system.machines}
-    return [Station(s.name, kilovolts[s.bus or buses[s.machine or ""]], system.base_power) for s in system.stations]
+    return [Station(name, kilovolts[bus], system.base_power) for name, bus in system.station_buses().items()]
 
 
 def instants(record: Record, seen: Sequence[Station], epoch: int) -> Iterator[Timed]:
@@ -46,7 +45,7 @@ def instants(record: Record, seen: Sequence[Station], epoch: int) -> Iterator[Ti
         if not there.any():
             continue
         values = np.where(there[:, None], record.frames[k], np.nan)
-        status = np.where(there, record.status[k], ABSENT)
+        status = np.where(there, record.status[k], DATA_ERROR)
         frame = round(float(np.median(record.measured_ns[k][there])) * record.frame_rate / NANOSECONDS)
         soc, parts = divmod(frame * TIME_BASE // record.frame_rate, TIME_BASE)
         yield (now_ns - first) / NANOSECONDS, Instant(epoch + soc, parts, 0, stations.to_data(seen, values, status))

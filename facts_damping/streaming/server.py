@@ -7,6 +7,7 @@ turned it on. Over UDP spontaneously, data and once a minute configuration 2 go 
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +34,7 @@ class Counts:
     frames: int = 0  # data frames, however many they went to
     clients: int = 0  # connections, and addresses that have commanded by UDP
     dropped: int = 0  # clients that were too slow
-    refused: dict[str, int] = field(default_factory=dict)  # commands that were none, by what was wrong
+    refused: Counter[str] = field(default_factory=Counter)  # commands that were none, by what was wrong
 
 
 class Server:
@@ -105,13 +106,10 @@ class Server:
         try:
             name = session.commanded(self.stream, raw)
         except FrameError as error:
-            self._count(str(error).partition(":")[0])
+            self.counts.refused[error.field] += 1
             return [], None
         turned = {"turn_on": True, "turn_off": False}.get(name)
         return session.answers(self.stream, name, *self.now()), turned
-
-    def _count(self, what: str, times: int = 1) -> None:
-        self.counts.refused[what] = self.counts.refused.get(what, 0) + times
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """One client of TCP, until it goes."""
@@ -122,14 +120,12 @@ class Server:
                 stream += received
                 frames, lost = frame.split(stream)
                 if lost:
-                    self._count("bytes that are no frame", lost)
+                    self.counts.refused["bytes that are no frame"] += lost
                 for raw in frames:
                     answers, turned = self.answer(raw)
                     writer.writelines(answers)
                     if turned is not None and writer in self._clients:
                         self._clients[writer] = turned
-                if len(stream) > frame.MOST:
-                    break  # nothing that could become a frame
         except ConnectionError:
             pass
         finally:

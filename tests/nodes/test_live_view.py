@@ -41,14 +41,6 @@ PROTOCOL = Subprotocol("foxglove.sdk.v1")  # https://github.com/foxglove/ws-prot
 MESSAGE, TIME = 1, 2  # first byte of what the server sends as bytes
 
 
-@pytest.fixture
-def port() -> int:
-    """A port that is free."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
-
-
 class Client:
     """Subscribes to every channel that is advertised and keeps what comes."""
 

@@ -35,12 +35,6 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return graph.run(case, "lockstep", folder, quiet, LOADED_S).recording
 
 
-def free_port() -> int:
-    with socket.socket() as one:
-        one.bind((HERE, 0))
-        return int(one.getsockname()[1])
-
-
 def listen(port: int, idcode: int, until: int) -> tuple[list[Any], list[float]]:
     """Configuration and so many instants, and when each came."""
     end = time.monotonic() + LOADED_S
@@ -67,8 +61,8 @@ def serve(recording: Path, *options: str) -> subprocess.Popen[str]:
     return subprocess.Popen(told, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def test_a_client_gets_what_was_recorded(recording: Path) -> None:
-    record, port = load(recording), free_port()
+def test_a_client_gets_what_was_recorded(recording: Path, port: int) -> None:
+    record = load(recording)
     seen = recorded.grid_stations(load_case("two_area_small", []).system)
     with serve(recording, "--port", str(port), "--json", "-") as server:
         found, times = listen(port, 1, len(record.time_ns))
@@ -88,8 +82,8 @@ def test_a_client_gets_what_was_recorded(recording: Path) -> None:
     assert (row["frames"], row["clients"], row["dropped"], row["refused"]) == (120, 1, 0, {})
 
 
-def test_each_station_alone(recording: Path) -> None:
-    record, port = load(recording), free_port()
+def test_each_station_alone(recording: Path, port: int) -> None:
+    record = load(recording)
     with serve(recording, "--port", str(port), "--each", "--idcode", "40", "--format", "none") as server:
         found, _ = listen(port + 4, 44, 30)
         server.terminate()
