@@ -10,7 +10,10 @@ from setuptools import find_packages, setup
 
 ROOT = Path(__file__).parent
 NAME = "facts_damping"
-NODES = ("plant_sim", "wan_link", "controller", "identifier", "supervisor", "recorder", "live_view")
+NODES = (
+    *("plant_sim", "wan_link", "controller", "identifier", "supervisor", "recorder", "live_view"),
+    *("c37118_server", "c37118_client"),
+)
 
 # Wheels of ROS 2 by distribution: what runs, then what builds msg_defs, of which several are needed by others without
 # being declared there. They install modules of the same names, so an environment holds one distribution.

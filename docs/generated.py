@@ -26,6 +26,7 @@ from facts_damping.parameters.measurement import Measurement
 from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Run, Scenario, Tuned, Weights
 from facts_damping.parameters.security import Keys
+from facts_damping.parameters.streams import Streams
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.supervision import Supervision
 from facts_damping.parameters.system import System
@@ -49,6 +50,7 @@ FILES: dict[str, type[ParameterModel]] = {
     "Tuned parameters": Tuned,
     "Weights": Weights,
     "Keys": Keys,
+    "Streams": Streams,
     "Linear law": LinearLaw,
 }
 TWICE: dict[type[ParameterModel], str] = {measurement.Noise: "Noise of PMUs"}  # models of the same name as another

@@ -6,7 +6,9 @@ from collections import Counter
 from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.c37118 import configuration, data, frame
+from facts_damping.c37118.configuration import TIME_BASE
 from facts_damping.c37118.frame import Frame, FrameError
+from facts_damping.c37118.stat import CHANGE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -14,7 +16,6 @@ if TYPE_CHECKING:
     from facts_damping.c37118.configuration import Configuration
     from facts_damping.c37118.data import Data, Layout
 
-CHANGE = 1 << 10  # bit 10 of STAT: the configuration has changed, or will within a minute
 ANSWERS = {f"send_{kind}": kind for kind in ("configuration_1", "configuration_2", "configuration_3")}
 
 
@@ -28,7 +29,7 @@ class Stream(NamedTuple):
 
 
 class Instant(NamedTuple):
-    """A data frame as it was received: its time, s and parts of TIME_BASE, its quality (table 3), the values."""
+    """A data frame: its time, s and parts of TIME_BASE, its quality (table 3), the values."""
 
     soc: int
     fraction: int
@@ -72,9 +73,12 @@ def answers(one: Stream, name: str, soc: int, fraction: int) -> list[bytes]:
 class Receiver:
     """A client's end: bytes as they come in, configurations and instants out; what is neither is counted."""
 
-    def __init__(self) -> None:
-        self.stream = bytearray()
+    def __init__(self, idcode: int | None = None) -> None:
+        """`idcode`: of the stream; none: whichever comes."""
+        self.stream, self._idcode = bytearray(), idcode
         self.layout: Layout | None = None
+        self._known: Configuration | None = None
+        self._announced = False  # whether a change is about to come
         self.parts: list[bytes] = []  # of a configuration 3
         self.changed = True  # a configuration is to be asked for
         self.lost_bytes, self.refused = 0, Counter[str]()  # by the field that was wrong
@@ -99,6 +103,8 @@ class Receiver:
         return found
 
     def _read(self, one: Frame) -> Configuration | Instant | str | None:
+        if self._idcode not in (None, one.idcode):
+            raise FrameError(f"IDCODE: {one.idcode} given; allowed: {self._idcode} (6.2)")
         if one.kind == "header":
             return one.body.decode(errors="replace")
         if one.kind == "data":
@@ -114,15 +120,22 @@ class Receiver:
         made = configuration.decode(bodies, one.kind)
         if one.kind != "configuration_1":  # that says what could be sent
             self.layout, self.changed = data.layout(made), False
+            self._announced, self._known = self._announced and made == self._known, made
         return made
 
     def _instant(self, one: Frame) -> Instant | None:
-        if self.layout is None:
-            return None  # data that run before the configuration is known
+        """What a data frame says; nothing while the configuration is not known: before it came, or once it changed."""
+        if self.layout is None or self._known is None:
+            return None
         try:
             found = data.decode(self.layout, one.body)
         except FrameError:
             self.changed = True
             raise
-        self.changed = self.changed or bool((found.status & CHANGE).any())
-        return Instant(one.soc, one.fraction, one.quality, found)
+        announced = bool((found.status & CHANGE).any())
+        over, self._announced = self._announced and not announced, announced
+        self.changed = self.changed or announced or over
+        if over:
+            self.layout = None  # from this frame on it is another one
+            return None
+        return Instant(one.soc, one.fraction * TIME_BASE // self._known.time_base, one.quality, found)

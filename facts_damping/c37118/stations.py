@@ -1,4 +1,4 @@
-"""Stations of a grid as PMUs of a stream: per unit to volts, amperes and kilowatts, and back.
+"""Stations of a grid as PMUs of a stream: per unit to volts, amperes and kilowatts (back: mapping.py).
 
 A station sends the positive sequence of voltage (phase to ground) and current, and as analogs its active and reactive
 power and the rotor's speed deviation, which only an ideal PMU knows. What a station does not measure is missing.
@@ -43,6 +43,11 @@ class Station(NamedTuple):
     def amperes(self) -> float:
         """1 p.u. of current, A."""
         return self.base_mva * 1e6 / (math.sqrt(3.0) * self.kilovolts * 1e3)
+
+    def one(self, quantity: str) -> float:
+        """1 p.u. of a quantity (parameters.streams.UNITS): V, A, W or var; of speed 1."""
+        bases = {"voltage": self.volts, "current": self.amperes, "speed": 1.0}
+        return bases.get(quantity, self.base_mva * 1e6)
 
 
 def configuration(
@@ -93,19 +98,6 @@ def to_data(stations: Sequence[Station], values: NDArray[np.float64], status: ND
     phasors = np.stack([first, second], axis=1).reshape(-1, 2)
     none = np.zeros(0, np.int64)
     return Data(status, phasors, values[:, FREQUENCY], values[:, ROCOF], analogs.ravel(), none)
-
-
-def from_data(stations: Sequence[Station], data: Data) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The same back: (stations, CHANNELS), and the status of each."""
-    volts, amperes, power = _bases(stations)
-    phasors, analogs = data.phasors.reshape(-1, 2, 2), data.analogs.reshape(-1, len(ANALOGS))
-    values = np.full((len(stations), len(CHANNELS)), np.nan)
-    values[:, MAGNITUDE], values[:, ANGLE] = phasors[:, 0, 0] / volts, phasors[:, 0, 1]
-    values[:, CURRENT], values[:, CURRENT_ANGLE] = phasors[:, 1, 0] / amperes, phasors[:, 1, 1]
-    values[:, ACTIVE], values[:, REACTIVE] = analogs[:, 0] / power, analogs[:, 1] / power
-    values[:, SPEED] = analogs[:, 2] * PPM
-    values[:, FREQUENCY], values[:, ROCOF] = data.frequency, data.rocof
-    return values, data.status
 
 
 def _bases(stations: Sequence[Station]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

@@ -158,6 +158,8 @@ def _recordings(add: Add) -> None:
     command.add_argument(
         "--each", action="store_true", help="each station as a PMU of its own, at ports from --port on"
     )
+    text = "as the recording's link N has delivered it, time-aligned; default: as PMUs report it"
+    command.add_argument("--behind", type=whole(0, 15), metavar="N", help=text)
     text = "address of this computer at which clients connect; default: 127.0.0.1"
     command.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help=text)
     text = "TCP and UDP port, 1 to 60000, or 0: a free one; default: 4712"

@@ -50,3 +50,13 @@ def recorder() -> None:
 def live_view() -> None:
     """Entry point of `ros2 run facts_damping live_view`."""
     _start("live_view", computes=False)
+
+
+def c37118_server() -> None:
+    """Entry point of `ros2 run facts_damping c37118_server`."""
+    _start("c37118_server")
+
+
+def c37118_client() -> None:
+    """Entry point of `ros2 run facts_damping c37118_client`."""
+    _start("c37118_client")

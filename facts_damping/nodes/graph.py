@@ -41,7 +41,8 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
 
 POLL_S = 0.02
-SOURCES = ("plant_sim", "replay_source")  # what a graph runs on: the plant, or a recording in place of it and the links
+PLANT, STREAMS, REPLAYED = "plant_sim", "c37118_client", "replay_source"
+SOURCES = (PLANT, STREAMS, REPLAYED)  # what a graph runs on; a recording also stands in for the links
 RECORDER = "recorder"  # stopped last: it has to hear all that the others have said
 VIEW = "live_view"  # who only listens
 RUN_FILE = "run.yaml"  # in the folder of a graph: what its nodes read
@@ -230,12 +231,13 @@ def graph(
     timeout: float,
     view_port: int | None = None,
     replayed: Path | str | None = None,
+    streams: str | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> Iterator[dict[str, Process]]:
     """The nodes of a case, started; on leaving, the source is stopped first and the recorder last.
 
     `view_port`: of a live view; `replayed`: a recording that stands in for plant and links; identifiers then hear its
-    setpoints; `environment`: of the nodes.
+    setpoints; `streams`: what stands in for the plant (parameters.streams.read_streams); `environment`: of the nodes.
     """
     run_file = out / RUN_FILE
     unsigned = {} if replayed is None else {"security": None}  # a recording has no keys
@@ -270,10 +272,12 @@ def graph(
                     topic = heard[acting(case, i)].topic
                     remaps = {f"/{topic}": f"/{recorded_topic(topic)}"}
                 begin(str(node), module, {**common, **own}, remaps)
-        if replayed is None:
-            begin("plant_sim", "plant_sim", common)
+        if replayed is not None:
+            begin(REPLAYED, REPLAYED, {**common, "recording": replayed})
+        elif streams is not None:
+            begin(STREAMS, STREAMS, {**common, "streams": streams})
         else:
-            begin("replay_source", "replay_source", {**common, "recording": replayed})
+            begin(PLANT, PLANT, common)
         yield running
     finally:
         _stop(running)
@@ -291,12 +295,14 @@ def run(
     timeout: float = 5.0,
     view_port: int | None = None,
     replayed: Path | str | None = None,
+    streams: str | None = None,
     look: Callable[[int, Mapping[str, Process]], None] | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> Outcome:
     """Run a case as a graph of processes; the recording is `out / "recording"`.
 
-    `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that stands in for plant and links.
+    `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that stands in for plant and links;
+    `streams`: what stands in for the plant, in real time (parameters.streams.read_streams).
     `look`: called again and again while the plant runs, with the newest tick that it has told, and the nodes by name.
     `environment`: of the nodes; None: that of this process.
     In real time a run that is under way goes on without a link, a controller, a supervisor or an identifier that ends.
@@ -313,7 +319,7 @@ def run(
     new_folder(out)
     began = time.monotonic()
     misses, fallen = 0, dict[str, str]()
-    with graph(case, mode, out, timeout, view_port, replayed, environment) as running:
+    with graph(case, mode, out, timeout, view_port, replayed, streams, environment) as running:
         plant = next(running[name] for name in SOURCES if name in running)
         heard, newest = time.monotonic() + 60.0, 0  # patience with the start, above the nodes' own
         while plant.process.exitcode is None:

@@ -51,18 +51,29 @@ class Guard:
     """Subscribes for a node, and lets through what may act."""
 
     def __init__(
-        self, node: Node, case: Case, options: Options, graph: str = "", say: Callable[[bytes], None] | None = None
+        self,
+        node: Node,
+        case: Case,
+        options: Options,
+        graph: str = "",
+        say: Callable[[bytes], None] | None = None,
+        *,
+        peer: bool = True,
+        leads: bool = False,
     ) -> None:
-        """`graph`: what leads from the node to the topics of its graph (node.py); `say`: takes reports, if not all."""
+        """`graph`: what leads from the node to the topics of its graph (node.py); `say`: takes reports, if not all.
+
+        `peer`: the node is one of its graph; else it only listens, and nobody waits for it. `leads`: it begins the run.
+        """
         self.node, self.heard = node, time.monotonic()  # when something was last let through
-        self.voice = Voice(node)
+        self.voice, self._leads = Voice(node), leads
         self.over = False  # whether the plant has said that the run has ended
         self._rate, self._options = case.run.frame_rate, options
         self._last = sys.maxsize if options.free else case.ticks - 1  # tick that the run has at most
         self._graph = graph
         self.who = Publishers(node, options, graph)
         self._own: list[Subscription[Any]] = []  # what was subscribed to here
-        self.refusals = Refusals(node, graph, say)
+        self.refusals = Refusals(node, graph, say, peer=peer)
 
     def subscribe(
         self,
@@ -122,16 +133,17 @@ class Guard:
     def wait_for_peers(self, expected: dict[Publisher[Any], int], serve: Callable[[], None]) -> None:
         """Wait until the graph is there (node.py); whose its topics are is known from then on.
 
-        Who runs free waits for nobody, only until those who are there can have found it.
+        Who runs free waits for nobody, only until those who are there can have found it. So does, in real time, who
+        begins the run: whoever only listens hears it from the first frame on.
         """
-        if self._options.free:
-            until = time.monotonic() + FOUND_S
-            while time.monotonic() < until:
-                rest(serve)
-        else:
+        if not self._options.free:
             heard = [one.topic for one in self.who.topics if not one.common and not one.silent]
             peers = f"{self._graph}{TOPIC}"
             wait_for_peers(self.node, expected, heard, self.node.resolve_topic_name(peers), self._options, serve)
+        if self._options.free or (self._options.paced and self._leads):
+            until = time.monotonic() + FOUND_S
+            while time.monotonic() < until:
+                rest(serve)
         self.who.know()
         if self._options.late:
             self._skip()

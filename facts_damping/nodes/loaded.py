@@ -22,11 +22,21 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes import controller, forked, identifier, plant_sim, recorder, replay_source, supervisor, wan_link
+from facts_damping.nodes import (
+    c37118_client,
+    controller,
+    forked,
+    identifier,
+    plant_sim,
+    recorder,
+    replay_source,
+    supervisor,
+    wan_link,
+)
 from facts_damping.nodes.warmup import PARTS, compile_part
 from facts_damping.recording.schemas import schema_text, type_hash
 
-NODES = (controller, identifier, plant_sim, recorder, replay_source, supervisor, wan_link)
+NODES = (c37118_client, controller, identifier, plant_sim, recorder, replay_source, supervisor, wan_link)
 
 SERVICES = (
     *(DescribeParameters, GetParameters, GetParameterTypes),

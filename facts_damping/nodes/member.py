@@ -53,7 +53,7 @@ class Member:
         self._node, self._options, self._role, self._index, self._hardware = node, options, role, index, hardware
         self._rate, self._name = case.run.frame_rate, node.get_fully_qualified_name()
         stamps.begin(learns=options.paced and role not in (PLANT, RECORDER))
-        self.guard = Guard(node, case, options, graph, say)
+        self.guard = Guard(node, case, options, graph, say, leads=role == PLANT)
         self.joining = Joining(node, options, disarmed=role != SUPERVISOR)  # which begins in shadow by itself
         self._changes: Publisher[Any] = node.create_publisher(RunChange, f"{graph}{CHANGES}", LOGGED)
         self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, SAYING)

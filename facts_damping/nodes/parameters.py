@@ -28,6 +28,7 @@ RUN_FIELDS = ("system", "scenario", "link", "measurement", "frame_rate", "durati
 FIRST_ANSWERS = 1  # tick by which every node has been heard: an identifier's first estimate is waited for in tick 1
 
 MODES = ("free", "lockstep", "realtime")
+STAMPS = ("simulated", "wall")
 OPTIONS: dict[str, tuple[Any, str]] = {
     "mode": (
         "free",
@@ -183,6 +184,15 @@ def read_options(node: Node, joins: bool = True) -> Options:
     if options.join and not options.paced:
         raise InputError("join: true given; allowed: with mode free, realtime")
     return options
+
+
+def read_stamp(node: Node, options: Options) -> str:
+    """Declare and read what messages are stamped by."""
+    stamp: str = declare(node, "stamp", STAMPS[0], descriptor(f"what messages are stamped by: {', '.join(STAMPS)}"))
+    allowed = STAMPS if options.paced else STAMPS[:1]
+    if stamp not in allowed:
+        raise InputError(f"stamp: '{stamp}' given; allowed with mode {options.mode}: {', '.join(allowed)}")
+    return stamp
 
 
 def plain(value: Any) -> Any:

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, VoltageSetpoints
 
 from facts_damping.case.names import link_addresses, served, supervisor_names
-from facts_damping.errors import InputError, RunError
+from facts_damping.errors import RunError
 from facts_damping.nodes import stamps
 from facts_damping.nodes.clock import SimulatedClock
 from facts_damping.nodes.live_parameters import MeasurementParameters
@@ -19,7 +19,7 @@ from facts_damping.nodes.live_plant import LivePlant
 from facts_damping.nodes.member import PLANT, Member
 from facts_damping.nodes.messages import Health, PlantStateMessage, grid_event, run_done, synchronism_lost
 from facts_damping.nodes.node import SAYING, finish, run_node
-from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.parameters import read_case, read_options, read_stamp
 from facts_damping.nodes.run_control import RunControl
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Stopped, check_wanted
@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rclpy.node import Node
 
-    from facts_damping.nodes.parameters import Options
-
-STAMPS = ("simulated", "wall")
 PROGRESS_S = 0.2  # wall time between two lines of progress
 
 
@@ -41,7 +38,7 @@ class PlantSim:
     def __init__(self, node: Node) -> None:
         """Read parameters, build the plant, wire the topics."""
         self.case, self.options = read_case(node), read_options(node, joins=False)
-        self.stamp = _read_stamp(node, self.options)
+        self.stamp = read_stamp(node, self.options)
         self.plant = LivePlant(self.case)
         by = signing(self.case, self.options.start_timeout)
         self.frames, self.truth = FramesMessage(self.case, seal(by, "pmu/frames")), PlantStateMessage(self.case)
@@ -181,15 +178,6 @@ class PlantSim:
         else:
             voice.alarm(text)
         finish([self.to_links, self.to_all, self.to_events, self.control.publisher], self.options.timeout)
-
-
-def _read_stamp(node: Node, options: Options) -> str:
-    """Declare and read what messages are stamped by."""
-    stamp: str = declare(node, "stamp", STAMPS[0], descriptor(f"what messages are stamped by: {', '.join(STAMPS)}"))
-    allowed = STAMPS if options.paced else STAMPS[:1]
-    if stamp not in allowed:
-        raise InputError(f"stamp: '{stamp}' given; allowed with mode {options.mode}: {', '.join(allowed)}")
-    return stamp
 
 
 def main() -> None:

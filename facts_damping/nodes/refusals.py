@@ -26,10 +26,12 @@ UNKNOWN = "_NODE_NAME_UNKNOWN_"  # what the middleware calls a node that it has 
 class Refusals:
     """Counts of a node, and how it tells them."""
 
-    def __init__(self, node: Node, graph: str, say: Callable[[bytes], None] | None) -> None:
-        """`graph`: what leads to the graph's topics; `say`: takes reports, if they are not for all."""
-        publisher = node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", SAYING)  # by it others know it as a peer
-        self._node, self._voice, self._say = node, Voice(node), say or publisher.publish
+    def __init__(self, node: Node, graph: str, say: Callable[[bytes], None] | None, *, peer: bool = True) -> None:
+        """`graph`: what leads to the graph's topics; `say`, `peer`: as in Guard."""
+        self._node, self._voice, self._say = node, Voice(node), say
+        if peer:  # by its publisher others know it as one
+            publisher = node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", SAYING)
+            self._say = say or publisher.publish
         self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
         self._told: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
         self._sources = {OTHERS: "others"}  # of publishers that were refused: what they were told as
@@ -60,6 +62,8 @@ class Refusals:
                 self._voice.line(f"refused {count} {cause} {topic} {source}")
                 self._voice.warn(f"refused {count} messages by {topic} of {source} so far: {cause}")
         self._told = counts
+        if self._say is None:
+            return
         message = RefusedMessages(node=self._node.get_fully_qualified_name())
         set_time(message.header.stamp, at_ns)
         message.refused = [

@@ -10,7 +10,7 @@ import signal
 import time
 from contextlib import ExitStack
 from threading import Event
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import get_default_context
@@ -20,7 +20,7 @@ from facts_damping.nodes.taking import take
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-    from facts_damping.nodes.member import Member
+    from facts_damping.nodes.guard import Guard
 
 REQUESTS_S = 0.05  # wall time between two looks for requests, and for whether the node was told to stop
 HEARD_S = 2.0  # wall time that a node that was stopped waits at most for its last messages to arrive
@@ -54,10 +54,19 @@ def check_wanted() -> None:
         raise Stopped
 
 
+class Guarded(Protocol):
+    """What a node is that lets in only what may act, as Member is."""
+
+    guard: Guard
+
+    def look(self, last: bool = False) -> None:
+        """Now and then: report what there is to be told."""
+
+
 class Spinner:
     """Waits for messages and requests of one node and calls their callbacks."""
 
-    def __init__(self, node: Node, member: Member | None = None) -> None:
+    def __init__(self, node: Node, member: Guarded | None = None) -> None:
         """Take over the node's subscriptions and services; none may be added later. `member`: of a graph, if any."""
         self._member = member
         self._subscriptions = [(s.handle.pointer, s) for s in node.subscriptions]

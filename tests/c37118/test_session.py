@@ -7,7 +7,7 @@ from binascii import crc_hqx
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import data, frame, session
+from facts_damping.c37118 import data, frame, session, stat
 from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, Pmu
 from facts_damping.c37118.data import Data
 from facts_damping.c37118.frame import FrameError
@@ -65,7 +65,7 @@ def test_a_configuration_that_changes_is_asked_for_again() -> None:
     asked = [receiver.changed]
     receiver.take(session.answers(served, "send_configuration_2", 1, 0))
     asked.append(receiver.changed)
-    receiver.take([session.told(served, instant(WIDE, 1, session.CHANGE))])
+    receiver.take([session.told(served, instant(WIDE, 1, stat.CHANGE))])
     assert [*asked, receiver.changed] == [True, False, True]
     narrow = WIDE._replace(pmus=WIDE.pmus[:2])
     after = session.stream(9, narrow)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from facts_damping.c37118 import configuration as frames
-from facts_damping.c37118 import data, stations
+from facts_damping.c37118 import data, mapping, stations
 from facts_damping.c37118.stations import Station
 from facts_damping.signals import CHANNELS
 
@@ -35,10 +35,13 @@ def test_there_and_back(given: tuple[bool, ...], kind: str) -> None:
     formats = dict(zip(frames.FORMATS, given, strict=True))
     c = stations.configuration(GRID, 60, 60, formats)
     told = frames.decode(frames.encode(c, kind), kind)
-    status, values = np.array([0, 0x2000, 0x8000]), measured()
-    sent = data.encode(data.layout(c), stations.to_data(GRID, values, status))
-    found, states = stations.from_data(GRID, data.decode(data.layout(told), sent))
-    np.testing.assert_array_equal(states, status)
+    words, values = np.array([0, 0x2000, 0xC000]), measured()
+    sent = data.encode(data.layout(c), stations.to_data(GRID, values, words))
+    where = mapping.places(told, GRID, {})
+    found, states, absent = mapping.told(where, data.decode(data.layout(told), sent))
+    np.testing.assert_array_equal(where.stations, [0, 1, 2])
+    np.testing.assert_array_equal(states, [0, 0x2000, 0x8000])
+    assert not absent.any()
     assert np.isnan(found[1, stations.SPEED])
     step = np.zeros(len(CHANNELS))
     phasor = 1e-6 if formats["float_phasors"] else 1.0 / 30000

@@ -1,0 +1,121 @@
+"""Which channels of a stream are what at which station; their values in per unit, and the status of each station."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from facts_damping.c37118 import stat, stations
+from facts_damping.errors import InputError
+from facts_damping.parameters.streams import UNITS, Channel, Channels
+from facts_damping.signals import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.c37118.configuration import Configuration, Pmu
+    from facts_damping.c37118.data import Data
+    from facts_damping.c37118.stations import Station
+
+NAMES = dict(zip(UNITS, (*stations.PHASORS, *stations.ANALOGS), strict=True))  # of channels, as our servers have them
+VOLTAGE, CURRENT, ACTIVE, REACTIVE, SPEED = range(len(UNITS))
+
+
+class Places(NamedTuple):
+    """The stations of a grid that a stream has, and where; arrays over these."""
+
+    stations: NDArray[np.int64]  # places among the grid's
+    pmus: NDArray[np.int64]  # places among the stream's PMUs
+    channels: NDArray[np.int64]  # (stations, UNITS): among the stream's phasors, or its analogs; -1: not sent
+    scale: NDArray[np.float64]  # (stations, UNITS): p.u. of one of the stream's; below 0: counted the other way
+
+
+def places(c: Configuration, grid: Sequence[Station], wanted: Mapping[str, Channels]) -> Places:
+    """Where a stream has the stations of a grid, of which `wanted` says how some are named there.
+
+    Raises `InputError` where a PMU does not have a channel that was asked for.
+    """
+    phasors, analogs = _before([len(p.phasors) for p in c.pmus]), _before([len(p.analogs) for p in c.pmus])
+    rows = []
+    for s, station in enumerate(grid):
+        asked = wanted.get(station.name, Channels())
+        p = _pmu(c, station.name if asked.pmu is None else asked.pmu)
+        if p is None:
+            continue
+        where, scale = zip(*(_channel(station, quantity, asked, c.pmus[p]) for quantity in UNITS), strict=True)
+        first = [phasors[p] if i in (VOLTAGE, CURRENT) else analogs[p] for i in range(len(UNITS))]
+        rows.append((s, p, [-1 if at < 0 else at + begin for at, begin in zip(where, first, strict=True)], scale))
+    found = list(zip(*rows, strict=True)) or [[], [], [], []]
+    shape = (len(rows), len(UNITS))
+    return Places(
+        np.array(found[0], np.int64),
+        np.array(found[1], np.int64),
+        np.array(found[2], np.int64).reshape(shape),
+        np.array(found[3], float).reshape(shape),
+    )
+
+
+def _before(counts: Sequence[int]) -> list[int]:
+    return [sum(counts[:i]) for i in range(len(counts))]
+
+
+def _pmu(c: Configuration, named: str | int) -> int | None:
+    """Place of a PMU by its name or IDCODE."""
+    return next((i for i, pmu in enumerate(c.pmus) if named in (pmu.name, pmu.idcode)), None)
+
+
+def _channel(station: Station, quantity: str, asked: Channels, pmu: Pmu) -> tuple[int, float]:
+    """Place of a quantity's channel in a PMU, -1: not sent; p.u. of one of its units."""
+    given: Channel | None = getattr(asked, quantity)
+    channel = given or Channel(channel=NAMES[quantity])
+    phasor = quantity in ("voltage", "current")
+    there = (
+        [p.name for p in pmu.phasors if p.current == (quantity == "current")]
+        if phasor
+        else [a.name for a in pmu.analogs]
+    )
+    if channel.channel not in there:
+        if given is None:
+            return -1, 1.0
+        known = f"station {station.name}: {quantity}: '{channel.channel}' given"
+        raise InputError(f"{known}; allowed: what PMU {pmu.name} sends: {', '.join(there) or 'none'}")
+    names = [p.name for p in pmu.phasors] if phasor else there
+    unit = UNITS[quantity][channel.unit or next(iter(UNITS[quantity]))]
+    return names.index(channel.channel), (-unit if channel.reverse else unit) / station.one(quantity)
+
+
+def told(found: Places, data: Data) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
+    """What a frame says of the stations that it has: values (stations, CHANNELS), status bits, and who is absent.
+
+    Powers that are not sent follow from the phasors: P + jQ = V I*.
+    """
+    phasors, analogs = np.vstack([data.phasors, [np.nan, np.nan]]), np.append(data.analogs, np.nan)
+    volts, amperes = phasors[found.channels[:, VOLTAGE]], phasors[found.channels[:, CURRENT]]
+    values = np.full((len(found.stations), len(CHANNELS)), np.nan)
+    for magnitude, angle, sent, of in (
+        (stations.MAGNITUDE, stations.ANGLE, volts, VOLTAGE),
+        (stations.CURRENT, stations.CURRENT_ANGLE, amperes, CURRENT),
+    ):
+        values[:, magnitude] = sent[:, 0] * np.abs(found.scale[:, of])
+        values[:, angle] = np.where(found.scale[:, of] < 0.0, _opposite(sent[:, 1]), sent[:, 1])
+    power = values[:, stations.MAGNITUDE] * values[:, stations.CURRENT]
+    between = values[:, stations.ANGLE] - values[:, stations.CURRENT_ANGLE]
+    for column, of, own in (
+        (stations.ACTIVE, ACTIVE, power * np.cos(between)),
+        (stations.REACTIVE, REACTIVE, power * np.sin(between)),
+        (stations.SPEED, SPEED, np.nan),
+    ):
+        there = found.channels[:, of]
+        values[:, column] = np.where(there < 0, own, analogs[there] * found.scale[:, of])
+    values[:, stations.FREQUENCY] = data.frequency[found.pmus]
+    values[:, stations.ROCOF] = data.rocof[found.pmus]
+    words = data.status[found.pmus]
+    return values, stat.status(words), stat.absent(words, values)
+
+
+def _opposite(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """An angle and half a turn, within -pi to pi."""
+    return np.where(angle > 0.0, angle - np.pi, angle + np.pi)

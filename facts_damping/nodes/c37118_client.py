@@ -1,0 +1,187 @@
+"""c37118_client: streams of IEEE C37.118.2 in the place of the plant; controllers that hear them act on nothing."""
+
+from __future__ import annotations
+
+import sys
+import time
+from contextlib import suppress
+from functools import partial
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, VoltageSetpoints
+
+from facts_damping.case.names import link_addresses, served, supervisor_names
+from facts_damping.errors import InputError
+from facts_damping.nodes import stamps
+from facts_damping.nodes.beside import Beside
+from facts_damping.nodes.clock import SimulatedClock
+from facts_damping.nodes.member import PLANT, Member
+from facts_damping.nodes.messages import Health, PlantStateMessage, run_done, state_message
+from facts_damping.nodes.node import LATCHED, SAYING, STATE, finish, run_node
+from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options, read_stamp
+from facts_damping.nodes.signing import seal, signing
+from facts_damping.nodes.spinning import Stopped, check_wanted
+from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.parameters.streams import read_streams
+from facts_damping.signals import DEVICE_TRUTH, FLAGS, MACHINE_TRUTH, NANOSECONDS, REFUSED
+from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.streaming.client import Client
+from facts_damping.streaming.sources import Sources
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from rclpy.node import Node
+
+    from facts_damping.streaming.following import Tick
+
+PROGRESS_S = 0.2  # wall time between two lines of progress
+SPIN_S = 0.05  # longest wait for a stream: requests are answered meanwhile
+
+
+class C37118Client:
+    """Streams, as the plant of a run."""
+
+    def __init__(self, node: Node) -> None:
+        """Read parameters, wire the topics."""
+        self.case, self.options = read_case(node), read_options(node, joins=False)
+        if not self.options.paced:
+            raise InputError(f"mode: '{self.options.mode}' given; allowed: free, realtime, as streams wait for nobody")
+        self.stamp = read_stamp(node, self.options)
+        given: str = declare(node, "streams", "", descriptor("YAML file of the streams, or tcp://HOST:PORT/IDCODE"))
+        self.streams = read_streams(given)
+        self.sources = Sources(self.case, self.streams)
+        self.come: SimpleQueue[tuple[int, float, Any]] = SimpleQueue()
+        by = signing(self.case, self.options.start_timeout)
+        self.frames, self.truth = FramesMessage(self.case, seal(by, "pmu/frames")), PlantStateMessage(self.case)
+        self.unknown = (
+            _unknown(len(self.case.system.machines), MACHINE_TRUTH),
+            _unknown(len(self.case.run.devices), DEVICE_TRUTH),
+        )
+        self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", SAYING)
+        self.to_all = node.create_publisher(PlantState, "plant/state", SAYING)
+        self.to_events = node.create_publisher(GridEvent, "plant/events", SAYING)
+        self.clock = SimulatedClock(node)
+        self.member = Member(node, self.case, self.options, PLANT, hardware=", ".join(self.streams.servers))
+        self.to_state = node.create_publisher(RunState, STATE, LATCHED)
+        self.tick, self.misses = -1, 0
+        links = link_addresses(self.case)
+        self.answered = [-1 for _ in links]
+        for i, link in enumerate(links):
+            topic = link.topic("setpoints/delivered")
+            setpoints = SetpointsMessage(self.case, of=served(self.case, i), seal=seal(by, topic))
+            use = partial(self.on_setpoints, i)
+            self.member.guard.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.tick)
+        endless = self.options.free and self.case.run.duration is None
+        self.ticks = sys.maxsize if endless else self.case.ticks
+        self.spinner = self.member.spin()
+
+    def ready(self) -> None:
+        """Wait for the links, supervisors, and the recorder."""
+        extra = int(self.options.recorder)
+        expected = {self.to_links: len(self.answered) + extra, self.to_events: extra, self.to_state: extra}
+        self.member.wait(expected | {self.to_all: len(supervisor_names(self.case)) + extra}, self.spinner)
+
+    def on_setpoints(self, link: int, tick: int, _rows: NDArray[Any]) -> None:
+        """What a link delivers in a tick acts on nothing: it is only known to be there."""
+        self.answered[link] = tick
+
+    def run(self) -> None:
+        """Follow the streams, to the end of the run or until stopped; who follows the run hears which of both."""
+        beside = Beside()
+        for i, server in enumerate(self.sources.servers):
+            client = Client(server, lambda what, i=i: self.come.put((i, time.monotonic(), what)))  # type: ignore[misc]
+            self.sources.clients.append(client)
+            beside.begin(client.run())
+        try:
+            self.follow()
+        except Stopped:
+            self.say(RunState.ENDED, "stopped")
+            raise
+        finally:
+            beside.close()
+            self.member.guard.voice.info(self.health().message)
+
+    def follow(self) -> None:
+        """All ticks, each when it is over."""
+        told = -PROGRESS_S
+        while self.tick + 1 < self.ticks:
+            check_wanted()
+            self.receive()
+            self.spinner.take_all()
+            for tick in self.sources.following.take(time.monotonic()):
+                if self.tick + 1 < self.ticks:
+                    self.publish(tick)
+            if time.monotonic() - told > PROGRESS_S or self.tick + 1 == self.ticks:
+                told = time.monotonic()
+                self.member.guard.voice.line(f"tick {self.tick + 1} {self.ticks} {self.misses}")
+        text = run_done(self.tick, self.case.run.frame_rate)
+        self.say(RunState.ENDED, text)
+        self.member.guard.voice.info(text)
+        finish([self.to_links, self.to_all, self.to_events, self.to_state], self.options.timeout)
+
+    def receive(self) -> None:
+        """Wait for streams, a little, and take all that has come; what there is to be said of it is said."""
+        wait, come = min(SPIN_S, self.sources.following.left_s(time.monotonic())), []
+        with suppress(Empty):
+            come.append(self.come.get(timeout=wait))
+            while True:
+                come.append(self.come.get_nowait())
+        for i, at_s, what in come:
+            text = self.sources.take(i, at_s, what)
+            if text and self.tick < 0 and self.sources.wrong:
+                raise InputError(text)
+            if text:
+                (self.member.guard.voice.warn if self.sources.wrong else self.member.guard.voice.info)(text)
+
+    def publish(self, tick: Tick) -> None:
+        """Publish a tick: what streams have said of it, or nothing."""
+        k = self.tick = tick.number
+        start = tick_ns(k, self.case.run.frame_rate)
+        if k == 0:
+            self.begin()
+        self.member.begin(k)
+        self.misses += any(newest < k - 1 for newest in self.answered)
+        rows = self.sources.rows(tick, start)
+        self.to_links.publish(self.frames.fill(k, start, rows, len(rows)))
+        self.to_all.publish(self.truth.fill(k, start, sound=True, machines=self.unknown[0], devices=self.unknown[1]))
+        self.clock.tell(start)
+        self.member.tell(self.health, last=k + 1 == self.ticks)
+
+    def begin(self) -> None:
+        """The first frame says when tick 0 was."""
+        first = self.sources.following.first or 0
+        stamps.begin(first * NANOSECONDS // self.case.run.frame_rate if self.stamp == "wall" else 0)
+        self.say(RunState.RUNNING, "begins")
+
+    def say(self, state: int, reason: str) -> None:
+        """Tell how the run stands."""
+        at = max(self.tick, 0)
+        self.to_state.publish(state_message(state, at, tick_ns(at, self.case.run.frame_rate), reason))
+
+    def health(self) -> Health:
+        """Which servers are connected, and what has not come."""
+        flaws, values = self.sources.flaws(), {**self.sources.counts(), "deadline_misses": self.misses}
+        level = DiagnosticStatus.WARN if flaws else DiagnosticStatus.OK
+        return Health(level, "; ".join(flaws) or "all streams are there", {"mode": self.options.mode, **values})
+
+
+def _unknown(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The truth, of which streams say nothing."""
+    rows = np.zeros(count, dtype)
+    for name in dtype.names or ():
+        rows[name] = 0.0 if name in (*FLAGS, *REFUSED) else np.nan
+    return rows
+
+
+def main() -> None:
+    """Entry point of `ros2 run facts_damping c37118_client`."""
+    run_node(
+        "c37118_client", C37118Client, "Streams of IEEE C37.118.2 in the place of the plant, for controllers in shadow."
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""c37118_server: serves what the PMUs of a running graph say, as streams of IEEE C37.118.2; it only listens."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from facts_damping_msgs.msg import PmuDataFrame
+
+from facts_damping.case.names import link_addresses
+from facts_damping.errors import InputError
+from facts_damping.nodes import stamps
+from facts_damping.nodes.beside import Beside
+from facts_damping.nodes.guard import Guard
+from facts_damping.nodes.node import run_node
+from facts_damping.nodes.parameters import Options, declare, descriptor, read_case
+from facts_damping.nodes.signing import seal, signing
+from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.tables import FramesMessage
+from facts_damping.signals import NANOSECONDS
+from facts_damping.streaming import serving
+from facts_damping.streaming.concentrator import WAIT_S, Concentrator
+from facts_damping.streaming.recorded import send
+from facts_damping.streaming.serving import Serving
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from rclpy.node import Node
+
+FRAMES = "pmu/frames"
+LISTENS = Options("free", 5.0, 30.0, recorder=False, view=False)  # whatever the graph's mode: nobody waits for it
+TELL_S = 1.0  # wall time between two looks at what has changed
+
+
+class C37118Server:
+    """A run's stations as servers, and what their PMUs say."""
+
+    def __init__(self, node: Node) -> None:
+        """Read parameters, listen to the plant or to a link."""
+        self.case, self.asked, link = read_case(node), read_serving(node), read_link(node)
+        links = link_addresses(self.case)
+        if link >= len(links):
+            raise InputError(f"behind: {link} given; allowed: -1 to {len(links) - 1}")
+        stamps.begin(learns=True)
+        self.wait_s = None if link < 0 else WAIT_S
+        topic = FRAMES if link < 0 else links[link].topic("pmu/delivered")
+        self.guard = Guard(node, self.case, LISTENS, peer=False)
+        frames = FramesMessage(self.case, seal(signing(self.case, LISTENS.start_timeout), topic))
+        self.guard.subscribe(PmuDataFrame, topic, self.on_frames, frames.read, leads=True)
+        self.guard.hear_run(FRAMES)
+        self.concentrator: Concentrator | None = None
+        self.servers = serving.servers(self.case, self.asked, lambda: (int(time.time()), 0))
+        self.beside = Beside()
+        self.spinner = Spinner(node, self)
+
+    def ready(self) -> None:
+        """Open the ports."""
+        try:
+            lines = self.beside.wait(serving.begin(self.servers, self.asked))
+        except BaseException:
+            self.end()
+            raise
+        for line in lines:
+            self.guard.voice.line(line)
+            self.guard.voice.info(line)
+
+    def on_frames(self, tick: int, rows: NDArray[Any]) -> None:
+        """What has been said, or delivered, in a tick; the first one tells when tick 0 was."""
+        if self.concentrator is None:
+            start_ns = tick * NANOSECONDS // self.case.run.frame_rate
+            begun_ns = stamps.epoch_ns() or time.time_ns() - start_ns
+            self.concentrator = Concentrator(self.case, begun_ns // NANOSECONDS, self.wait_s)
+        for instant in self.concentrator.take(tick, rows):
+            self.beside.soon(partial(send, self.servers, instant, each=self.asked.each))
+
+    def look(self, last: bool = False) -> None:
+        """Now and then: report what was refused, and who has come and gone."""
+        self.guard.tell(last)
+
+    def run(self) -> None:
+        """Serve until stopped; say who comes and goes."""
+        told, told_s = serving.counted(self.servers), time.monotonic()
+        try:
+            while True:
+                self.spinner.spin_once(0.1)
+                if time.monotonic() - told_s > TELL_S:
+                    told, told_s = self.tell_changes(told), time.monotonic()
+        finally:
+            for row in serving.counted(self.servers):
+                self.guard.voice.line(serving.told(row))
+                self.guard.voice.info(serving.told(row))
+            self.end()
+
+    def tell_changes(self, before: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Say of which streams clients have come, or were dropped, or what was refused; what is known now."""
+        now = serving.counted(self.servers)
+        for old, new in zip(before, now, strict=True):
+            if {**old, "frames": 0} != {**new, "frames": 0}:
+                self.guard.voice.info(serving.told(new))
+        return now
+
+    def end(self) -> None:
+        """Close all."""
+        for server in self.servers:
+            self.beside.wait(server.end())
+        self.beside.close()
+
+
+def read_serving(node: Node) -> Serving:
+    """Declare and read how stations are served."""
+    host: str = declare(node, "host", "127.0.0.1", descriptor("address of this computer at which clients connect"))
+    port: int = declare(node, "port", 4712, descriptor("TCP and UDP port; 0: a free one", "", 0, 60000))
+    text = "HOST:PORT that data also go to by UDP, perhaps a multicast group; an empty one is none"
+    to = [one for one in declare(node, "to", [""], descriptor(text)) if one]
+    idcode: int = declare(node, "idcode", 1, descriptor("number of the stream, or of the first", "", 1, 65534))
+    text = "what is polar, what are floats: polar, float_phasors, float_analogs, float_frequency, or none; empty: all"
+    formats: str = declare(node, "format", "", descriptor(text))
+    text = "true: each station as a PMU of its own, at ports from port on"
+    each: bool = declare(node, "each", False, descriptor(text))
+    return Serving(host, port, to, idcode, formats or None, each=each)
+
+
+def read_link(node: Node) -> int:
+    """Declare and read behind which link the stream is taken."""
+    text = "as this link of the run has delivered it, time-aligned; -1: as PMUs report it"
+    return int(declare(node, "behind", -1, descriptor(text, "", -1, 15)))
+
+
+def main() -> None:
+    """Entry point of `ros2 run facts_damping c37118_server`."""
+    run_node("c37118_server", C37118Server, "Serves the PMUs of a graph as streams of IEEE C37.118.2; it only listens.")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""What a run's PMUs say, tick by tick, as instants of a stream: as they report it, or as a link has delivered it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.c37118 import stat, stations
+from facts_damping.c37118.configuration import TIME_BASE
+from facts_damping.c37118.session import Instant
+from facts_damping.c37118.stations import Station
+from facts_damping.measurement.pmu import UNSYNCHRONISED
+from facts_damping.signals import NANOSECONDS
+from facts_damping.streaming.alignment import Alignment
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.parameters.measurement import Measurement
+    from facts_damping.streaming.alignment import Aligned
+
+WAIT_S = 1.0  # that an instant behind a link waits at most for the slowest station
+
+
+def grid_stations(case: Case) -> list[Station]:
+    """A run's stations with the bases of what they measure."""
+    kilovolts = {bus.name: bus.nominal_voltage for bus in case.system.buses}
+    return [Station(name, kilovolts[bus], case.system.base_power) for name, bus in case.system.station_buses().items()]
+
+
+class Concentrator:
+    """Instants, each stamped by the time that it describes, in their order; a station without values is absent.
+
+    As reported, a tick is an instant: of stations whose clocks are off, the stamp is the nearest instant of a frame,
+    their error is in their angles. As delivered, an instant waits for the slowest station, `wait_s` at most.
+    """
+
+    def __init__(self, case: Case, epoch_s: int, wait_s: float | None = None) -> None:
+        """`epoch_s`: the time of tick 0, s since 1970; `wait_s`: none: as reported."""
+        self.grid, self._rate, self._epoch_s = grid_stations(case), case.run.frame_rate, epoch_s
+        self._wait = None if wait_s is None else round(wait_s * self._rate)
+        self.alignment = Alignment(len(self.grid))
+        self._lost_ns, self._drift = _clocks(case.measurement, self.grid)
+
+    def take(self, tick: int, rows: NDArray[Any]) -> list[Instant]:
+        """What the entries (DELIVERY) of a tick complete."""
+        numbers = np.rint(rows["measured_ns"] * (self._rate / NANOSECONDS)).astype(np.int64)
+        if self._wait is None:
+            numbers[:] = round(float(np.median(numbers))) if len(numbers) else 0
+        for number in np.unique(numbers).tolist():
+            own = rows[numbers == number]
+            self.alignment.put(number, own["station"], own["values"], own["status"])
+        over = (int(numbers[0]) if len(numbers) else None) if self._wait is None else tick - self._wait
+        return [self._instant(one) for one in self.alignment.take(over)]
+
+    def _instant(self, one: Aligned) -> Instant:
+        """As a stream says it."""
+        parts = one.instant * TIME_BASE // self._rate
+        unsynchronised = one.there & ((one.status & UNSYNCHRONISED) > 0)
+        for_s = np.where(unsynchronised, parts / TIME_BASE - self._lost_ns / NANOSECONDS, 0.0).clip(0.0)
+        error_s = self._drift * for_s
+        words = stat.word(one.status, one.there, error_s, for_s)
+        data, quality = stations.to_data(self.grid, one.values, words), stat.message_quality(error_s[unsynchronised])
+        return Instant(self._epoch_s + parts // TIME_BASE, parts % TIME_BASE, quality, data)
+
+
+def _clocks(measurement: Measurement, grid: Sequence[Station]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """When each station's clock loses the time, ns, and how fast it goes wrong from then on, s/s."""
+    own = [measurement.stations.get(one.name) for one in grid]
+    clocks = [measurement.clock if one is None or one.clock is None else one.clock for one in own]
+    lost = [NANOSECONDS * (0.0 if clock.lost is None else clock.lost) for clock in clocks]
+    return np.array(lost), np.array([abs(clock.drift) for clock in clocks])

@@ -1,0 +1,95 @@
+"""The servers of a run's stations: one of all, as of a concentrator, or one of each, as of PMUs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping.c37118 import session, stations
+from facts_damping.c37118.configuration import FORMATS, Site
+from facts_damping.errors import InputError, check_known
+from facts_damping.parameters.streams import MOST_ID
+from facts_damping.streaming.concentrator import grid_stations
+from facts_damping.streaming.server import Server
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from facts_damping.case.model import Case
+    from facts_damping.streaming.server import Address
+
+SHOWN = 8  # names of stations
+
+
+class Serving(NamedTuple):
+    """How a run's stations are served."""
+
+    host: str  # address of this computer
+    port: int  # the first server's, TCP and UDP; 0: free ones
+    to: Sequence[str]  # HOST:PORT that data also go to by UDP
+    idcode: int  # of the first stream
+    format: str | None  # names of FORMATS, with commas between; none: all
+    each: bool  # a server a station
+
+
+def servers(case: Case, asked: Serving, now: Callable[[], tuple[int, int]]) -> list[Server]:
+    """The servers, not yet begun; `now`: the time of their answers. Raises `InputError`."""
+    grid, rate, measured = grid_stations(case), case.run.frame_rate, case.measurement
+    if asked.idcode + len(grid) > MOST_ID:
+        given = f"idcode: {asked.idcode} given with {len(grid)} stations"
+        raise InputError(f"{given}; allowed: 1 to {MOST_ID - len(grid)}")
+    formats, ranges = _formats(asked.format), (measured.voltage_range, measured.current_range)
+    late = round(1e6 * case.filter.delay / rate)
+    site = Site(service_class="P" if measured.filter == "p_class" else "M", group_delay_us=late)
+    made = []
+    for i, group in enumerate([[station] for station in grid] if asked.each else [grid]):
+        own = asked.idcode + i
+        pmu = own if asked.each else own + 1
+        one = stations.configuration(group, rate, round(case.system.frequency), formats, site, ranges, pmu)
+        text = f"{case.system.name}: {', '.join(station.name for station in group)}"
+        made.append(Server(session.stream(own, one, text), now))
+    return made
+
+
+def _formats(text: str | None) -> dict[str, bool]:
+    """FORMAT by the names of its bits; not given: all; `none`: all integers, rectangular."""
+    names = FORMATS if text is None else [name for name in text.split(",") if name and name != "none"]
+    for name in names:
+        check_known("format", name, [*FORMATS, "none"])
+    return {name: name in names for name in FORMATS}
+
+
+async def begin(made: Sequence[Server], asked: Serving) -> list[str]:
+    """Open the servers' ports; what is served where, a line a stream. Raises `InputError`, `RunError`."""
+    targets, lines = [_address(text) for text in asked.to], []
+    for i, server in enumerate(made):
+        at = (asked.host, asked.port + i if asked.port else 0)
+        await server.begin(at, at, targets)
+        lines.append(f"serving {_names(server)}: {asked.host}, TCP {server.ports[0]}, UDP {server.ports[1]}")
+    return lines
+
+
+def _address(text: str) -> Address:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise InputError(f"to: '{text}' given; allowed: HOST:PORT")
+    return host, int(port)
+
+
+def _names(server: Server) -> str:
+    """Stream and stations, for people."""
+    names = [pmu.name for pmu in server.stream.configuration.pmus]
+    shown = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+    return f"IDCODE {server.stream.idcode}, {shown}"
+
+
+def counted(made: Sequence[Server]) -> list[dict[str, Any]]:
+    """What was sent, to whom, and what was refused, a row a stream."""
+    rows = [{"idcode": one.stream.idcode, **vars(one.counts)} for one in made]
+    return [{**row, "refused": dict(row["refused"])} for row in rows]
+
+
+def told(row: dict[str, Any]) -> str:
+    """Such a row, for people."""
+    refused = ", ".join(f"{what} {times}" for what, times in row["refused"].items()) or "nothing"
+    sent = f"{row['frames']} frames, {row['clients']} clients, {row['dropped']} dropped"
+    return f"IDCODE {row['idcode']}: {sent}; refused: {refused}"

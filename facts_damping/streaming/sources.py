@@ -1,0 +1,127 @@
+"""The streams of a run: what their configurations say, which stations they have, and their instants as ticks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.c37118 import mapping
+from facts_damping.c37118.configuration import TIME_BASE, Configuration
+from facts_damping.c37118.session import Instant
+from facts_damping.errors import InputError
+from facts_damping.parameters.streams import server
+from facts_damping.signals import DELIVERY, LOST
+from facts_damping.simulation.measured_plant import entries, tick_ns
+from facts_damping.streaming.concentrator import grid_stations
+from facts_damping.streaming.following import Following, latency
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.c37118.mapping import Places
+    from facts_damping.case.model import Case
+    from facts_damping.parameters.streams import Streams
+    from facts_damping.streaming.client import Client, Lost
+    from facts_damping.streaming.following import Tick
+
+SHOWN = 8  # names of stations
+
+
+class Sources:
+    """All servers of a run, and what is known of them."""
+
+    def __init__(self, case: Case, streams: Streams) -> None:
+        self.servers = [server(text) for text in streams.servers]
+        self.clients: list[Client] = []
+        self.grid, self._case, self._streams = grid_stations(case), case, streams
+        self.following = Following(len(self.grid), case.run.frame_rate, streams.wait)
+        self._known: list[Configuration | None] = [None] * len(self.servers)
+        self._places: list[Places | None] = [None] * len(self.servers)
+        self._down: dict[int, str] = {}  # why a server is not there, by its place
+        self._seen = np.zeros(len(self.grid), bool)  # who has spoken in the newest tick
+        self.wrong = False  # what was said last is something wrong
+
+    def take(self, i: int, at_s: float, what: Configuration | Instant | Lost) -> str:
+        """What server i says, at a time of this computer's clock; what there is to be told of it."""
+        self.wrong = False
+        if isinstance(what, Instant):
+            self._instant(i, at_s, what)
+            return ""
+        if isinstance(what, Configuration):
+            return self._configuration(i, what)
+        known = self._down.get(i)
+        self._down[i] = str(what)
+        return "" if known == str(what) else f"{self.servers[i]}: {what}"
+
+    def _instant(self, i: int, at_s: float, what: Instant) -> None:
+        found = self._places[i]
+        if found is None:
+            return
+        values, status, absent = mapping.told(found, what.data)
+        rate = self._case.run.frame_rate
+        number = what.soc * rate + round(what.fraction * rate / TIME_BASE)
+        self.following.put(number, found.stations, values, status, absent, at_s)
+
+    def _configuration(self, i: int, what: Configuration) -> str:
+        """Take a configuration where it fits; else the server's stations are absent until one does."""
+        self._down.pop(i, None)
+        if what == self._known[i]:
+            return ""
+        self._known[i] = what
+        try:
+            self._check(what)
+            self._places[i] = mapping.places(what, self.grid, self._streams.stations)
+        except InputError as error:
+            self._places[i], self.wrong = None, True
+            text = f"{self.servers[i]}: {error}"
+        else:
+            names = self._names([self.grid[s].name for s in self._places[i].stations.tolist()])  # type: ignore[union-attr]
+            text = f"{self.servers[i]}: {len(what.pmus)} PMUs, {what.rate} frames/s; stations: {names or 'none'}"
+        if self.following.first is None:
+            self.following.ahead = latency([c for c in self._known if c is not None], self._case.run.frame_rate)
+        have = [found.stations for found in self._places if found is not None]
+        self.following.alignment.awaited[:] = np.isin(np.arange(len(self.grid)), np.concatenate([*have, []]))
+        return text
+
+    def _check(self, c: Configuration) -> None:
+        """Refuse a stream that cannot be of this run's grid."""
+        rate, nominal = self._case.run.frame_rate, round(self._case.system.frequency)
+        if c.rate != rate:
+            raise InputError(f"DATA_RATE: {c.rate} frames/s given; allowed: {rate}, the run's frame_rate")
+        other = next((pmu for pmu in c.pmus if pmu.nominal_hz != nominal), None)
+        if other is not None:
+            raise InputError(f"FNOM: {other.nominal_hz} Hz given by {other.name}; allowed: {nominal} Hz, the system's")
+
+    def rows(self, tick: Tick, start_ns: int) -> NDArray[Any]:
+        """Entries of a tick (DELIVERY): of the stations that have spoken."""
+        self._seen = np.zeros(len(self.grid), bool) if tick.said is None else tick.said.there
+        if tick.said is None:
+            return np.zeros(0, DELIVERY)
+        measured = tick_ns(tick.number - self.following.ahead, self._case.run.frame_rate)
+        return entries(start_ns, tick.said.values, np.where(tick.said.there, measured, LOST), tick.said.status)
+
+    def _names(self, names: list[str]) -> str:
+        return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+
+    def flaws(self) -> list[str]:
+        """Which servers, and which stations, are not there."""
+        awaited = self.following.alignment.awaited
+        lacking = [self.grid[s].name for s in np.flatnonzero(awaited & ~self._seen)]
+        unknown = [self.grid[s].name for s in np.flatnonzero(~awaited)]
+        return [
+            *(f"{self.servers[i]}: {why}" for i, why in self._down.items()),
+            *([f"absent: {self._names(lacking)}"] if lacking else []),
+            *([f"in no stream: {self._names(unknown)}"] if unknown else []),
+        ]
+
+    def counts(self) -> dict[str, int]:
+        """What has come, and what has not."""
+        receivers = [client.receiver for client in self.clients]
+        return {
+            "connections": sum(client.connections for client in self.clients),
+            "late_entries": self.following.alignment.late,
+            "moved_stamps": self.following.moved,
+            "refused_frames": sum(sum(one.refused.values()) for one in receivers),
+            "lost_bytes": sum(one.lost_bytes for one in receivers),
+        }
