@@ -173,6 +173,21 @@ def _recordings(add: Add) -> None:
     text = "time of the recording's begin, s since 1970; default: now"
     command.add_argument("--epoch", type=whole(0, (1 << 32) - 1), metavar="S", help=text)
     common(command, sets=False, out=False)
+    command = add(
+        "pmu-listen",
+        "streams.pmu_listen",
+        "Show what servers of IEEE C37.118.2 send; or run controllers on their streams, in shadow, and record it.",
+        "pmu-listen tcp://127.0.0.1:4712/1",
+        "pmu-listen tcp://127.0.0.1:4712/1 --run two_area_large --out results/shadow",
+    )
+    command.add_argument("streams", metavar="STREAMS", help="tcp://HOST:PORT/IDCODE, or a YAML file of streams")
+    text = "the run whose controllers, links and supervisors hear the streams; none: show what is sent"
+    command.add_argument("--run", metavar="RUN", help=text)
+    text = "how long to listen without --run; default: 3 s"
+    command.add_argument("--seconds", type=between(0.1, 3600.0, " s"), default=3.0, metavar="S", help=text)
+    timeout(command)
+    supervised(command)
+    common(command)
 
 
 def _systems(add: Add) -> None:

@@ -5,19 +5,26 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from facts_damping.case.names import link_addresses
-from facts_damping.cli.runs import say
-from facts_damping.errors import InputError
+import numpy as np
+
+from facts_damping.case import loading
+from facts_damping.case.names import controller_names, label, link_addresses
+from facts_damping.cli.runs import out_folder, say
+from facts_damping.errors import InputError, RunError
+from facts_damping.parameters.streams import read_streams, server
 from facts_damping.simulation.replay import case_of
-from facts_damping.streaming import recorded, serving
+from facts_damping.streaming import heard, recorded, serving
 from facts_damping.streaming.concentrator import WAIT_S, Concentrator
 from facts_damping.streaming.serving import Serving
-from facts_damping.terminal import write_json
+from facts_damping.terminal import Progress, table, write_json
 
 if TYPE_CHECKING:
     import argparse
+
+    from facts_damping.case.model import Case
+    from facts_damping.signals import Record
 
 
 def pmu_serve(arguments: argparse.Namespace) -> None:
@@ -53,3 +60,71 @@ def pmu_serve(arguments: argparse.Namespace) -> None:
         say(arguments, serving.told(row))
     if concentrator.alignment.late:
         say(arguments, f"later than {WAIT_S:g} s: {concentrator.alignment.late} of the link's entries, left out")
+
+
+def pmu_listen(arguments: argparse.Namespace) -> None:
+    """What servers send; with a run, its controllers on their streams, in shadow."""
+    streams = read_streams(arguments.streams)
+    if arguments.run is not None:
+        _in_shadow(arguments)
+        return
+    given = [name for name in ("set", "out", "supervised") if getattr(arguments, name)]
+    if given:
+        raise InputError(f"--{given[0]}: given without --run; allowed: with --run RUN")
+    found = asyncio.run(heard.listen([server(text) for text in streams.servers], arguments.seconds))
+    write_json(arguments.json, {"servers": [one.result() for one in found]})
+    for one in found:
+        say(arguments, str(one))
+        if one.configuration is not None:
+            for line in table(heard.TITLES, one.rows(), 4):
+                say(arguments, line)
+    silent = [one for one in found if one.configuration is None]
+    if silent:
+        raise RunError(f"{silent[0].server}: no configuration within {arguments.seconds:g} s; is the IDCODE right?")
+
+
+def _in_shadow(arguments: argparse.Namespace) -> None:
+    """The nodes of a run but for its plant, for which streams stand; they are recorded."""
+    from facts_damping.nodes import graph
+    from facts_damping.recording.reader import load
+
+    case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
+    if case.supervision is not None:  # its supervisors stay in shadow
+        case = loading.load_case(arguments.run, [*arguments.set, "arm_at=null"], arguments.supervised)
+    name = label(case.summary())
+    folder, progress = out_folder(arguments, f"shadow-{name}"), Progress(name)
+    try:
+        outcome = graph.run(case, "realtime", folder, progress, arguments.timeout, streams=arguments.streams)
+    finally:
+        progress.close()
+    record = load(outcome.recording)
+    result: dict[str, Any] = {"ticks": len(record.ticks), **_received(case, record)}
+    result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
+    result |= {"nodes_ended": outcome.fallen, "recording": str(outcome.recording)}
+    write_json(str(folder / "result.json"), result)
+    write_json(arguments.json, result)
+    for note in record.notes:
+        sys.stderr.write(f"{outcome.recording}: {note}\n")
+    rows = [(one, str(row["frames"]), str(row["absent"])) for one, row in result["stations"].items()]
+    for line in table(("station", "frames", "absent"), rows):
+        say(arguments, line)
+    for one, row in result["controllers"].items():
+        say(arguments, f"{one}: {row['setpoints']} setpoints, the largest {row['largest']:.4g} p.u.")
+    say(arguments, f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}")
+    say(arguments, f"recording: {outcome.recording}")
+
+
+def _received(case: Case, record: Record) -> dict[str, Any]:
+    """How many frames each station sent, and what each controller would have done."""
+    from facts_damping.signals import LOST
+
+    there = record.measured_ns != LOST
+    stations = {
+        name: {"frames": int(there[:, s].sum()), "absent": int((~there[:, s]).sum())}
+        for s, name in enumerate(record.stations)
+    }
+    controllers = {}
+    for c, name in enumerate(controller_names(case)):
+        own = record.issued[record.issued["controller"] == c]["value"]
+        controllers[name] = {"setpoints": len(own), "largest": float(np.abs(own).max()) if len(own) else 0.0}
+    return {"stations": stations, "controllers": controllers}

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState, VoltageSetpoints
 
 from facts_damping.case.names import link_addresses, served, supervisor_names
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import stamps
 from facts_damping.nodes.beside import Beside
 from facts_damping.nodes.clock import SimulatedClock
@@ -106,10 +106,16 @@ class C37118Client:
 
     def follow(self) -> None:
         """All ticks, each when it is over."""
-        told = -PROGRESS_S
+        told, began = -PROGRESS_S, time.monotonic()
         while self.tick + 1 < self.ticks:
             check_wanted()
             self.receive()
+            if (
+                not self.options.free
+                and self.sources.unknown()
+                and time.monotonic() - began > self.options.start_timeout
+            ):
+                raise RunError(f"no server has told its configuration: {'; '.join(self.sources.flaws())}")
             self.spinner.take_all()
             for tick in self.sources.following.take(time.monotonic()):
                 if self.tick + 1 < self.ticks:

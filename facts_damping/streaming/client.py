@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from facts_damping.parameters.streams import Server
 
 CONNECT_S = 5.0  # longest wait for a connection
-ANSWER_S = 1.0  # wait for a configuration before it is asked for again: 3, then 2, by turns
+ANSWER_S = 1.0  # wait for a configuration before it is asked for again
 SILENT_S = 5.0  # silence after which a server is asked whether it is there; as long again, and it is taken for lost
 AGAIN_S = 1.0  # between two attempts
 CHUNK = 1 << 16
-ASKED = ("send_configuration_3", "send_configuration_2")  # not every server knows 3
+ASKED = ("send_configuration_3", "send_configuration_2")  # by turns, as not every server knows 3
 
 
 class Lost(str):
@@ -57,7 +57,8 @@ class Client:
         """`tell` is called in the event loop that `run` is awaited in."""
         self.server, self._tell = server, tell
         self.receiver, self.connections = Receiver(server.idcode), 0
-        self._asked, self._asked_s, self._heard_s = 0, -ANSWER_S, 0.0
+        self._kind, self._answered = 0, True  # which of ASKED the server answers, and whether it has
+        self._asked_s = self._heard_s = -ANSWER_S
 
     async def run(self) -> None:
         """Until it is cancelled."""
@@ -97,17 +98,19 @@ class Client:
             whole = self.server.kind == "udp"
             for one in receiver.take([received]) if whole else receiver.feed(received):
                 if isinstance(one, Configuration):
+                    self._answered = True
                     self._command(wire, "turn_on")
                 if not isinstance(one, str):
                     self._tell(one)
 
     def _ask(self, wire: _Wire, now: float) -> None:
-        """Ask for the configuration, once in a while."""
+        """Ask for the configuration, once in a while; for the other kind, where that is not answered."""
         if now - self._asked_s < ANSWER_S:
             return
-        self._asked_s = now
-        self._command(wire, ASKED[self._asked % len(ASKED)])
-        self._asked += 1
+        if not self._answered:
+            self._kind = (self._kind + 1) % len(ASKED)
+        self._asked_s, self._answered = now, False
+        self._command(wire, ASKED[self._kind])
 
     def _command(self, wire: _Wire, name: str) -> None:
         if not self.server.spontaneous:

@@ -104,6 +104,10 @@ class Sources:
     def _names(self, names: list[str]) -> str:
         return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
 
+    def unknown(self) -> bool:
+        """Whether nothing is known of any server yet."""
+        return not any(self._known)
+
     def flaws(self) -> list[str]:
         """Which servers, and which stations, are not there."""
         awaited = self.following.alignment.awaited

@@ -1,0 +1,116 @@
+"""What servers send, for people: their configurations, and the newest values."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.c37118.configuration import FORMATS, Configuration
+from facts_damping.c37118.session import Instant
+from facts_damping.streaming.client import Client
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from facts_damping.c37118.configuration import Pmu
+    from facts_damping.parameters.streams import Server
+
+TITLES = ("PMU", "IDCODE", "format", "channel", "value")
+
+
+@dataclass
+class Heard:
+    """What one server has sent."""
+
+    server: Server
+    configuration: Configuration | None = None
+    newest: Instant | None = None
+    frames: int = 0
+    lost: str = ""  # why there is no connection
+
+    def take(self, what: Any) -> None:
+        """Keep what has come."""
+        if isinstance(what, Configuration):
+            self.configuration, self.newest, self.lost = what, None, ""
+        elif isinstance(what, Instant):
+            self.newest, self.frames = what, self.frames + 1
+        else:
+            self.lost = str(what)
+
+    def __str__(self) -> str:
+        """In a line."""
+        c = self.configuration
+        if c is None:
+            return f"{self.server}: no configuration{self.lost and ': '}{self.lost}"
+        rate = f"{c.rate} frames/s" if c.rate > 0 else f"a frame in {-c.rate} s"
+        return f"{self.server}: {len(c.pmus)} PMUs, {rate}; {self.frames} frames have come"
+
+    def values(self) -> Iterator[tuple[Pmu, list[tuple[str, float | None, str]]]]:
+        """PMUs, and of each its channels: name, newest value, unit."""
+        if self.configuration is None:
+            return
+        data = None if self.newest is None else self.newest.data
+        phasors, analogs = 0, 0
+        for i, pmu in enumerate(self.configuration.pmus):
+            rows: list[tuple[str, float | None, str]] = []
+            for name, field, unit in (("STAT", "status", ""), ("FREQ", "frequency", "Hz"), ("DFREQ", "rocof", "Hz/s")):
+                rows.append((name, None if data is None else float(getattr(data, field)[i]), unit))
+            for j, phasor in enumerate(pmu.phasors, phasors):
+                magnitude, angle = (None, None) if data is None else map(float, data.phasors[j])
+                rows.append((phasor.name, magnitude, "A" if phasor.current else "V"))
+                rows.append((f"{phasor.name} angle", angle, "rad"))
+            for j, analog in enumerate(pmu.analogs, analogs):
+                rows.append((analog.name, None if data is None else float(data.analogs[j]), ""))
+            phasors, analogs = phasors + len(pmu.phasors), analogs + len(pmu.analogs)
+            yield pmu, rows
+
+    def rows(self) -> Iterator[tuple[str, ...]]:
+        """For a table: a row a channel, the PMU named in its first."""
+        for pmu, channels in self.values():
+            told = (pmu.name, str(pmu.idcode), _format(pmu))
+            for name, value, unit in channels:
+                text = (
+                    "-" if value is None else f"{int(value):#06x}" if name == "STAT" else f"{value:.6g} {unit}".strip()
+                )
+                yield (*told, name, text)
+                told = ("", "", "")
+
+    def result(self) -> dict[str, Any]:
+        """For JSON."""
+        pmus = [
+            {
+                "name": pmu.name,
+                "idcode": pmu.idcode,
+                "nominal_hz": pmu.nominal_hz,
+                "format": [name for name in FORMATS if getattr(pmu, name)],
+                "channels": {name: value for name, value, _ in channels},
+            }
+            for pmu, channels in self.values()
+        ]
+        rate = None if self.configuration is None else self.configuration.rate
+        return {
+            "server": str(self.server),
+            "rate": rate,
+            "frames": self.frames,
+            "lost": self.lost or None,
+            "pmus": pmus,
+        }
+
+
+def _format(pmu: Pmu) -> str:
+    """FORMAT, for people: polar or rectangular, and what is floats."""
+    floats = [name.removeprefix("float_") for name in FORMATS if name.startswith("float_") and getattr(pmu, name)]
+    return f"{'polar' if pmu.polar else 'rectangular'}, floats: {', '.join(floats) or 'none'}"
+
+
+async def listen(servers: Sequence[Server], seconds: float) -> list[Heard]:
+    """What servers send in some time, or less, if that is none."""
+    found = [Heard(one) for one in servers]
+    tasks = [asyncio.ensure_future(Client(one.server, partial(Heard.take, one)).run()) for one in found]
+    await asyncio.sleep(seconds)
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    return found
