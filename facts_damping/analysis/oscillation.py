@@ -19,17 +19,25 @@ RESOLUTION = 1e-9  # p.u.: smaller oscillations are rounding
 
 
 def is_stable(record: Record) -> bool | None:
-    """True: in synchronism to the end; false: lost it; none: not known, for the recording ends too early.
+    """True: in synchronism to the end; false: lost it; none: not known (`unknown` says why).
 
     The end is `configuration["duration"]` (s) less a frame at `configuration["frame_rate"]` (frames/s), give
     or take half a frame.
     """
     if not record.in_synchronism.all():
         return False
+    return True if unknown(record) is None else None
+
+
+def unknown(record: Record) -> str | None:
+    """Why it is not known whether a run stayed in synchronism; none: it is known."""
+    if record.machines.size and np.isnan(record.machines["speed_deviation"]).all():
+        return "there is no truth about the machines, as streams tell none"
     duration, rate = (record.configuration.get(key) for key in ("duration", "frame_rate"))
     if duration is None or rate is None:
-        return True
-    return True if len(record.time_ns) and record.time_s[-1] >= duration - 1.5 / rate - 1e-9 else None
+        return None
+    whole = len(record.time_ns) and record.time_s[-1] >= duration - 1.5 / rate - 1e-9
+    return None if whole else "the recording ends too early"
 
 
 def instability(record: Record) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency, left_out
 from facts_damping.analysis.limits import warnings
 from facts_damping.analysis.measures import columns, event_times, speed_differences
-from facts_damping.analysis.oscillation import instability, is_stable, settling_time
+from facts_damping.analysis.oscillation import instability, is_stable, settling_time, unknown
 from facts_damping.analysis.ringdown import METHOD, fit_ringdown
 from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED, judge
 
@@ -57,7 +58,7 @@ def summarise(
     `differences`: name -> (ticks,), p.u., the speed differences to judge; by default those that the
     configuration names. `method`: how their modes are found, of `analysis.poles.METHODS` or `ambient.METHOD`; AUTO:
     from the noise of a run that has loads with noise and no event, else from the ringdown; None: not at all.
-    Of a run that is not stable (or whose recording ends too early to know: `stable` None) indices and
+    Of a run that is not stable (or of which that is not known: `stable` None) indices and
     settling time are None, and there are no modes. `indices` count from t = 0, `indices_since_event` from the
     first event; `smoothness` is (5.34) over dt^2, `smoothness_per_frame` without. Raises InputError if the speed
     differences do not fit the record, or for an unknown method.
@@ -133,7 +134,7 @@ def _oscillation(
     if not stable:
         return {
             "verdict": LOST if stable is False else UNDECIDED,
-            "verdict_because": instability(record) or "the recording ends too early",
+            "verdict_because": instability(record) or unknown(record),
             "damped": False,
             "growth_per_s": None,
             "limit_cycle": None,
@@ -216,4 +217,6 @@ def value_text(value: Any, form: str) -> str:
     """A figure of the table."""
     if isinstance(value, dict):
         return f"{value['value']:{form}} ({value['low']:{form}} to {value['high']:{form}}) {value['signal']}"
-    return WORDS[value] if value is None or isinstance(value, bool) else format(value, form)
+    if value is None or isinstance(value, bool):
+        return WORDS[value]
+    return WORDS[None] if isinstance(value, float) and math.isnan(value) else format(value, form)

@@ -81,7 +81,7 @@ def _remarks(run: ReportedRun) -> list[str]:
         end = float(run.record.time_s[-1])
         found.append(f"{run.name} is not stable: {run.summary['instability']} at {end:.2f} s. It has no indices.")
     if run.summary["stable"] is None:
-        found.append(f"{run.name} ends too early to know whether it is stable: it has no indices.")
+        found.append(f"Whether {run.name} is stable is not known: {run.summary['verdict_because']}. It has no indices.")
     return found
 
 

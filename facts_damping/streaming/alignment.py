@@ -25,7 +25,10 @@ class Aligned(NamedTuple):
 
 
 class Alignment:
-    """Instants in their order: each when all stations that are `awaited` were heard, or when its time is over."""
+    """Instants in their order: each when all stations that are `awaited` were heard, or when its time is over.
+
+    Where one is missing, those after it wait until its time is over: it may have been overtaken.
+    """
 
     def __init__(self, stations: int) -> None:
         """All of so many stations are awaited at first."""
@@ -58,7 +61,9 @@ class Alignment:
         """The instants that are due; `over`: the newest one that waits no longer."""
         for instant in sorted(self._open):
             one = self._open[instant]
-            if not (one.heard[self.awaited].all() or (over is not None and instant <= over)):
+            follows = self._given is None or instant == self._given + 1
+            whole = follows and one.heard[self.awaited].all()
+            if not whole and (over is None or instant > over):
                 break
             self._given = instant
             yield self._open.pop(instant)

@@ -215,7 +215,7 @@ def test_what_a_recording_lacks_is_said(swing_record: Callable[..., Record]) -> 
     cut.configuration["duration"] = 20
     found = said(("cut", cut))
     assert found.remarks[0] == "cut: the end is missing: the record ends with tick 599."
-    assert "too early to know" in found.remarks[1]
+    assert "the recording ends too early" in found.remarks[1]
 
 
 def test_a_run_of_nearly_nothing(tmp_path: Path, swing_record: Callable[..., Record]) -> None:

@@ -69,7 +69,7 @@ def test_a_report_of_two_recordings(recording: Path, tmp_path: Path, capsys: pyt
     text = page.read_text(encoding="utf-8")
     for note in [line.partition(": ")[2] for line in err.splitlines() if "missing" in line]:
         assert note in text
-    assert "too early to know" in text
+    assert "the recording ends too early" in text
     assert "1 two_area-small-LLC-ideal" in text
     assert "2 two_area-small-LLC-ideal" in text
     assert str(cut) in text

@@ -1,0 +1,240 @@
+"""The client on the loopback: with our server over TCP, UDP and multicast, and with one of another program."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import socket
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from facts_damping.c37118 import frame, session, stat, stations
+from facts_damping.c37118.configuration import Configuration
+from facts_damping.c37118.session import Instant
+from facts_damping.parameters.streams import server as address
+from facts_damping.streaming import client as clients
+from facts_damping.streaming.client import Client, Lost
+from facts_damping.streaming.server import Server
+from tests.streaming.test_server import FORMATS, GRID, HERE, instant, served, until
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+PATIENCE_S = 60.0
+THEIRS = """
+import collections, collections.abc, sys, time
+collections.Sequence = collections.abc.Sequence
+from synchrophasor.frame import ConfigFrame2
+from synchrophasor.pmu import Pmu
+units = [(0, "v"), (0, "i")], [(1, "rms")], []
+formats = True, True, True, False
+pmu = Pmu(pmu_id=7, ip="127.0.0.1", port=int(sys.argv[1]), data_rate=60, set_timestamp=False)
+names = ["V1", "I1", "P kW"]
+pmu.set_configuration(ConfigFrame2(7, 1_000_000, 1, "G1", 7, formats, 2, 1, 0, names, *units, 60.0, 1, 60))
+pmu.set_header("theirs")
+pmu.run()
+while True:
+    if pmu.clients:
+        pmu.send_data([(11500.0, 0.25), (20000.0, -0.5)], [700.0], freq=12)
+    time.sleep(0.02)
+"""
+TOTAL = 30
+
+
+def run(act: Callable[[], Awaitable[Any]]) -> Any:
+    async def whole() -> Any:
+        return await asyncio.wait_for(act(), PATIENCE_S)
+
+    return asyncio.run(whole())
+
+
+async def begun(one: session.Stream | None = None, **begin: Any) -> Server:
+    server = Server(one or served(), lambda: (1000, 0))
+    await server.begin(**{"tcp": (HERE, 0), "udp": None, **begin})
+    return server
+
+
+class Listening:
+    """A client, and what it has told."""
+
+    def __init__(self, text: str) -> None:
+        self.told: list[Any] = []
+        self.client = Client(address(text), self.told.append)
+        self.task = asyncio.ensure_future(self.client.run())
+
+    def of(self, kind: type[Any]) -> list[Any]:
+        return [one for one in self.told if isinstance(one, kind)]
+
+    async def end(self) -> None:
+        self.task.cancel()
+        await asyncio.gather(self.task, return_exceptions=True)
+
+
+async def follow(server: Server, text: str) -> Listening:
+    """All that a server sends of 30 instants, once the client has turned it on."""
+    one = Listening(text)
+    await until(lambda: server.listening > 0)
+    for k in range(TOTAL):
+        server.send(instant(k))
+        await asyncio.sleep(0.001)
+    await until(lambda: len(one.of(Instant)) == TOTAL)
+    await one.end()
+    await server.end()
+    return one
+
+
+def same(found: list[Any]) -> None:
+    for k, one in enumerate(found):
+        assert (one.soc, one.fraction) == (instant(k).soc, instant(k).fraction)
+        wanted = instant(k).data.phasors.astype(np.float32).astype(float)
+        np.testing.assert_array_equal(one.data.phasors, wanted)
+
+
+def test_over_tcp() -> None:
+    async def act() -> Listening:
+        server = await begun()
+        return await follow(server, f"tcp://{HERE}:{server.ports[0]}/11")
+
+    one = run(act)
+    same(one.of(Instant))
+    assert one.of(Configuration)[0].pmus[1].name == "TIE"
+
+
+def test_by_datagrams_that_it_asks_for() -> None:
+    async def act() -> Listening:
+        server = await begun(tcp=None, udp=(HERE, 0))
+        return await follow(server, f"udp://{HERE}:{server.ports[1]}/11")
+
+    same(run(act).of(Instant))
+
+
+@pytest.mark.parametrize("group", [HERE, "239.255.0.38"], ids=["unicast", "multicast"])
+def test_by_datagrams_that_come_by_themselves(group: str, port: int) -> None:
+    """They begin with the configuration; nobody asks for it."""
+
+    async def act() -> Listening:
+        one = Listening(f"udp://@{group}:{port}/11")
+        await until(lambda: one.client.connections == 1)
+        server = await begun(tcp=None, udp=(HERE, 0), fixed=[(group, port)])
+        for k in range(TOTAL):
+            server.send(instant(k))
+            await asyncio.sleep(0.001)
+        await until(lambda: len(one.of(Instant)) == TOTAL)
+        await one.end()
+        await server.end()
+        return one
+
+    same(run(act).of(Instant))
+
+
+def test_it_comes_back_when_the_server_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clients, "AGAIN_S", 0.05)
+
+    async def act() -> Listening:
+        server = await begun()
+        port = server.ports[0]
+        one = Listening(f"tcp://{HERE}:{port}/11")
+        await until(lambda: server.listening > 0)
+        server.send(instant(0))
+        await until(lambda: len(one.of(Instant)) == 1)
+        await server.end()
+        await until(lambda: len(one.of(Lost)) >= 2)  # closed, and nobody there
+        again = await begun(tcp=(HERE, port))
+        await until(lambda: again.listening > 0)
+        again.send(instant(1))
+        await until(lambda: len(one.of(Instant)) == 2)
+        await one.end()
+        await again.end()
+        return one
+
+    one = run(act)
+    same(one.of(Instant))
+    assert str(one.of(Lost)[0]) == "closed by the server"
+    assert one.client.connections == 2
+
+
+def test_a_server_that_is_silent_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clients, "SILENT_S", 0.3)
+    monkeypatch.setattr(clients, "ANSWER_S", 0.1)
+
+    async def act() -> list[Any]:
+        with socket.socket() as mute:
+            mute.bind((HERE, 0))
+            mute.listen()
+            one = Listening(f"tcp://{HERE}:{mute.getsockname()[1]}/11")
+            await until(lambda: bool(one.told))
+            await one.end()
+            return one.told
+
+    (told,) = run(act)[:1]
+    assert isinstance(told, Lost)
+    assert told.startswith("silent for")
+
+
+def test_a_configuration_that_changes_while_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bit 10 says so for a while; then frames are others, of the same length: none is read by the old one."""
+    monkeypatch.setattr(clients, "ANSWER_S", 0.05)
+    before = served()
+    turned = before.configuration._replace(pmus=tuple(p._replace(polar=False) for p in before.configuration.pmus))
+    after = session.stream(11, turned)
+
+    def announced(k: int) -> Instant:
+        one = instant(k)
+        return one._replace(data=one.data._replace(status=one.data.status | stat.CHANGE))
+
+    async def act() -> Listening:
+        server = await begun(before)
+        one = Listening(f"tcp://{HERE}:{server.ports[0]}/11")
+        await until(lambda: server.listening > 0)
+        for k in range(3 * TOTAL):
+            if k == 2 * TOTAL:
+                server.stream = after
+            server.send(announced(k) if TOTAL <= k < 2 * TOTAL else instant(k))
+            await asyncio.sleep(0.02)
+        await until(lambda: len(one.of(Instant)) > 2 * TOTAL + 10)
+        await one.end()
+        await server.end()
+        return one
+
+    one = run(act)
+    for got in one.of(Instant):
+        k = (got.soc - 1000) * 60 + got.fraction // 16_666
+        wanted = instant(k).data.phasors
+        np.testing.assert_allclose(got.data.phasors, wanted, atol=1e-6)
+    assert [c.pmus[0].polar for c in one.of(Configuration)][-1] is False
+    assert one.client.receiver.refused == {}
+
+
+def test_a_server_that_knows_no_configuration_3(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`Pmu` of synchrophasor, which closes the connection where it is asked for configuration 3."""
+    monkeypatch.setattr(clients, "AGAIN_S", 0.1)
+    with subprocess.Popen([sys.executable, "-c", THEIRS, str(port)], start_new_session=True) as theirs:
+
+        async def act() -> Listening:
+            one = Listening(f"tcp://{HERE}:{port}/7")
+            await until(lambda: len(one.of(Instant)) >= 5)
+            await one.end()
+            return one
+
+        try:
+            one = run(act)
+        finally:
+            os.killpg(theirs.pid, signal.SIGKILL)  # a process a client
+    assert one.of(Configuration)[0].pmus[0].name == "G1"
+    for got in one.of(Instant):
+        assert got.data.frequency[0] == pytest.approx(60.012)
+        np.testing.assert_allclose(got.data.phasors, [[11500.0, 0.25], [20000.0, -0.5]], rtol=1e-6)
+
+
+def test_what_is_of_another_stream_is_counted() -> None:
+    receiver = session.Receiver(11)
+    others = session.stream(12, stations.configuration(GRID, 60, 60, FORMATS))
+    assert receiver.take([session.told(others, instant(0)), *session.answers(others, "send_header", 5, 0)]) == []
+    assert receiver.refused == {"IDCODE": 2}
+    assert receiver.take([frame.command(11, "turn_on", 5)]) == []
+    assert receiver.refused == {"IDCODE": 2, "CMD": 1}

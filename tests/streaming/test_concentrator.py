@@ -1,0 +1,133 @@
+"""A run's PMUs as instants: as reported, behind a link, with clocks that lose the time; there and back to the bits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from facts_damping.c37118 import data, mapping, session, stat
+from facts_damping.c37118.session import Instant, Receiver
+from facts_damping.case.loading import load_case
+from facts_damping.signals import DELIVERY, LOST, NANOSECONDS, Record
+from facts_damping.simulation import loop
+from facts_damping.streaming import recorded, serving
+from facts_damping.streaming.concentrator import Concentrator, grid_stations
+from facts_damping.streaming.serving import Serving
+
+EPOCH = 1_700_000_000
+NAME = "two_area_large"
+
+
+def through(sets: list[str], formats: str | None, link: int | None = None) -> tuple[Record, list[Instant]]:
+    """A run's record, and what a client receives of it."""
+    case = load_case(NAME, sets)
+    record = loop.run(case)
+    (server,) = serving.servers(case, Serving("", 0, [], 1, formats, each=False), lambda: (0, 0))
+    concentrator, receiver = Concentrator(case, EPOCH, None if link is None else 1.0), Receiver(1)
+    receiver.take(session.answers(server.stream, "send_configuration_3", 0, 0))
+    sent = [session.told(server.stream, one) for _, one in recorded.instants(record, concentrator, link)]
+    return record, [one for one in receiver.take(sent) if isinstance(one, Instant)]
+
+
+def number(one: Instant) -> int:
+    return (one.soc - EPOCH) * 60 + round(one.fraction * 60 / 1e6)
+
+
+def test_integers_are_those_that_pmus_of_integers_report() -> None:
+    """`quantisation: int16` has the counts of the stream's integers: what arrives is what was measured."""
+    sets = ["duration=3", "measurement=p_class", "measurement.quantisation=int16", "controllers=[]"]
+    record, found = through(sets, "polar")
+    case = load_case(NAME, sets)
+    (server,) = serving.servers(case, Serving("", 0, [], 1, "polar", each=False), lambda: (0, 0))
+    where = mapping.places(server.stream.configuration, grid_stations(case), {})
+    assert len(found) == 179
+    for one in found:
+        values, status, absent = mapping.told(where, one.data)
+        k = number(one) + 1  # the tick in which it was reported
+        wanted = record.frames[k]
+        step = case.measurement.voltage_range / 65535, case.measurement.current_range / 65535
+        np.testing.assert_allclose(values[:, [1, 5, 6, 8]], wanted[:, [1, 5, 6, 8]], atol=1e-9)
+        np.testing.assert_allclose(values[:, 0], wanted[:, 0], atol=step[0])
+        np.testing.assert_allclose(values[:, 7], wanted[:, 7], atol=step[1])
+        assert not status.any()
+        assert not absent.any()
+
+
+def test_behind_a_link_frames_are_aligned_again() -> None:
+    """Entries of each station late by its own time, some lost: each is in the instant that it describes, or absent."""
+    link = (
+        "{up: [{stage: network, model: uniform, low: 0.0, high: 0.05}, {stage: network, model: bernoulli, loss: 0.1}]}"
+    )
+    sets = ["duration=4", f"link={link}"]
+    record, found = through(sets, None, link=0)
+    case = load_case(NAME, sets)
+    (server,) = serving.servers(case, Serving("", 0, [], 1, None, each=False), lambda: (0, 0))
+    where = mapping.places(server.stream.configuration, grid_stations(case), {})
+    rows = record.delivered
+    numbers = np.rint(rows["measured_ns"] * 60 / NANOSECONDS).astype(int)
+    assert [number(one) for one in found] == sorted(set(numbers[numbers <= number(found[-1])].tolist()))
+    assert len(np.unique(rows["tick"][numbers == 30])) > 1  # they arrived in several ticks
+    gone = 0
+    for one in found[:-1]:
+        values, _, absent = mapping.told(where, one.data)
+        own = rows[numbers == number(one)]
+        assert sorted(set(own["station"].tolist())) == np.flatnonzero(~absent).tolist()
+        gone += int(absent.sum())
+        for row in own:
+            np.testing.assert_allclose(values[row["station"]], row["values"], rtol=1e-6, atol=1e-9)
+    assert gone > 0
+
+
+def test_what_comes_too_late_is_left_out_and_counted() -> None:
+    case = load_case(NAME, [])
+    concentrator = Concentrator(case, EPOCH, 0.1)
+
+    def rows(*of: tuple[int, int]) -> np.ndarray[tuple[int], np.dtype[np.void]]:
+        made = np.zeros(len(of), DELIVERY)
+        for row, (station, k) in zip(made, of, strict=True):
+            row["station"], row["measured_ns"] = station, k * NANOSECONDS // 60
+        return made
+
+    assert concentrator.take(0, rows((0, 0), (1, 0))) == []
+    (one,) = concentrator.take(6, rows((2, 1)))
+    assert one.data.status.tolist() == [1 << 6, 1 << 6, *[0x8000 | 1 << 6] * 3]
+    assert concentrator.take(6, rows((2, 0))) == []
+    assert concentrator.alignment.late == 1
+
+
+def test_clocks_that_lose_the_time_say_so() -> None:
+    """From 1 s on G2 drifts by 1 us/s: unsynchronised, with the quality that follows; the others are sound."""
+    sets = ["duration=13", "controllers=[]", "measurement.stations.G2={clock: {lost: 1.0, drift: 1.0e-6}}"]
+    _, found = through(sets, None)
+    for one in found:
+        for_s = number(one) / 60 - 1.0
+        words = one.data.status.tolist()
+        assert words[0] == words[2] == 1 << 6
+        if for_s < -0.01:
+            assert (words[1], one.quality) == (1 << 6, 0)
+        elif min(abs(for_s - edge) for edge in (0.0, 0.1, 1.0, 10.0)) > 0.01:
+            assert words[1] & 0x2000
+            assert words[1] >> 4 & 3 == (1 if for_s >= 10.0 else 0)
+            assert words[1] >> 6 & 7 == (1 if for_s < 0.1 else 2 if for_s < 1.0 else 3 if for_s < 10.0 else 4)
+            error_s = for_s * 1e-6
+            assert 10.0 ** (one.quality - 11) < error_s * 1.001
+            assert error_s < 1.001 * 10.0 ** (one.quality - 10)
+
+
+def test_bad_data_are_data_errors_not_absences() -> None:
+    sets = ["duration=2", "controllers=[]", "measurement=p_class"]
+    bad = "measurement.bad_data=[{kind: invalid, stations: [G3], start: 0.5, duration: 0.5}]"
+    record, found = through([*sets, bad], None)
+    for one in found:
+        wrong = 30 <= number(one) < 60
+        assert one.data.status[2] >> 14 == (stat.DO_NOT_USE if wrong else 0)
+        assert np.isnan(one.data.phasors[4]).all() == wrong
+    assert (record.measured_ns[1:] != LOST).all()
+    assert isinstance(found[0].data, data.Data)
+
+
+@pytest.mark.parametrize(("each", "names"), [(False, 1), (True, 5)])
+def test_one_stream_or_one_a_station(each: bool, names: int) -> None:
+    made = serving.servers(load_case(NAME, []), Serving("", 0, [], 40, None, each=each), lambda: (0, 0))
+    assert [one.stream.idcode for one in made] == list(range(40, 40 + names))
+    assert sum(len(one.stream.configuration.pmus) for one in made) == 5
