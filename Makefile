@@ -92,7 +92,7 @@ setup: prerequisites
 	@$(MAKE) --no-print-directory -j2 $(VENV)/.warm $(VENV)/.messages
 
 test-setup: prerequisites
-	@$(MAKE) --no-print-directory -j3 $(VENV)/.warm $(VENV)/.tools $(VENV)/.browser $(VENV)/.cases
+	@$(MAKE) --no-print-directory -j3 $(VENV)/.warm $(VENV)/.tools $(VENV)/.programs $(VENV)/.cases
 
 # One line for the first prerequisite that is missing: what it is and how to get it.
 prerequisites:
@@ -142,13 +142,17 @@ $(VENV)/.tools: $(METADATA) $(VENV)/.messages
 	@$(INSTALL) -e '.[ros-$(ROS),test]'
 	@touch $@
 
-# The browser of tests/analysis/test_report.py: Debian's, where that may be installed. Elsewhere the tests are skipped.
-$(VENV)/.browser: | $(VENV)/.python
-	@if ! command -v chromium >/dev/null && [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-	    echo "set-up: Chromium, in which reports are looked at"; \
-	    { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends chromium; } \
-	        >/dev/null 2>&1 || echo "set-up: no Chromium to be had; its tests are skipped"; \
-	fi
+# The browser of tests/analysis/test_report.py, and the dissector of tests/c37118/test_tshark.py: Debian's, where they
+# may be installed. Elsewhere the tests are skipped. One after the other: apt-get lets no other run beside it.
+$(VENV)/.programs: | $(VENV)/.python
+	@for program in chromium tshark; do \
+	    if ! command -v $$program >/dev/null && [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	        echo "set-up: $$program, by which tests look at what was made"; \
+	        { apt-get update -qq && \
+	          DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends $$program; } \
+	            >/dev/null 2>&1 || echo "set-up: no $$program to be had; its tests are skipped"; \
+	    fi; \
+	done
 	@touch $@
 
 # The PSS/E cases inside ANDES's wheel, which are not part of this repository: GPL (tests/andes_cases.py).

@@ -22,7 +22,7 @@ class Phasor(NamedTuple):
     name: str
     current: bool = False
     scale: float = 1.0  # V or A a count, in steps of 1e-5 in configuration 1 and 2
-    angle: float = 0.0  # rad, to add (configuration 3)
+    angle: float = 0.0  # rad, to take off (configuration 3, table 9)
     flags: int = 0  # what was done to it (configuration 3, bits 31 to 16 of PHSCALE)
 
 
@@ -164,8 +164,9 @@ def _pmu(pmu: Pmu, *, long: bool) -> bytes:
     parts.append(struct.pack(">4H", form, len(pmu.phasors), len(pmu.analogs), len(pmu.digitals)))
     parts += [_name(name, "CHNAM", long=long) for name in names]
     if long:
-        parts += [struct.pack(">Iff", p.flags << 16 | p.current << 11 | 1 << 8, p.scale, p.angle) for p in pmu.phasors]
-        parts += [struct.pack(">ff", a.scale, a.offset) for a in pmu.analogs]
+        parts += [struct.pack(">Iff", p.flags << 16 | p.current << 11 | 1 << 8, *_scaled(pmu, p)) for p in pmu.phasors]
+        whole = pmu.float_analogs
+        parts += [struct.pack(">ff", *((1.0, 0.0) if whole else (a.scale, a.offset))) for a in pmu.analogs]
     else:
         units = [p.current << 24 | _count(p.scale / UNIT, 0, "PHUNIT") for p in pmu.phasors]
         units += [a.kind << 24 | _count(a.scale, -(1 << 23), "ANUNIT") for a in pmu.analogs]
@@ -175,6 +176,11 @@ def _pmu(pmu: Pmu, *, long: bool) -> bytes:
         s, kind = pmu.site, pmu.site.service_class.encode()
         parts.append(struct.pack(">fffcII", s.latitude, s.longitude, s.elevation, kind, s.window_us, s.group_delay_us))
     return b"".join([*parts, struct.pack(">HH", pmu.nominal_hz == 50, pmu.changes)])
+
+
+def _scaled(pmu: Pmu, phasor: Phasor) -> tuple[float, float]:
+    """Scale and angle of a phasor in configuration 3; floats are scaled already (table 9)."""
+    return (1.0, 0.0) if pmu.float_phasors else (phasor.scale, phasor.angle)
 
 
 def _count(value: float, least: int, field: str) -> int:

@@ -46,7 +46,7 @@ class Layout(NamedTuple):
     offset: NDArray[np.float64]
     field: NDArray[np.int64]  # index in FIELDS
     polar: NDArray[np.bool_]  # (phasors,)
-    turn: NDArray[np.float64]  # rad, to add to a phasor's angle, (phasors,)
+    turn: NDArray[np.float64]  # rad, to take off a phasor's angle, (phasors,)
 
 
 FIELDS = ("status", "first", "second", "frequency", "rocof", "analogs", "digitals")
@@ -88,7 +88,7 @@ def layout(c: Configuration) -> Layout:
 
 def encode(made: Layout, data: Data) -> bytes:
     """The body of a data frame."""
-    magnitude, angle = data.phasors[:, 0], data.phasors[:, 1] - made.turn
+    magnitude, angle = data.phasors[:, 0], data.phasors[:, 1] + made.turn
     values = np.zeros(len(made.at))
     columns = {
         STATUS: data.status,
@@ -127,7 +127,7 @@ def decode(made: Layout, body: bytes) -> Data:
     values[narrow] = np.where(missing, np.nan, counts * made.scale[narrow] + made.offset[narrow])
     first, second = values[made.field == FIRST], values[made.field == SECOND]
     magnitude = np.where(made.polar, first, np.hypot(first, second))
-    angle = np.where(made.polar, second, np.arctan2(second, first)) + made.turn
+    angle = np.where(made.polar, second, np.arctan2(second, first)) - made.turn
     return Data(
         values[made.field == STATUS].astype(np.int64),
         np.column_stack([magnitude, angle]),

@@ -97,6 +97,7 @@ class C37118Server:
         now = serving.counted(self.servers)
         for old, new in zip(before, now, strict=True):
             if {**old, "frames": 0} != {**new, "frames": 0}:
+                self.guard.voice.line(serving.told(new))
                 self.guard.voice.info(serving.told(new))
         return now
 

@@ -53,14 +53,20 @@ streams = st.builds(
 
 
 def as_told(c: Configuration, kind: str) -> Configuration:
-    """What is left of a configuration in a frame of a kind: configuration 3 has its scales as floats of 32 bits."""
+    """What is left of a configuration in a frame of a kind: 3 has scales as floats of 32 bits, 1 where values are."""
     if kind != "configuration_3":
         return c
+
+    def phasor(pmu: Pmu, one: Phasor) -> Phasor:
+        return one._replace(scale=1.0 if pmu.float_phasors else float32(one.scale), flags=0)
+
+    def analog(pmu: Pmu, one: Analog) -> Analog:
+        return one._replace(scale=1.0 if pmu.float_analogs else one.scale, kind=0)
+
     return c._replace(
         pmus=tuple(
             p._replace(
-                phasors=tuple(one._replace(scale=float32(one.scale), flags=0) for one in p.phasors),
-                analogs=tuple(one._replace(kind=0) for one in p.analogs),
+                phasors=tuple(phasor(p, one) for one in p.phasors), analogs=tuple(analog(p, one) for one in p.analogs)
             )
             for p in c.pmus
         )

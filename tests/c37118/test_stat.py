@@ -18,8 +18,9 @@ def word(status: int = 0, error_s: float = 0.0, unlocked_s: float = 0.0, *, ther
     [(0.0, 1), (9e-8, 1), (1e-7, 2), (5e-6, 3), (5e-5, 4), (5e-4, 5), (5e-3, 6), (1e-2, 7), (3.0, 7)],
 )
 def test_a_pmus_time_quality(error_s: float, code: int) -> None:
-    """Bits 8 to 6: below 100 ns 001, below 1 us 010 and so on; above 10 ms 111."""
-    assert word(error_s=error_s) >> 6 & 7 == code
+    """Bits 8 to 6: below 100 ns 001, below 1 us 010 and so on; above 10 ms 111; of a clock in time 000."""
+    assert word(error_s=error_s, unlocked_s=1.0) >> 6 & 7 == code
+    assert word(error_s=error_s) >> 6 & 7 == 0
 
 
 @pytest.mark.parametrize(("unlocked_s", "code"), [(0.0, 0), (9.9, 0), (10.0, 1), (99.0, 1), (500.0, 2), (1000.0, 3)])

@@ -1,0 +1,257 @@
+"""Streams out of a graph and into another one: the same values, and a controller in shadow that does the same."""
+
+from __future__ import annotations
+
+import collections
+import collections.abc
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+collections.Sequence = collections.abc.Sequence  # type: ignore[attr-defined]
+from synchrophasor.pdc import Pdc  # noqa: E402 (it names what Python 3.9 still had)
+
+from facts_damping.c37118 import stations  # noqa: E402
+from facts_damping.case.loading import load_case  # noqa: E402
+from facts_damping.cli.main import main  # noqa: E402
+from facts_damping.nodes import graph  # noqa: E402
+from facts_damping.recording.reader import load  # noqa: E402
+from facts_damping.signals import LOST, NANOSECONDS  # noqa: E402
+from facts_damping.streaming.concentrator import grid_stations  # noqa: E402
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, quiet  # noqa: E402
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from facts_damping.signals import Record
+
+SECONDS = float(os.environ.get("STREAM_S", "6"))  # 60 was run, too
+HERE = "127.0.0.1"
+RUN = "two_area_large"
+# Of the other program: it takes a frequency in floats for a deviation, and refuses integers where there is no value.
+FLOATS = "polar,float_phasors,float_analogs"
+
+
+@pytest.fixture
+def elsewhere(module_domain: int, domain: int) -> dict[str, str]:
+    """Nodes that do not hear those of the test's own domain."""
+    return {**os.environ, "ROS_DOMAIN_ID": str(module_domain)}
+
+
+@pytest.fixture
+def streams(tmp_path: Path) -> Callable[..., str]:
+    """Writes a file of streams, that wait for a loaded machine."""
+
+    def write(*servers: str) -> str:
+        path = tmp_path / "streams.yaml"
+        path.write_text(json.dumps({"servers": servers, "wait": 30.0}))
+        return str(path)
+
+    return write
+
+
+def clients(server: Any) -> int:
+    """How many a server has told of so far."""
+    return sum(int(count) for count in re.findall(r"0 frames, (\d+) clients", server.said()[0])[-1:])
+
+
+def both(sets: list[str], folder: Path, file: str, other: dict[str, str], there: Callable[[], bool]) -> list[Record]:
+    """Records of a graph, and of one elsewhere that hears its stream; the first begins once somebody is `there`."""
+    case = load_case(RUN, sets)
+    with ThreadPoolExecutor(1) as beside:
+        shadow = beside.submit(
+            graph.run, case, "realtime", folder / "shadow", quiet, LOADED_S, streams=file, environment=other
+        )
+        deadline = time.monotonic() + PATIENCE_S
+        while not there():
+            assert time.monotonic() < deadline
+            assert not shadow.done()
+            time.sleep(0.05)
+        outcome = graph.run(case, "realtime", folder / "graph", quiet, LOADED_S)
+        assert (outcome.messages_lost, outcome.messages_refused) == (0, {})
+        return [load(outcome.recording), load(shadow.result(PATIENCE_S + SECONDS).recording)]
+
+
+def theirs(port: int, ended: threading.Event, out: list[Any]) -> None:
+    """The client of synchrophasor: what it hands out, until it has ended; it loses frames that come together."""
+    pdc = Pdc(pdc_id=1, pmu_ip=HERE, pmu_port=port)
+    pdc.run()
+    pdc.get_config()
+    pdc.start()
+    while not ended.is_set():
+        got = pdc.get()
+        if got is not None:
+            out.append(got.get_measurements())
+    pdc.quit()
+
+
+def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
+    start: Callable[..., Any], elsewhere: dict[str, str], streams: Callable[..., str], tmp_path: Path, port: int
+) -> None:
+    """Over a link with random delays, by its own seed; and another program's client gets the same values."""
+    sets = [f"duration={SECONDS}", "link=pdci", "measurement=p_class", "controllers.0.name=HBsWC"]
+    sets += ["controllers.0.scheme=direct", "controllers.0.signals=[frequency]"]
+    own, for_others = (
+        start("c37118_server", run=RUN, set=json.dumps(sets), port=number, format=formats)
+        for number, formats in ((port, "''"), (port + 1, FLOATS))
+    )
+    for server in (own, for_others):
+        server.wait(lambda server=server: "serving" in server.said()[0], PATIENCE_S)
+    got, ended = list[Any](), threading.Event()
+    other = threading.Thread(target=theirs, args=(port + 1, ended, got), daemon=True)
+    other.start()
+    there, shadow = both(
+        sets, tmp_path, streams(f"tcp://{HERE}:{port}/1"), elsewhere, lambda: clients(own) == clients(for_others) == 1
+    )
+    assert there.notes == shadow.notes == []
+    np.testing.assert_array_equal(shadow.ticks, there.ticks)
+    np.testing.assert_array_equal(shadow.measured_ns, there.measured_ns)
+    for name in ("tick", "controller", "device", "measured_ns", "issued_ns"):
+        np.testing.assert_array_equal(shadow.issued[name], there.issued[name])
+    limit = np.abs(there.issued["value"]).max()
+    assert limit > 0.05
+    assert np.abs(shadow.issued["value"] - there.issued["value"]).max() < 1e-3 * limit
+    seen = grid_stations(load_case(RUN, []))
+    for k in (1, 100, len(there.ticks) - 1):  # the values of floats of 32 bits
+        sent, came = (stations.to_data(seen, one.frames[k], one.status[k]) for one in (there, shadow))
+        np.testing.assert_allclose(came.phasors, sent.phasors, rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(came.analogs, sent.analogs, rtol=1e-7)
+        np.testing.assert_allclose(came.frequency, sent.frequency, rtol=1e-7)
+    ended.set()
+    for_others.terminate()
+    other.join(PATIENCE_S)
+    print(f"synchrophasor's client got {len(got)} of {len(there.ticks) - 1} frames")
+    assert len(got) > 60
+    epoch = int(got[0]["time"])
+    for one in got:
+        k = 1 + round((one["time"] - epoch) * 60)
+        wanted = stations.to_data(seen, there.frames[k], there.status[k]).phasors.astype(np.float32)
+        phasors = np.array([p for station in one["measurements"] for p in station["phasors"]])
+        np.testing.assert_allclose(phasors, wanted, rtol=1e-6)
+
+
+def test_each_station_alone_behind_a_link_by_datagrams(
+    start: Callable[..., Any], elsewhere: dict[str, str], streams: Callable[..., str], tmp_path: Path, port: int
+) -> None:
+    """Five streams, put together again by their stamps: each station's frames as the link delivered them."""
+    low = min(port, 60000)
+    sets = ["duration=4", "link=pdci"]
+    server = start("c37118_server", run=RUN, set=json.dumps(sets), port=low, behind=0, each="true", idcode=20)
+    server.wait(lambda: server.said()[0].count("serving") == 5, PATIENCE_S)
+    file = streams(*(f"udp://{HERE}:{low + i}/{20 + i}" for i in range(5)))
+    asked = re.compile(r"IDCODE (\d+): 0 frames, 1 clients")
+    there, shadow = both(
+        sets,
+        tmp_path,
+        file,
+        elsewhere,
+        lambda: len(set(asked.findall(server.said()[0]))) == 5,
+    )
+    first = int(there.delivered["measured_ns"].min())
+    found = 0
+    for row in there.delivered:
+        k = round((row["measured_ns"] - first) * 60 / NANOSECONDS)
+        if k < len(shadow.ticks) and shadow.measured_ns[k, row["station"]] != LOST:
+            np.testing.assert_allclose(shadow.frames[k, row["station"]], row["values"], rtol=1e-6, atol=1e-9)
+            found += 1
+    assert found > 0.9 * len(there.delivered)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory, module_domain: int) -> Path:
+    folder = tmp_path_factory.mktemp("streamed")
+    return graph.run(load_case(RUN, ["duration=5"]), "lockstep", folder, quiet, LOADED_S).recording
+
+
+@pytest.fixture
+def serve(recording: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Begins to serve the recording."""
+    begun: list[subprocess.Popen[str]] = []
+
+    def begin(port: int, *options: str) -> subprocess.Popen[str]:
+        told = [sys.executable, "-m", "facts_damping", "pmu-serve", str(recording), "--port", str(port), *options]
+        begun.append(subprocess.Popen(told, stdout=subprocess.PIPE, text=True))
+        out = begun[-1].stdout
+        assert out is not None
+        assert "serving" in out.readline()
+        return begun[-1]
+
+    yield begin
+    for one in begun:
+        one.terminate()
+        one.communicate(timeout=PATIENCE_S)
+
+
+def test_a_server_that_dies_and_comes_back(
+    domain: int, serve: Callable[..., subprocess.Popen[str]], tmp_path: Path, port: int
+) -> None:
+    """Ticks go on without frames, then with those of the server that came back, whose stamps are of another time."""
+    low = min(port, 60000)
+    first = serve(low)
+
+    def strike() -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not (tmp_path / "out" / "recording").exists() or first.poll() is not None:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        time.sleep(4.0)
+        first.send_signal(signal.SIGKILL)
+        first.wait()
+        serve(low, "--epoch", "1000000000")
+
+    with ThreadPoolExecutor(1) as beside:
+        struck = beside.submit(strike)
+        given = ["--run", "two_area_supervised", "--set", "duration=12", "--out", str(tmp_path / "out")]
+        status = main(["pmu-listen", f"tcp://{HERE}:{low}", *given, "--json", str(tmp_path / "result.json")])
+        struck.result()
+    assert status == 0
+    record, result = load(tmp_path / "out" / "recording"), json.loads((tmp_path / "result.json").read_text())
+    there = record.measured_ns[:, 0] != LOST
+    assert there[0]
+    gone = np.flatnonzero(~there)
+    assert len(gone) > 60
+    assert there[gone[0] :].sum() > 60  # it came back
+    assert result["stations"]["G1"] == {"frames": int(there.sum()), "absent": int((~there).sum())}
+    assert set(record.supervision["state"].tolist()) == {0}
+    assert np.isnan(record.machines["speed_deviation"]).all()
+
+
+@pytest.mark.parametrize(
+    ("sets", "file", "said"),
+    [
+        (["frame_rate=30"], {}, "DATA_RATE: 60 frames/s given; allowed: 30, the run's frame_rate"),
+        (
+            [],
+            {"stations": {"G1": {"voltage": "VA"}}},
+            "station G1: voltage: 'VA' given; allowed: what PMU G1 sends: V1",
+        ),
+    ],
+)
+def test_a_stream_that_does_not_fit_is_said(
+    domain: int,
+    serve: Callable[..., subprocess.Popen[str]],
+    tmp_path: Path,
+    port: int,
+    sets: list[str],
+    file: dict[str, Any],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    low = min(port, 60000)
+    serve(low)
+    path = tmp_path / "streams.yaml"
+    path.write_text(json.dumps({"servers": [f"tcp://{HERE}:{low}"], **file}))
+    given = [one for text in sets for one in ("--set", text)]
+    assert main(["pmu-listen", str(path), "--run", RUN, *given, "--out", str(tmp_path / "out")]) == 1
+    assert said in capsys.readouterr().err
