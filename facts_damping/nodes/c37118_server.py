@@ -51,7 +51,7 @@ class C37118Server:
         self.guard.hear_run(FRAMES)
         self.concentrator: Concentrator | None = None
         self.servers = serving.servers(self.case, self.asked, lambda: (int(time.time()), 0))
-        self.beside = Beside()
+        self.told, self.beside = serving.counted(self.servers), Beside()
         self.spinner = Spinner(node, self)
 
     def ready(self) -> None:
@@ -80,26 +80,26 @@ class C37118Server:
 
     def run(self) -> None:
         """Serve until stopped; say who comes and goes."""
-        told, told_s = serving.counted(self.servers), time.monotonic()
+        told_s = -TELL_S
         try:
             while True:
                 self.spinner.spin_once(0.1)
                 if time.monotonic() - told_s > TELL_S:
-                    told, told_s = self.tell_changes(told), time.monotonic()
+                    told_s = time.monotonic()
+                    self.tell_changes()
         finally:
             for row in serving.counted(self.servers):
                 self.guard.voice.line(serving.told(row))
                 self.guard.voice.info(serving.told(row))
             self.end()
 
-    def tell_changes(self, before: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        """Say of which streams clients have come, or were dropped, or what was refused; what is known now."""
-        now = serving.counted(self.servers)
-        for old, new in zip(before, now, strict=True):
+    def tell_changes(self) -> None:
+        """Say of which streams clients have come, or were dropped, or what was refused."""
+        before, self.told = self.told, serving.counted(self.servers)
+        for old, new in zip(before, self.told, strict=True):
             if {**old, "frames": 0} != {**new, "frames": 0}:
                 self.guard.voice.line(serving.told(new))
                 self.guard.voice.info(serving.told(new))
-        return now
 
     def end(self) -> None:
         """Close all."""
