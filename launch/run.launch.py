@@ -42,6 +42,7 @@ ARGUMENTS = {
     "namespace": ("", "namespace of the whole graph; empty: none"),
     "foxglove": ("", "port of a live view for Foxglove, such as 8765; empty: none"),
     "params_file": ("", "YAML file of parameters, a section a node; empty: none"),
+    "streams": ("", "in place of the plant, not in lockstep: YAML file of streams, or an address; empty: none"),
     "respawn": ("false", "true, unless in lockstep: start links, controllers, supervisors, identifiers again"),
 }
 NOTHING = ("none", "''", '""')  # for an empty argument, which `ros2 launch` does not take
@@ -102,7 +103,8 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
         return made
 
     watched: list[Node | ExecuteProcess] = []
-    plant = node("plant_sim", Address("", "plant_sim"))
+    source, given = ("c37118_client", {"streams": asked["streams"]}) if asked["streams"] else ("plant_sim", {})
+    plant = node(source, Address("", source), **given)
     started: list[Node | ExecuteProcess] = [plant]
     started += [node("wan_link", address, index=i) for i, address in enumerate(link_addresses(case))]
     for i, address in enumerate(controller_addresses(case)):

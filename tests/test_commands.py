@@ -59,6 +59,7 @@ PARSED = {
     "validate": "tests/validation",
     "reproduce": "tests/reproduction",
     "pmu-serve": "waits for a client: tests/streaming",
+    "pmu-listen": "needs a server: tests/nodes/test_streams.py",
 }
 SHORT = {
     "simulate": ["--set", "duration=1"],

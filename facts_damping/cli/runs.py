@@ -89,22 +89,31 @@ def _step_lines(took: Mapping[str, StepTimes]) -> list[str]:
 
 def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome | None = None) -> None:
     """Raise `DegradedError` where a run ended, but not well; `outcome`: of its graph."""
-    from facts_damping.analysis.releases import by_cause, joined_text, released_text
+    from facts_damping.analysis.releases import joined_text, released_text
     from facts_damping.analysis.supervision import tripped_texts
 
     flaws = tripped_texts(result["supervision"])
     flaws += [f"{row['device']} was released {released_text(row)}" for row in result["releases"]]
     flaws += [f"{row['node']} joined {joined_text(row)}" for row in result["joined"]]
-    if outcome is not None:
-        flaws += outcome.fallen
-        refused = [
-            (cause, count)
-            for (_, cause, topic, _), count in outcome.messages_refused.items()
-            if topic != "/diagnostics"  # there anybody may speak, only not for this graph
-        ]
-        flaws += [f"refused messages: {by_cause(refused)}"] if refused else []
-        flaws += [f"the recorder lost {outcome.messages_lost} messages"] if outcome.messages_lost else []
-        flaws += [f"of tick {record.gap_tick} not all was recorded"] if record.gap_tick is not None else []
+    check_without_flaws([*flaws, *([] if outcome is None else graph_flaws(record, outcome))])
+
+
+def graph_flaws(record: Record, outcome: Outcome) -> list[str]:
+    """What went wrong in a graph that ran to its end."""
+    from facts_damping.analysis.releases import by_cause
+
+    refused = [
+        (cause, count)
+        for (_, cause, topic, _), count in outcome.messages_refused.items()
+        if topic != "/diagnostics"  # there anybody may speak, only not for this graph
+    ]
+    flaws = [*outcome.fallen, *([f"refused messages: {by_cause(refused)}"] if refused else [])]
+    flaws += [f"the recorder lost {outcome.messages_lost} messages"] if outcome.messages_lost else []
+    return flaws + ([f"of tick {record.gap_tick} not all was recorded"] if record.gap_tick is not None else [])
+
+
+def check_without_flaws(flaws: Sequence[str]) -> None:
+    """Raise `DegradedError` where there are some."""
     if flaws:
         raise DegradedError(f"the run ended, but: {'; '.join(flaws)}")
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from facts_damping.case import loading
 from facts_damping.case.names import controller_names, label, link_addresses
-from facts_damping.cli.runs import out_folder, say
+from facts_damping.cli.runs import check_without_flaws, graph_flaws, out_folder, say
 from facts_damping.errors import InputError, RunError
 from facts_damping.parameters.streams import read_streams, server
 from facts_damping.simulation.replay import case_of
@@ -112,6 +112,7 @@ def _in_shadow(arguments: argparse.Namespace) -> None:
         say(arguments, f"{one}: {row['setpoints']} setpoints, the largest {row['largest']:.4g} p.u.")
     say(arguments, f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}")
     say(arguments, f"recording: {outcome.recording}")
+    check_without_flaws(graph_flaws(record, outcome))
 
 
 def _received(case: Case, record: Record) -> dict[str, Any]:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
     from facts_damping.streaming.following import Tick
 
+OURS = "tcp://127.0.0.1:4712/1"  # as c37118_server serves, if nothing else is said
 PROGRESS_S = 0.2  # wall time between two lines of progress
 SPIN_S = 0.05  # longest wait for a stream: requests are answered meanwhile
 
@@ -50,7 +51,7 @@ class C37118Client:
         if not self.options.paced:
             raise InputError(f"mode: '{self.options.mode}' given; allowed: free, realtime, as streams wait for nobody")
         self.stamp = read_stamp(node, self.options)
-        given: str = declare(node, "streams", "", descriptor("YAML file of the streams, or tcp://HOST:PORT/IDCODE"))
+        given: str = declare(node, "streams", OURS, descriptor("YAML file of the streams, or a server's address"))
         self.streams = read_streams(given)
         self.sources = Sources(self.case, self.streams)
         self.come: SimpleQueue[tuple[int, float, Any]] = SimpleQueue()

@@ -38,8 +38,9 @@ def servers(case: Case, asked: Serving, now: Callable[[], tuple[int, int]]) -> l
         given = f"idcode: {asked.idcode} given with {len(grid)} stations"
         raise InputError(f"{given}; allowed: 1 to {MOST_ID - len(grid)}")
     formats, ranges = _formats(asked.format), (measured.voltage_range, measured.current_range)
-    late = round(1e6 * case.filter.delay / rate)
-    site = Site(service_class="P" if measured.filter == "p_class" else "M", group_delay_us=late)
+    late, sample = round(1e6 * case.filter.delay / rate), 1e6 / (rate * case.filter.per_frame)
+    service, window = "P" if measured.filter == "p_class" else "M", round(2 * case.filter.side * sample)
+    site = Site(service_class=service, window_us=window, group_delay_us=late)
     made = []
     for i, group in enumerate([[station] for station in grid] if asked.each else [grid]):
         own = asked.idcode + i

@@ -30,7 +30,10 @@ if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
 
 BIN = Path(sys.executable).parent
-NODES = ("plant_sim", "wan_link", "controller", "identifier", "supervisor", "recorder", "live_view")
+NODES = (
+    *("plant_sim", "wan_link", "controller", "identifier", "supervisor", "recorder", "live_view"),
+    *("c37118_server", "c37118_client"),
+)
 SOON_S = 10.0  # 2 s on a machine that does nothing else
 INDIRECT = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
 

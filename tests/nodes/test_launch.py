@@ -147,6 +147,13 @@ def test_nodes_that_may_join_are_started_again_where_that_is_wanted(launched: An
         launched("run.launch.py", respawn="true")
 
 
+def test_streams_stand_in_for_the_plant_where_they_are_given(launched: Any) -> None:
+    made = nodes(launched("run.launch.py", mode="realtime", streams="tcp://127.0.0.1:4712/1"))
+    (client,) = (node for node in made if node.executable == "c37118_client")
+    assert client.parameters["streams"] == "tcp://127.0.0.1:4712/1"
+    assert "plant_sim" not in {node.executable for node in made}
+
+
 def handlers(actions: list[Any]) -> list[Any]:
     return [action.given[0].named for action in actions if type(action).__name__ == "RegisterEventHandler"]
 

@@ -1,0 +1,143 @@
+"""What streams of many stations cost: 100 stations at 60 frames/s, as shares of one core.
+
+Parts one by one, each over many frames; then server and client as processes of their own over TCP, at their own pace,
+by the processor time that each has used.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import os
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.c37118 import mapping, session, stat, stations
+from facts_damping.c37118.configuration import FORMATS
+from facts_damping.c37118.session import Instant, Receiver
+from facts_damping.c37118.stations import Station
+from facts_damping.parameters.streams import server as address
+from facts_damping.signals import CHANNELS
+from facts_damping.streaming.client import Client
+from facts_damping.streaming.following import Following
+from facts_damping.streaming.server import Server
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+STATIONS, RATE, FRAMES, SECONDS = 100, 60, 2000, 20
+GRID = [Station(f"S{i}", 230.0, 100.0) for i in range(STATIONS)]
+NONE = np.zeros(STATIONS)
+
+
+def stream(formats: bool) -> session.Stream:
+    """All in floats and polar, or all in integers and rectangular."""
+    return session.stream(1, stations.configuration(GRID, RATE, RATE, dict.fromkeys(FORMATS, formats)))
+
+
+def instant(k: int, values: Any) -> Instant:
+    """Frame k."""
+    words = stat.word(np.zeros(STATIONS, int), np.ones(STATIONS, bool), NONE, NONE)
+    return Instant(1000 + k // RATE, k % RATE * 1_000_000 // RATE, 0, stations.to_data(GRID, values, words))
+
+
+def measured() -> Any:
+    """What stations measure."""
+    values = np.random.default_rng(1).uniform(0.5, 1.0, (STATIONS, len(CHANNELS)))
+    values[:, stations.FREQUENCY] = 60.0
+    return values
+
+
+def took(act: Callable[[int], object]) -> float:
+    """Processor time of one, s."""
+    began = time.process_time()
+    for k in range(FRAMES):
+        act(k)
+    return (time.process_time() - began) / FRAMES
+
+
+def parts(formats: bool) -> dict[str, float]:
+    """Of each step of a frame's way, s."""
+    made, values, receiver, following = stream(formats), measured(), Receiver(), Following(STATIONS, RATE, 0.2)
+    receiver.take(session.answers(made, "send_configuration_3", 0, 0))
+    where = mapping.places(made.configuration, GRID, {})
+    raw = [session.told(made, instant(k, values)) for k in range(FRAMES)]
+    come = [one for one in receiver.take(raw) if isinstance(one, Instant)]
+
+    def follow(k: int) -> None:
+        found, status, absent = mapping.told(where, come[k].data)
+        following.put(k, where.stations, found, status, absent, k / RATE)
+        list(following.take(k / RATE))
+
+    return {
+        "to V, A, kW and STAT": took(lambda k: instant(k, values)),
+        "to bytes": took(lambda k: session.told(made, come[k])),
+        "from bytes": took(lambda k: receiver.feed(raw[k])),
+        "to stations and ticks": took(follow),
+    }
+
+
+def serve(port: Any, used: Any) -> None:
+    """Serve, from when a client has turned data on."""
+
+    async def whole() -> None:
+        server, values = Server(stream(True), lambda: (0, 0)), measured()
+        await server.begin(("127.0.0.1", 0), None)
+        port.put(server.ports[0])
+        while not server.listening:  # noqa: ASYNC110 (it tells nobody)
+            await asyncio.sleep(0.01)
+        loop = asyncio.get_running_loop()
+        began, before = loop.time(), time.process_time()
+        for k in range(RATE * SECONDS):
+            await asyncio.sleep(max(0.0, began + k / RATE - loop.time()))
+            server.send(instant(k, values))
+        used.put(("server", time.process_time() - before, server.counts.frames))
+        await asyncio.sleep(0.5)
+
+    asyncio.run(whole())
+
+
+def listen(port: int) -> tuple[str, float, int]:
+    """Until all have come."""
+    where = mapping.places(stream(True).configuration, GRID, {})
+    following, count = Following(STATIONS, RATE, 0.2), 0
+
+    def take(what: Any) -> None:
+        nonlocal count
+        if isinstance(what, Instant):
+            number = what.soc * RATE + round(what.fraction * RATE / 1e6)
+            now = time.monotonic()
+            following.put(number, where.stations, *mapping.told(where, what.data), now)
+            count += sum(tick.said is not None for tick in following.take(now))
+
+    async def whole() -> None:
+        task = asyncio.ensure_future(Client(address(f"tcp://127.0.0.1:{port}/1"), take).run())
+        await asyncio.sleep(SECONDS + 0.3)
+        task.cancel()
+
+    before = time.process_time()
+    asyncio.run(whole())
+    return "client", time.process_time() - before, count
+
+
+def main() -> None:
+    """Print both tables."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    print(f"{STATIONS} stations, {RATE} frames/s: us a frame, share of a core")
+    for formats, name in ((True, "floats, polar"), (False, "integers, rectangular")):
+        for part, seconds in parts(formats).items():
+            print(f"  {name:22} {part:22} {1e6 * seconds:7.0f}  {100 * seconds * RATE:5.2f} %")
+    port: Any = multiprocessing.Queue()
+    used: Any = multiprocessing.Queue()
+    process = multiprocessing.Process(target=serve, args=(port, used))
+    process.start()
+    own = listen(port.get())
+    process.join()
+    for name, seconds, frames in (used.get(), own):
+        print(f"  {name}, over TCP for {SECONDS} s: {frames} frames, {100 * seconds / SECONDS:.2f} % of a core")
+
+
+if __name__ == "__main__":
+    main()
