@@ -67,8 +67,8 @@ class Alignment:
                 break
             self._given = instant
             yield self._open.pop(instant)
-        if over is not None:
-            self._given = over if self._given is None else max(self._given, over)
+        if over is not None and self._given is not None:
+            self._given = max(self._given, over)
 
     def forget(self) -> None:
         """Begin anew: instants may be any."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from facts_damping.c37118.configuration import Configuration
 
 LEAK = 1e-3  # share by which the two clocks may drift apart
-JUMP_S = 10.0  # stamps further ahead than that are of another time
+JUMP_S = 10.0  # stamps that are further ahead of this computer's clock than they were are of another time
 
 
 class Tick(NamedTuple):
@@ -40,6 +40,7 @@ class Following:
         self.next, self.moved = 0, 0  # the next tick; how often stamps have been taken for those of another time
         self._rate, self._wait_s = rate, wait_s
         self._due_s = math.inf  # when tick 0 was due, by this computer's clock
+        self._least_s = -math.inf  # it was not due before
         self._off = 0  # instants in succession that are out of time
 
     def put(
@@ -53,21 +54,27 @@ class Following:
     ) -> None:
         """What some stations say of an instant, or that they are absent, as in `Alignment`."""
         if self.first is None:
-            self.first = instant
-        tick = instant - self.first + self.ahead
-        if tick - self.next > JUMP_S * self._rate or not self.alignment.put(instant, where, values, status, absent):
+            self._begin(instant, now_s)
+        begun_s = now_s - self.tick(instant) / self._rate
+        if begun_s < self._least_s or not self.alignment.put(instant, where, values, status, absent):
             self._off += 1
             if self._off > self._rate:
-                self._begin_anew(instant, now_s)
+                self.moved += 1
+                self._begin(instant, now_s)
             return
         self._off = 0
-        self._due_s = min(self._due_s + LEAK / self._rate, now_s - tick / self._rate)
+        self._due_s = min(self._due_s + LEAK / self._rate, begun_s)
 
-    def _begin_anew(self, instant: int, now_s: float) -> None:
-        """Take the stamps for those of another time: a source was put back, stopped for a while, or is another one."""
+    def _begin(self, instant: int, now_s: float) -> None:
+        """Take an instant for now: the first one, or a source was put back, stopped for a while, or is another one."""
         self.alignment.forget()
-        self.first, self._off, self.moved = instant - self.next + self.ahead, 0, self.moved + 1
-        self._due_s = now_s - self.next / self._rate
+        self.first, self._off = instant - max(0, self.next - self.ahead), 0
+        self._due_s = now_s - self.tick(instant) / self._rate
+        self._least_s = self._due_s - JUMP_S
+
+    def tick(self, instant: int) -> int:
+        """The tick of an instant."""
+        return instant - (self.first or 0) + self.ahead
 
     def take(self, now_s: float) -> Iterator[Tick]:
         """The ticks that are over, one after the other, none left out."""
@@ -75,7 +82,7 @@ class Following:
             return
         over = math.floor((now_s - self._due_s - self._wait_s) * self._rate)
         for one in self.alignment.take(over + self.first - self.ahead):
-            yield from self._empty(one.instant - self.first + self.ahead)
+            yield from self._empty(self.tick(one.instant))
             yield Tick(self.next, one)
             self.next += 1
         yield from self._empty(over + 1)

@@ -27,7 +27,8 @@ def rows(stations: int, value: float) -> np.ndarray[tuple[int, int], np.dtype[np
 def test_instants_come_in_their_order_once_all_have_spoken(order: list[tuple[int, int]]) -> None:
     """Whatever the order in which stations speak, each instant is given once, with what each has said of it."""
     alignment, found = Alignment(3), list[Aligned]()
-    assert list(alignment.take(-1)) == []
+    alignment.put(-1, np.arange(3), rows(3, 0.0), np.zeros(3, np.int64))
+    assert [one.instant for one in alignment.take()] == [-1]
     for s, k in order:
         assert alignment.put(k, np.array([s]), rows(1, 10.0 * k + s), SOUND)
         found += alignment.take()

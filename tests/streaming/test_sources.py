@@ -1,0 +1,143 @@
+"""The streams of a run: stations in several of them, configurations that change or do not fit, and hostile ones."""
+
+from __future__ import annotations
+
+from binascii import crc_hqx
+from typing import Any
+
+import numpy as np
+import pytest
+
+from facts_damping.c37118 import frame, session, stations
+from facts_damping.c37118.configuration import FORMATS
+from facts_damping.c37118.session import Instant, Receiver
+from facts_damping.case.loading import load_case
+from facts_damping.parameters.streams import Streams
+from facts_damping.signals import CHANNELS
+from facts_damping.streaming.client import Lost
+from facts_damping.streaming.concentrator import grid_stations
+from facts_damping.streaming.following import JUMP_S
+from facts_damping.streaming.server import Server
+from facts_damping.streaming.sources import Sources
+
+CASE = load_case("two_area_large", [])
+GRID = grid_stations(CASE)  # G1 to G4, TIE
+FLOATS = dict.fromkeys(FORMATS, True)
+SOUTH, NORTH = "tcp://south:4712/1", "tcp://north:4712/2"
+
+
+def stream(places: list[int], rate: int = 60, nominal: int = 60) -> session.Stream:
+    return session.stream(1, stations.configuration([GRID[i] for i in places], rate, nominal, FLOATS))
+
+
+def instant(places: list[int], k: int) -> Instant:
+    values = np.full((len(places), len(CHANNELS)), 0.5)
+    values[:, stations.MAGNITUDE] = [1.0 + i for i in places]
+    own = [GRID[i] for i in places]
+    return Instant(100 + k // 60, k % 60 * 1_000_000 // 60, 0, stations.to_data(own, values, np.zeros(len(own), int)))
+
+
+def sources(*servers: str, **more: Any) -> Sources:
+    return Sources(CASE, Streams.model_validate({"servers": list(servers), **more}))
+
+
+def rows(found: Sources, now_s: float) -> list[list[tuple[int, int, float]]]:
+    """Station, time and voltage of the entries of each tick."""
+    said = [found.rows(tick, tick.number * 10**9 // 60) for tick in found.following.take(now_s)]
+    return [
+        [(int(one["station"]), int(one["measured_ns"]), round(float(one["values"][0]), 6)) for one in tick]
+        for tick in said
+    ]
+
+
+def test_stations_of_several_servers_are_one_frame() -> None:
+    found = sources(SOUTH, NORTH)
+    assert found.take(0, 0.0, stream([0, 1]).configuration) == f"{SOUTH}: 2 PMUs, 60 frames/s; stations: G1, G2"
+    found.take(1, 0.0, stream([2, 3]).configuration)
+    assert found.flaws() == ["absent: G1, G2, G3, G4", "in no stream: TIE"]
+    found.take(0, 0.01, instant([0, 1], 0))
+    assert rows(found, 0.01) == []
+    found.take(1, 0.05, instant([2, 3], 0))
+    assert rows(found, 0.05) == [[(0, 0, 1.0), (1, 0, 2.0), (2, 0, 3.0), (3, 0, 4.0)]]
+    found.take(0, 0.06, instant([0, 1], 1))
+    assert rows(found, 0.3)[0] == [(0, 16666666, 1.0), (1, 16666666, 2.0)]
+    assert found.flaws() == ["absent: G1, G2, G3, G4", "in no stream: TIE"]
+
+
+def test_a_server_that_is_lost_is_told_once_and_is_back_with_its_configuration() -> None:
+    found = sources(SOUTH)
+    assert found.take(0, 0.0, Lost("refused")) == f"{SOUTH}: refused"
+    assert found.take(0, 1.0, Lost("refused")) == ""
+    assert f"{SOUTH}: refused" in found.flaws()
+    before = found.unknown()
+    found.take(0, 2.0, stream([0]).configuration)
+    assert (before, found.unknown()) == (True, False)
+    assert f"{SOUTH}: refused" not in found.flaws()
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        (stream([0], rate=30), "DATA_RATE: 30 frames/s given; allowed: 60, the run's frame_rate"),
+        (stream([0], nominal=50), "FNOM: 50 Hz given by G1; allowed: 60 Hz, the system's"),
+    ],
+)
+def test_a_configuration_that_does_not_fit_takes_its_stations_away(other: session.Stream, said: str) -> None:
+    found = sources(SOUTH)
+    found.take(0, 0.0, stream([0]).configuration)
+    wrong = [found.wrong]
+    assert said in found.take(0, 0.0, other.configuration)
+    assert [*wrong, found.wrong] == [False, True]
+    found.take(0, 0.0, instant([0], 0))
+    assert found.following.first is None
+    found.take(0, 0.0, stream([0]).configuration)
+    found.take(0, 0.0, instant([0], 0))
+    assert rows(found, 0.0) == [[(0, 0, 1.0)]]
+
+
+def test_group_delay_of_configuration_3_puts_ticks_behind_stamps() -> None:
+    late = stream([0]).configuration
+    pmus = tuple(pmu._replace(site=pmu.site._replace(group_delay_us=100_000)) for pmu in late.pmus)
+    found = sources(SOUTH)
+    found.take(0, 0.0, late._replace(pmus=pmus))
+    found.take(0, 0.0, instant([0], 0))
+    assert rows(found, 0.0) == [*[[]] * 6, [(0, 0, 1.0)]]
+
+
+def mutated(rng: np.random.Generator, raw: bytes, fits: bool) -> bytes:
+    """Some bytes changed, and a check word that fits again, or not."""
+    made = bytearray(raw)
+    for _ in range(int(rng.integers(1, 4))):
+        made[int(rng.integers(len(made)))] = int(rng.integers(256))
+    if fits:
+        made[0], made[2:4] = frame.SYNC, len(made).to_bytes(2, "big")
+        made[-2:] = crc_hqx(bytes(made[:-2]), 0xFFFF).to_bytes(2, "big")
+    return bytes(made)
+
+
+def test_hostile_servers_end_nothing() -> None:
+    """Of 20 000 mutated frames each is refused, read, or of no use; none ends the client, and ticks stay few."""
+    served, rng, receiver, found = stream([0, 1, 2]), np.random.default_rng(3), Receiver(), sources(SOUTH)
+    good = [one for kind in (2, 3) for one in session.answers(served, f"send_configuration_{kind}", 1, 0)]
+    good += [session.told(served, instant([0, 1, 2], k)) for k in range(6)]
+    ticks = 0
+    for i in range(20_000):
+        now_s = i / 600
+        for what in receiver.take([mutated(rng, good[i % len(good)], fits=i % 4 > 0)]):
+            if not isinstance(what, str):
+                found.take(0, now_s, what)
+        ticks += len(rows(found, now_s))
+    assert sum(receiver.refused.values()) > 5000
+    assert ticks <= 60 * (20_000 / 600 + (1 + found.following.moved) * (JUMP_S + 1.0))
+
+
+def test_hostile_clients_end_nothing_and_are_counted() -> None:
+    server, rng = Server(stream([0]), lambda: (1, 0)), np.random.default_rng(4)
+    answered = 0
+    for i in range(20_000):
+        answers, turned = server.answer(mutated(rng, frame.command(1, list(frame.COMMANDS)[i % 7], 5), fits=i % 2 > 0))
+        answered += bool(answers) or turned is not None
+    refused = sum(server.counts.refused.values())
+    assert refused > 10_000
+    assert answered > 100
+    assert refused + answered <= 20_000
