@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping.analysis.measures import columns, measure_weights, speed_differences
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -31,13 +33,14 @@ def is_stable(record: Record) -> bool | None:
 
 def unknown(record: Record) -> str | None:
     """Why it is not known whether a run stayed in synchronism; none: it is known."""
-    if record.machines.size and np.isnan(record.machines["speed_deviation"]).all():
-        return "there is no truth about the machines, as streams tell none"
+    if record.machines.size and np.isnan(record.machines["speed_deviation"]).all():  # streams stood for the plant
+        whole = measure_weights(record.configuration) and np.isfinite(columns(speed_differences(record))).all()
+        return None if whole else "the streams do not tell all rotor speeds"
     duration, rate = (record.configuration.get(key) for key in ("duration", "frame_rate"))
     if duration is None or rate is None:
         return None
-    whole = len(record.time_ns) and record.time_s[-1] >= duration - 1.5 / rate - 1e-9
-    return None if whole else "the recording ends too early"
+    ended = len(record.time_ns) and record.time_s[-1] >= duration - 1.5 / rate - 1e-9
+    return None if ended else "the recording ends too early"
 
 
 def instability(record: Record) -> str | None:

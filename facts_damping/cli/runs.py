@@ -20,7 +20,7 @@ from facts_damping.terminal import Progress, clear_line, table, write_json, writ
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from facts_damping.nodes.graph import Outcome
     from facts_damping.signals import Record
@@ -89,31 +89,22 @@ def _step_lines(took: Mapping[str, StepTimes]) -> list[str]:
 
 def check_ended_well(result: Mapping[str, Any], record: Record, outcome: Outcome | None = None) -> None:
     """Raise `DegradedError` where a run ended, but not well; `outcome`: of its graph."""
-    from facts_damping.analysis.releases import joined_text, released_text
+    from facts_damping.analysis.releases import by_cause, joined_text, released_text
     from facts_damping.analysis.supervision import tripped_texts
 
     flaws = tripped_texts(result["supervision"])
     flaws += [f"{row['device']} was released {released_text(row)}" for row in result["releases"]]
     flaws += [f"{row['node']} joined {joined_text(row)}" for row in result["joined"]]
-    check_without_flaws([*flaws, *([] if outcome is None else graph_flaws(record, outcome))])
-
-
-def graph_flaws(record: Record, outcome: Outcome) -> list[str]:
-    """What went wrong in a graph that ran to its end."""
-    from facts_damping.analysis.releases import by_cause
-
-    refused = [
-        (cause, count)
-        for (_, cause, topic, _), count in outcome.messages_refused.items()
-        if topic != "/diagnostics"  # there anybody may speak, only not for this graph
-    ]
-    flaws = [*outcome.fallen, *([f"refused messages: {by_cause(refused)}"] if refused else [])]
-    flaws += [f"the recorder lost {outcome.messages_lost} messages"] if outcome.messages_lost else []
-    return flaws + ([f"of tick {record.gap_tick} not all was recorded"] if record.gap_tick is not None else [])
-
-
-def check_without_flaws(flaws: Sequence[str]) -> None:
-    """Raise `DegradedError` where there are some."""
+    if outcome is not None:
+        flaws += outcome.fallen
+        refused = [
+            (cause, count)
+            for (_, cause, topic, _), count in outcome.messages_refused.items()
+            if topic != "/diagnostics"  # there anybody may speak, only not for this graph
+        ]
+        flaws += [f"refused messages: {by_cause(refused)}"] if refused else []
+        flaws += [f"the recorder lost {outcome.messages_lost} messages"] if outcome.messages_lost else []
+        flaws += [f"of tick {record.gap_tick} not all was recorded"] if record.gap_tick is not None else []
     if flaws:
         raise DegradedError(f"the run ended, but: {'; '.join(flaws)}")
 
@@ -145,7 +136,6 @@ def run(arguments: argparse.Namespace) -> None:
     """The same loop as a ROS 2 graph."""
     from facts_damping.analysis import plots, summary  # noqa: F401 (while what nodes need is loaded, too)
     from facts_damping.nodes import graph
-    from facts_damping.recording.reader import load
 
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     loop.build_loop(case, outside=True)  # bad input is refused before anything starts
@@ -158,14 +148,28 @@ def run(arguments: argparse.Namespace) -> None:
         outcome = graph.run(case, arguments.mode, folder, progress, arguments.timeout, arguments.foxglove)
     finally:
         progress.close()
+    tell_graph(arguments, name, outcome, folder)
+
+
+def tell_graph(
+    arguments: argparse.Namespace,
+    name: str,
+    outcome: Outcome,
+    folder: Path,
+    more: Callable[[Record], tuple[dict[str, Any], list[str]]] | None = None,
+) -> None:
+    """What a graph left: JSON, table, pictures; `more`: to be told of its record, and lines of it."""
+    from facts_damping.recording.reader import load
+
     record = load(outcome.recording)
     result = summarise(record, outcome.wall_s, str(outcome.recording))
     result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
     result["nodes_ended"] = outcome.fallen
     result |= _told_steps(outcome.step_times)
-    steps = _step_lines(outcome.step_times)
-    counted = f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}"
-    _report(arguments, [(name, record)], [result], folder, *steps, counted, f"recording: {outcome.recording}")
+    told, lines = more(record) if more is not None else ({}, [])
+    lines += _step_lines(outcome.step_times)
+    lines.append(f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}")
+    _report(arguments, [(name, record)], [result | told], folder, *lines, f"recording: {outcome.recording}")
     check_ended_well(result, record, outcome)
 
 

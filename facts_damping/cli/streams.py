@@ -5,15 +5,17 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from facts_damping.case import loading
 from facts_damping.case.names import controller_names, label, link_addresses
-from facts_damping.cli.runs import check_without_flaws, graph_flaws, out_folder, say
+from facts_damping.cli.runs import out_folder, say, tell_graph
 from facts_damping.errors import InputError, RunError
 from facts_damping.parameters.streams import read_streams, server
+from facts_damping.signals import LOST
 from facts_damping.simulation.replay import case_of
 from facts_damping.streaming import heard, recorded, serving
 from facts_damping.streaming.concentrator import WAIT_S, Concentrator
@@ -86,7 +88,6 @@ def pmu_listen(arguments: argparse.Namespace) -> None:
 def _in_shadow(arguments: argparse.Namespace) -> None:
     """The nodes of a run but for its plant, for which streams stand; they are recorded."""
     from facts_damping.nodes import graph
-    from facts_damping.recording.reader import load
 
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     if case.supervision is not None:  # its supervisors stay in shadow
@@ -97,28 +98,11 @@ def _in_shadow(arguments: argparse.Namespace) -> None:
         outcome = graph.run(case, "realtime", folder, progress, arguments.timeout, streams=arguments.streams)
     finally:
         progress.close()
-    record = load(outcome.recording)
-    result: dict[str, Any] = {"ticks": len(record.ticks), **_received(case, record)}
-    result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
-    result |= {"nodes_ended": outcome.fallen, "recording": str(outcome.recording)}
-    write_json(str(folder / "result.json"), result)
-    write_json(arguments.json, result)
-    for note in record.notes:
-        sys.stderr.write(f"{outcome.recording}: {note}\n")
-    rows = [(one, str(row["frames"]), str(row["absent"])) for one, row in result["stations"].items()]
-    for line in table(("station", "frames", "absent"), rows):
-        say(arguments, line)
-    for one, row in result["controllers"].items():
-        say(arguments, f"{one}: {row['setpoints']} setpoints, the largest {row['largest']:.4g} p.u.")
-    say(arguments, f"deadline misses: {outcome.deadline_misses}; messages lost: {outcome.messages_lost}")
-    say(arguments, f"recording: {outcome.recording}")
-    check_without_flaws(graph_flaws(record, outcome))
+    tell_graph(arguments, name, outcome, folder, partial(_received, case))
 
 
-def _received(case: Case, record: Record) -> dict[str, Any]:
-    """How many frames each station sent, and what each controller would have done."""
-    from facts_damping.signals import LOST
-
+def _received(case: Case, record: Record) -> tuple[dict[str, Any], list[str]]:
+    """How many frames each station sent, and what each controller would have done; lines of it."""
     there = record.measured_ns != LOST
     stations = {
         name: {"frames": int(there[:, s].sum()), "absent": int((~there[:, s]).sum())}
@@ -128,4 +112,10 @@ def _received(case: Case, record: Record) -> dict[str, Any]:
     for c, name in enumerate(controller_names(case)):
         own = record.issued[record.issued["controller"] == c]["value"]
         controllers[name] = {"setpoints": len(own), "largest": float(np.abs(own).max()) if len(own) else 0.0}
-    return {"stations": stations, "controllers": controllers}
+    rows = [(name, str(row["frames"]), str(row["absent"])) for name, row in stations.items()]
+    lines = table(("station", "frames", "absent"), rows)
+    lines += [
+        f"{name}: {row['setpoints']} setpoints, the largest {row['largest']:.4g} p.u."
+        for name, row in controllers.items()
+    ]
+    return {"stations": stations, "controllers": controllers}, lines
