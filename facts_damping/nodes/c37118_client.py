@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 OURS = "tcp://127.0.0.1:4712/1"  # as c37118_server serves, if nothing else is said
 PROGRESS_S = 0.2  # wall time between two lines of progress
+LAST_S = 1.0  # wait for the answers to the last tick
 SPIN_S = 0.05  # longest wait for a stream: requests are answered meanwhile
 
 
@@ -124,6 +125,9 @@ class C37118Client:
             if time.monotonic() - told > PROGRESS_S or self.tick + 1 == self.ticks:
                 told = time.monotonic()
                 self.member.guard.voice.line(f"tick {self.tick + 1} {self.ticks} {self.misses}")
+        until = time.monotonic() + LAST_S
+        while min(self.answered, default=self.tick) < self.tick and time.monotonic() < until:
+            self.spinner.spin_once(SPIN_S)
         text = run_done(self.tick, self.case.run.frame_rate)
         self.say(RunState.ENDED, text)
         self.member.guard.voice.info(text)
