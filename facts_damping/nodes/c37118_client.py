@@ -112,12 +112,8 @@ class C37118Client:
         while self.tick + 1 < self.ticks:
             check_wanted()
             self.receive()
-            if (
-                not self.options.free
-                and self.sources.unknown()
-                and time.monotonic() - began > self.options.start_timeout
-            ):
-                raise RunError(f"no server has told its configuration: {'; '.join(self.sources.flaws())}")
+            if time.monotonic() - began > self.options.start_timeout:
+                self.check_known()
             self.spinner.take_all()
             for tick in self.sources.following.take(time.monotonic()):
                 if self.tick + 1 < self.ticks:
@@ -132,6 +128,11 @@ class C37118Client:
         self.say(RunState.ENDED, text)
         self.member.guard.voice.info(text)
         finish([self.to_links, self.to_all, self.to_events, self.to_state], self.options.timeout)
+
+    def check_known(self) -> None:
+        """Raise `RunError` where no server has told its configuration, unless the graph runs free."""
+        if self.sources.unknown() and not self.options.free:
+            raise RunError(f"no server has told its configuration: {'; '.join(self.sources.flaws())}")
 
     def receive(self) -> None:
         """Wait for streams, a little, and take all that has come; what there is to be said of it is said."""
