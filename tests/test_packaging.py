@@ -15,6 +15,8 @@ ROOT = Path(__file__).parents[1]
 PARTS = ["facts_damping", "msg_defs", "ros_package", "config", "launch", "resource"]
 FILES = ["package.xml", "setup.py", "setup.cfg", "pyproject.toml", "colcon.pkg"]
 EXECUTABLES = [
+    "c37118_client",
+    "c37118_server",
     "controller",
     "facts-damping",
     "identifier",

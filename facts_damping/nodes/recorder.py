@@ -193,7 +193,7 @@ class Recorder:
             if now - flushed > FLUSH_S:
                 self.writer.flush()
                 flushed = now
-            if now - reported > REPORT_S:
+            if now - reported > REPORT_S and self.member.at_ns:  # what time it is, the plant says
                 self.member.publish(self.health())
                 reported = now
             if not told_to_stop():
