@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 import threading
@@ -21,9 +20,13 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.monitors import SHADOW
 from facts_damping.nodes import graph
+from facts_damping.nodes.beside import Beside
 from facts_damping.recording.reader import load
 from facts_damping.signals import LOST, NANOSECONDS
-from facts_damping.streaming.concentrator import grid_stations
+from facts_damping.simulation import loop
+from facts_damping.streaming import recorded, serving
+from facts_damping.streaming.concentrator import Concentrator, grid_stations
+from facts_damping.streaming.serving import Serving
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, quiet
 
 if TYPE_CHECKING:
@@ -176,52 +179,56 @@ def test_each_station_alone_behind_a_link_by_datagrams(
     assert found > 0.9 * len(there.delivered)
 
 
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory, module_domain: int) -> Path:
-    folder = tmp_path_factory.mktemp("streamed")
-    return graph.run(load_case(RUN, ["duration=5"]), "lockstep", folder, quiet, LOADED_S).recording
+class Played:
+    """A server of a run, in this process, at its own pace from when somebody listens."""
+
+    def __init__(self, port: int, epoch_s: int) -> None:
+        case, asked = load_case(RUN, ["duration=20"]), Serving(HERE, port, [], 1, None, each=False)
+        self.servers = serving.servers(case, asked, lambda: (epoch_s, 0))
+        timed = recorded.instants(loop.run(case), Concentrator(case, epoch_s))
+        self.beside = Beside()
+        self.beside.wait(serving.begin(self.servers, asked))
+        self.beside.begin(recorded.play(self.servers, timed, each=False))
+
+    def end(self) -> None:
+        for server in self.servers:
+            self.beside.wait(server.end())
+        self.beside.close()
 
 
 @pytest.fixture
-def serve(recording: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Begins to serve the recording."""
-    begun: list[subprocess.Popen[str]] = []
+def serve(port: int) -> Iterator[Callable[[int], Played]]:
+    """Begins to serve a run; whatever was begun ends with the test."""
+    begun: list[Played] = []
 
-    def begin(port: int, *options: str) -> subprocess.Popen[str]:
-        told = [sys.executable, "-m", "facts_damping", "pmu-serve", str(recording), "--port", str(port), *options]
-        begun.append(subprocess.Popen(told, stdout=subprocess.PIPE, text=True))
-        out = begun[-1].stdout
-        assert out is not None
-        assert "serving" in out.readline()
+    def begin(epoch_s: int) -> Played:
+        begun.append(Played(port, epoch_s))
         return begun[-1]
 
     yield begin
-    for one in begun:
-        one.terminate()
-        one.communicate(timeout=PATIENCE_S)
+    begun[-1].end()
 
 
-def test_a_server_that_dies_and_comes_back(
-    domain: int, serve: Callable[..., subprocess.Popen[str]], tmp_path: Path, port: int
+def test_a_server_that_leaves_and_comes_back(
+    domain: int, serve: Callable[[int], Played], tmp_path: Path, port: int
 ) -> None:
     """Ticks go on without frames, then with those of the server that came back, whose stamps are of another time."""
-    low = min(port, 60000)
-    first = serve(low)
+    first = serve(1_700_000_000)
 
     def strike() -> None:
         deadline = time.monotonic() + PATIENCE_S
-        while not (tmp_path / "out" / "recording").exists() or first.poll() is not None:
+        while first.servers[0].counts.frames < 120:
             assert time.monotonic() < deadline
             time.sleep(0.05)
-        time.sleep(4.0)
-        first.send_signal(signal.SIGKILL)
-        first.wait()
-        serve(low, "--epoch", "1000000000")
+        first.end()
+        time.sleep(3.0)
+        serve(1_000_000_000)
 
     with ThreadPoolExecutor(1) as beside:
         struck = beside.submit(strike)
-        given = ["--run", "two_area_supervised", "--set", "duration=12", "--out", str(tmp_path / "out")]
-        status = main(["pmu-listen", f"tcp://{HERE}:{low}", *given, "--json", str(tmp_path / "result.json")])
+        given = ["--run", "two_area_supervised", "--set", "duration=12", "--timeout", str(LOADED_S)]
+        files = ["--out", str(tmp_path / "out"), "--json", str(tmp_path / "result.json")]
+        status = main(["pmu-listen", f"tcp://{HERE}:{port}", *given, *files])
         struck.result()
     assert status in (0, 3)  # 3: a loaded machine was behind when the run ended
     record, result = load(tmp_path / "out" / "recording"), json.loads((tmp_path / "result.json").read_text())
@@ -248,7 +255,7 @@ def test_a_server_that_dies_and_comes_back(
 )
 def test_a_stream_that_does_not_fit_is_said(
     domain: int,
-    serve: Callable[..., subprocess.Popen[str]],
+    serve: Callable[[int], Played],
     tmp_path: Path,
     port: int,
     sets: list[str],
@@ -256,10 +263,9 @@ def test_a_stream_that_does_not_fit_is_said(
     said: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    low = min(port, 60000)
-    serve(low)
+    serve(1_700_000_000)
     path = tmp_path / "streams.yaml"
-    path.write_text(json.dumps({"servers": [f"tcp://{HERE}:{low}"], **file}))
+    path.write_text(json.dumps({"servers": [f"tcp://{HERE}:{port}"], **file}))
     given = [one for text in sets for one in ("--set", text)]
     assert main(["pmu-listen", str(path), "--run", RUN, *given, "--out", str(tmp_path / "out")]) == 1
     assert said in capsys.readouterr().err
