@@ -130,7 +130,7 @@ def decode(bodies: list[bytes], kind: str) -> Configuration:
     pmus = tuple(_read_pmu(reader, long=long) for _ in range(count))
     (rate,) = reader.take("h", "DATA_RATE")
     if reader.at != len(reader.data):
-        raise FrameError(f"{len(reader.data) - reader.at} bytes after DATA_RATE; allowed: none (6.4)")
+        raise FrameError(f"DATA_RATE: {len(reader.data) - reader.at} bytes after it; allowed: none (6.4)")
     return Configuration(pmus, rate, time_base & 0xFFFFFF)
 
 

@@ -73,6 +73,8 @@ def _items(pmu: Pmu) -> Iterator[tuple[int, bool, bool, float, float]]:
 
 def layout(c: Configuration) -> Layout:
     """Of a configuration's data frames. Raises `FrameError` where they are too long, or a scale is zero."""
+    if not c.pmus:
+        raise FrameError("NUM_PMU: 0 given; allowed: 1 and more (6.4)")
     items = [item for pmu in c.pmus for item in _items(pmu)]
     field, wide, signed, scale, offset = (np.array(column) for column in zip(*items, strict=True))
     ends = list(accumulate(np.where(wide, 4, 2).tolist()))
@@ -82,13 +84,18 @@ def layout(c: Configuration) -> Layout:
     if (scale == 0.0).any():
         raise FrameError("PHUNIT, ANUNIT: 0 given for values in integers; allowed: any other (6.4)")
     polar = np.array([pmu.polar for pmu in c.pmus for _ in pmu.phasors], bool)
-    turn = np.array([p.angle for pmu in c.pmus for p in pmu.phasors], float)
+    turn = np.array([0.0 if pmu.float_phasors else p.angle for pmu in c.pmus for p in pmu.phasors], float)
     return Layout(size, np.array([0, *ends[:-1]]), wide, signed, scale, offset, field, polar, turn)
+
+
+def _turned(angle: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angles and what is added, within -pi to pi; without any, as they are."""
+    return np.where(turn == 0.0, angle, np.remainder(angle + turn + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def encode(made: Layout, data: Data) -> bytes:
     """The body of a data frame."""
-    magnitude, angle = data.phasors[:, 0], data.phasors[:, 1] + made.turn
+    magnitude, angle = data.phasors[:, 0], _turned(data.phasors[:, 1], made.turn)
     values = np.zeros(len(made.at))
     columns = {
         STATUS: data.status,
@@ -126,8 +133,9 @@ def decode(made: Layout, body: bytes) -> Data:
     missing = signed & (counts == MISSING)
     values[narrow] = np.where(missing, np.nan, counts * made.scale[narrow] + made.offset[narrow])
     first, second = values[made.field == FIRST], values[made.field == SECOND]
+    first = np.where(np.isnan(second), np.nan, first)  # of polar integers the magnitude alone cannot say so
     magnitude = np.where(made.polar, first, np.hypot(first, second))
-    angle = np.where(made.polar, second, np.arctan2(second, first)) - made.turn
+    angle = _turned(np.where(made.polar, second, np.arctan2(second, first)), -made.turn)
     return Data(
         values[made.field == STATUS].astype(np.int64),
         np.column_stack([magnitude, angle]),

@@ -88,7 +88,7 @@ def decode(data: bytes) -> Frame:
 def framesize(data: bytes | bytearray) -> int:
     """FRAMESIZE of a frame that begins here, of which there are four bytes at least; `FrameError` where none does."""
     if len(data) < LEAST:
-        raise FrameError(f"a frame of {len(data)} bytes; allowed: {LEAST} and more (6.2)")
+        raise FrameError(f"FRAMESIZE: a frame of {len(data)} bytes; allowed: {LEAST} and more (6.2)")
     first, second, size = data[0], data[1], int.from_bytes(data[2:4], "big")
     if first != SYNC or second >> 4 not in KINDS.values() or second & 0xF not in (1, VERSION):
         raise FrameError(f"SYNC: {data[:2].hex()} given; allowed: aa and a kind of frame of version 1 or 2 (6.2)")
@@ -97,14 +97,15 @@ def framesize(data: bytes | bytearray) -> int:
     return size
 
 
-def split(stream: bytearray) -> tuple[list[bytes], int]:
+def split(stream: bytearray, most: int = MOST) -> tuple[list[bytes], int]:
     """Take the whole frames out of a stream, and what is none, of which the bytes are counted; what is begun stays.
 
+    `most`: bytes of a frame; longer ones are none.
     Where a frame is not complete, but one that lies behind its begin is, it was none: lengths may be wrong, too.
     """
     frames, lost, at = list[bytes](), 0, 0
     while len(stream) - at >= LEAST:
-        whole = _whole(stream, at)
+        whole = _whole(stream, at, most)
         if whole:
             lost += at
             frames.append(whole)
@@ -112,15 +113,18 @@ def split(stream: bytearray) -> tuple[list[bytes], int]:
             at = 0
             continue
         at = _following(stream, at + 1)
-    waits = _begun(stream)
+    waits = _begun(stream, most)
     del stream[:waits]
     return frames, lost + waits
 
 
-def _whole(stream: bytearray, at: int) -> bytes | None:
+def _whole(stream: bytearray, at: int, most: int) -> bytes | None:
     """The frame that begins here, where it is whole and one."""
     try:
-        whole = bytes(stream[at : at + framesize(stream[at : at + LEAST])])
+        size = framesize(stream[at : at + LEAST])
+        if size > min(most, len(stream) - at):
+            return None
+        whole = bytes(stream[at : at + size])
         decode(whole)
     except FrameError:
         return None
@@ -133,12 +137,12 @@ def _following(stream: bytearray, at: int) -> int:
     return len(stream) if found < 0 else found
 
 
-def _begun(stream: bytearray) -> int:
+def _begun(stream: bytearray, most: int) -> int:
     """Where what may become a frame begins, of a stream without whole ones."""
     at = _following(stream, 0)
     while len(stream) - at >= LEAST:
         try:
-            if framesize(stream[at : at + LEAST]) > len(stream) - at:
+            if len(stream) - at < framesize(stream[at : at + LEAST]) <= most:
                 break
         except FrameError:
             pass

@@ -82,7 +82,7 @@ def _channel(station: Station, quantity: str, asked: Channels, pmu: Pmu) -> tupl
             return -1, 1.0
         known = f"station {station.name}: {quantity}: '{channel.channel}' given"
         raise InputError(f"{known}; allowed: what PMU {pmu.name} sends: {', '.join(there) or 'none'}")
-    names = [p.name for p in pmu.phasors] if phasor else there
+    names = [p.name if p.current == (quantity == "current") else "" for p in pmu.phasors] if phasor else there
     unit = UNITS[quantity][channel.unit or next(iter(UNITS[quantity]))]
     return names.index(channel.channel), (-unit if channel.reverse else unit) / station.one(quantity)
 

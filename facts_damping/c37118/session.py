@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from facts_damping.c37118.configuration import Configuration
     from facts_damping.c37118.data import Data, Layout
 
+MOST_PARTS = 64  # of a configuration 3
 ANSWERS = {f"send_{kind}": kind for kind in ("configuration_1", "configuration_2", "configuration_3")}
 
 
@@ -82,6 +83,7 @@ class Receiver:
         self.parts: list[bytes] = []  # of a configuration 3
         self.changed = True  # a configuration is to be asked for
         self.lost_bytes, self.refused = 0, Counter[str]()  # by the field that was wrong
+        self.why = ""  # the newest one was
 
     def feed(self, received: bytes) -> list[Configuration | Instant | str]:
         """What these bytes complete: a configuration, an instant, or a header's text."""
@@ -98,6 +100,7 @@ class Receiver:
                 made = self._read(frame.decode(raw))
             except FrameError as error:
                 self.refused[error.field] += 1
+                self.why = str(error)
             else:
                 found += [] if made is None else [made]
         return found
@@ -113,15 +116,26 @@ class Receiver:
             raise FrameError("CMD: a command from a server; allowed: data, headers, configurations (6.6)")
         bodies = [one.body]
         if one.kind == "configuration_3":
-            self.parts = bodies = [*self.parts, one.body] if one.body[:2] > b"\0\1" else bodies
+            self.parts = bodies = self._part(one.body)
             if not configuration.whole(bodies):
                 return None
             self.parts = []
         made = configuration.decode(bodies, one.kind)
-        if one.kind != "configuration_1":  # that says what could be sent
-            self.layout, self.changed = data.layout(made), False
-            self._announced, self._known = self._announced and made == self._known, made
+        if one.kind == "configuration_1":  # that says what could be sent
+            return None
+        self.layout, self.changed = data.layout(made), False
+        self._announced, self._known = self._announced and made == self._known, made
         return made
+
+    def _part(self, body: bytes) -> list[bytes]:
+        """The parts of a configuration 3 so far; none is kept of one that is not in order, or too long."""
+        index, before = int.from_bytes(body[:2], "big"), self.parts
+        self.parts = []
+        if index <= configuration.FIRST:
+            return [body]
+        if index not in (len(before) + 1, configuration.LAST) or len(before) >= MOST_PARTS:
+            raise FrameError(f"CONT_IDX: {index} given; allowed: {len(before) + 1} to {MOST_PARTS}, or the last (6.4)")
+        return [*before, body]
 
     def _instant(self, one: Frame) -> Instant | None:
         """What a data frame says; nothing while the configuration is not known: before it came, or once it changed."""

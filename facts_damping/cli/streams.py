@@ -82,7 +82,7 @@ def pmu_listen(arguments: argparse.Namespace) -> None:
                 say(arguments, line)
     silent = [one for one in found if one.configuration is None]
     if silent:
-        raise RunError(f"{silent[0].server}: no configuration within {arguments.seconds:g} s; is the IDCODE right?")
+        raise RunError(f"{silent[0]} (within {arguments.seconds:g} s)")
 
 
 def _in_shadow(arguments: argparse.Namespace) -> None:

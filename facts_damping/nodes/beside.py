@@ -44,6 +44,7 @@ class Beside:
 async def _cancel_all() -> None:
     own = asyncio.current_task()
     others = [task for task in asyncio.all_tasks() if task is not own]
-    for task in others:
-        task.cancel()
-    await asyncio.gather(*others, return_exceptions=True)
+    while others:  # a task may be about to end of itself, and not hear of it the first time
+        for task in others:
+            task.cancel()
+        others = list((await asyncio.wait(others, timeout=0.1))[1])

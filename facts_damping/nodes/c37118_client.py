@@ -32,6 +32,8 @@ from facts_damping.streaming.client import Client
 from facts_damping.streaming.sources import Sources
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from numpy.typing import NDArray
     from rclpy.node import Node
 
@@ -69,6 +71,7 @@ class C37118Client:
         self.member = Member(node, self.case, self.options, PLANT, hardware=", ".join(self.streams.servers))
         self.to_state = node.create_publisher(RunState, STATE, LATCHED)
         self.tick, self.misses = -1, 0
+        self.tasks: list[Future[None]] = []  # of the clients, which never end by themselves
         links = link_addresses(self.case)
         self.answered = [-1 for _ in links]
         for i, link in enumerate(links):
@@ -96,7 +99,7 @@ class C37118Client:
         for i, server in enumerate(self.sources.servers):
             client = Client(server, lambda what, i=i: self.come.put((i, time.monotonic(), what)))  # type: ignore[misc]
             self.sources.clients.append(client)
-            beside.begin(client.run())
+            self.tasks.append(beside.begin(client.run()))
         try:
             self.follow()
         except Stopped:
@@ -111,6 +114,8 @@ class C37118Client:
         told, began = -PROGRESS_S, time.monotonic()
         while self.tick + 1 < self.ticks:
             check_wanted()
+            for ended in (task for task in self.tasks if task.done()):
+                ended.result()
             self.receive()
             if time.monotonic() - began > self.options.start_timeout:
                 self.check_known()

@@ -70,7 +70,7 @@ class C37118Server:
         if self.concentrator is None:
             start_ns = tick * NANOSECONDS // self.case.run.frame_rate
             begun_ns = stamps.epoch_ns() or time.time_ns() - start_ns
-            self.concentrator = Concentrator(self.case, begun_ns // NANOSECONDS, self.wait_s)
+            self.concentrator = Concentrator(self.case, begun_ns / NANOSECONDS, self.wait_s)
         for instant in self.concentrator.take(tick, rows):
             self.beside.soon(partial(send, self.servers, instant, each=self.asked.each))
 

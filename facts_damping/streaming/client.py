@@ -64,9 +64,9 @@ class Client:
         """Until it is cancelled."""
         while True:
             try:
-                wire = await asyncio.wait_for(_open(self.server), CONNECT_S)
-            except (OSError, asyncio.TimeoutError) as error:
-                self._tell(Lost(one_line(error) or f"no connection within {CONNECT_S:g} s"))
+                wire = await self._connect()
+            except (OSError, UnicodeError) as error:
+                self._tell(Lost(one_line(error)))
             else:
                 self.connections += 1
                 try:
@@ -74,34 +74,52 @@ class Client:
                 except OSError as error:
                     self._tell(Lost(one_line(error)))
                 finally:
+                    if self.server.kind == "udp":
+                        self._command(wire, "turn_off")
                     wire.close()
             await asyncio.sleep(AGAIN_S)
+
+    async def _connect(self) -> _Wire:
+        """The way to the server. Raises OSError."""
+        opening = asyncio.ensure_future(_open(self.server))
+        try:
+            if not (await asyncio.wait({opening}, timeout=CONNECT_S))[0]:
+                raise OSError(f"no connection within {CONNECT_S:g} s")
+            return opening.result()
+        finally:
+            opening.cancel()
 
     async def _serve(self, wire: _Wire) -> str:
         """One connection, to its end, and why it ended."""
         receiver, old = Receiver(self.server.idcode), self.receiver
         receiver.lost_bytes, receiver.refused = old.lost_bytes, old.refused
         self.receiver, self._asked_s, self._heard_s = receiver, -ANSWER_S, time.monotonic()
-        while True:
-            now = time.monotonic()
-            if now - self._heard_s > 2.0 * SILENT_S and not self.server.spontaneous:
-                return f"silent for {now - self._heard_s:.0f} s"
-            if receiver.changed or now - self._heard_s > SILENT_S:
-                self._ask(wire, now)
-            try:
-                received = await asyncio.wait_for(wire.receive(), ANSWER_S)
-            except asyncio.TimeoutError:
-                continue
-            if not received:
-                return "closed by the server"
-            self._heard_s = time.monotonic()
-            whole = self.server.kind == "udp"
-            for one in receiver.take([received]) if whole else receiver.feed(received):
-                if isinstance(one, Configuration):
-                    self._answered = True
-                    self._command(wire, "turn_on")
-                if not isinstance(one, str):
-                    self._tell(one)
+        coming = asyncio.ensure_future(wire.receive())
+        try:
+            while True:
+                now = time.monotonic()
+                if now - self._heard_s > 2.0 * SILENT_S and not self.server.spontaneous:
+                    return f"silent for {now - self._heard_s:.0f} s"
+                if receiver.changed or now - self._heard_s > SILENT_S:
+                    self._ask(wire, now)
+                if not (await asyncio.wait({coming}, timeout=ANSWER_S))[0]:
+                    continue
+                if not (received := coming.result()):
+                    return "closed by the server"
+                self._take(wire, received)
+                coming = asyncio.ensure_future(wire.receive())
+        finally:
+            coming.cancel()
+
+    def _take(self, wire: _Wire, received: bytes) -> None:
+        """What has come; data are turned on as soon as the configuration is known."""
+        self._heard_s, receiver = time.monotonic(), self.receiver
+        for one in receiver.take([received]) if self.server.kind == "udp" else receiver.feed(received):
+            if isinstance(one, Configuration):
+                self._answered = True
+                self._command(wire, "turn_on")
+            if not isinstance(one, str):
+                self._tell(one)
 
     def _ask(self, wire: _Wire, now: float) -> None:
         """Ask for the configuration, once in a while; for the other kind, where that is not answered."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,9 +40,10 @@ class Concentrator:
     their error is in their angles. As delivered, an instant waits for the slowest station, `wait_s` at most.
     """
 
-    def __init__(self, case: Case, epoch_s: int, wait_s: float | None = None) -> None:
-        """`epoch_s`: the time of tick 0, s since 1970; `wait_s`: none: as reported."""
-        self.grid, self._rate, self._epoch_s = grid_stations(case), case.run.frame_rate, epoch_s
+    def __init__(self, case: Case, epoch_s: float, wait_s: float | None = None) -> None:
+        """`epoch_s`: the time of tick 0, s since 1970, to the nearest frame; `wait_s`: none: as reported."""
+        self.grid, self._rate = grid_stations(case), case.run.frame_rate
+        self._first = round(epoch_s * self._rate)  # the number of tick 0's frame
         self._wait = None if wait_s is None else round(wait_s * self._rate)
         self.alignment = Alignment(len(self.grid))
         self._lost_ns, self._drift = _clocks(case.measurement, self.grid)
@@ -50,22 +52,26 @@ class Concentrator:
         """What the entries (DELIVERY) of a tick complete."""
         numbers = np.rint(rows["measured_ns"] * (self._rate / NANOSECONDS)).astype(np.int64)
         if self._wait is None:
-            numbers[:] = round(float(np.median(numbers))) if len(numbers) else 0
+            numbers[:] = np.sort(numbers)[len(numbers) // 2] if len(numbers) else 0
         for number in np.unique(numbers).tolist():
             own = rows[numbers == number]
             self.alignment.put(number, own["station"], own["values"], own["status"])
         over = (int(numbers[0]) if len(numbers) else None) if self._wait is None else tick - self._wait
         return [self._instant(one) for one in self.alignment.take(over)]
 
+    def rest(self) -> list[Instant]:
+        """What still waits for others."""
+        return [self._instant(one) for one in self.alignment.take(sys.maxsize)]
+
     def _instant(self, one: Aligned) -> Instant:
         """As a stream says it."""
-        parts = one.instant * TIME_BASE // self._rate
+        second, number = divmod(self._first + one.instant, self._rate)
         unsynchronised = one.there & ((one.status & UNSYNCHRONISED) > 0)
-        for_s = np.where(unsynchronised, parts / TIME_BASE - self._lost_ns / NANOSECONDS, 0.0).clip(0.0)
+        for_s = np.where(unsynchronised, one.instant / self._rate - self._lost_ns / NANOSECONDS, 0.0).clip(0.0)
         error_s = self._drift * for_s
         words = stat.word(one.status, one.there, error_s, for_s)
         data, quality = stations.to_data(self.grid, one.values, words), stat.message_quality(error_s[unsynchronised])
-        return Instant(self._epoch_s + parts // TIME_BASE, parts % TIME_BASE, quality, data)
+        return Instant(second, number * TIME_BASE // self._rate, quality, data)
 
 
 def _clocks(measurement: Measurement, grid: Sequence[Station]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from facts_damping.c37118.configuration import Configuration
 
 LEAK = 1e-3  # share by which the two clocks may drift apart
+OFF_S = 1.0  # stamps that have been out of time for so long are of another time
 JUMP_S = 10.0  # stamps that are further ahead of this computer's clock than they were are of another time
 
 
@@ -41,7 +42,7 @@ class Following:
         self._rate, self._wait_s = rate, wait_s
         self._due_s = math.inf  # when tick 0 was due, by this computer's clock
         self._least_s = -math.inf  # it was not due before
-        self._off = 0  # instants in succession that are out of time
+        self._off_s = math.inf  # since when all instants have been out of time
 
     def put(
         self,
@@ -57,18 +58,19 @@ class Following:
             self._begin(instant, now_s)
         begun_s = now_s - self.tick(instant) / self._rate
         if begun_s < self._least_s or not self.alignment.put(instant, where, values, status, absent):
-            self._off += 1
-            if self._off > self._rate:
+            self._off_s = min(self._off_s, now_s)
+            if now_s - self._off_s > OFF_S:
                 self.moved += 1
                 self._begin(instant, now_s)
             return
-        self._off = 0
+        self._off_s = math.inf
         self._due_s = min(self._due_s + LEAK / self._rate, begun_s)
+        self._least_s = max(self._least_s - LEAK / self._rate, self._due_s - JUMP_S)
 
     def _begin(self, instant: int, now_s: float) -> None:
         """Take an instant for now: the first one, or a source was put back, stopped for a while, or is another one."""
         self.alignment.forget()
-        self.first, self._off = instant - max(0, self.next - self.ahead), 0
+        self.first, self._off_s = instant - max(0, self.next - self.ahead), math.inf
         self._due_s = now_s - self.tick(instant) / self._rate
         self._least_s = self._due_s - JUMP_S
 

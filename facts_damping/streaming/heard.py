@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.c37118.configuration import FORMATS, Configuration
@@ -29,6 +28,8 @@ class Heard:
     newest: Instant | None = None
     frames: int = 0
     lost: str = ""  # why there is no connection
+    refused: dict[str, int] = field(default_factory=dict)  # frames that were none, by the field that was wrong
+    why: str = ""  # what was wrong with the newest of them
 
     def take(self, what: Any) -> None:
         """Keep what has come."""
@@ -43,9 +44,11 @@ class Heard:
         """In a line."""
         c = self.configuration
         if c is None:
-            return f"{self.server}: no configuration{self.lost and ': '}{self.lost}"
+            why = self.lost or self.why or "no answer; is the IDCODE right?"
+            return f"{self.server}: no configuration: {why}"
         rate = f"{c.rate} frames/s" if c.rate > 0 else f"a frame in {-c.rate} s"
-        return f"{self.server}: {len(c.pmus)} PMUs, {rate}; {self.frames} frames have come"
+        refused = f", {sum(self.refused.values())} refused ({self.why})" if self.refused else ""
+        return f"{self.server}: {len(c.pmus)} PMUs, {rate}; {self.frames} frames have come{refused}"
 
     def values(self) -> Iterator[tuple[Pmu, list[tuple[str, float | None, str]]]]:
         """PMUs, and of each its channels: name, newest value, unit."""
@@ -55,8 +58,8 @@ class Heard:
         phasors, analogs = 0, 0
         for i, pmu in enumerate(self.configuration.pmus):
             rows: list[tuple[str, float | None, str]] = []
-            for name, field, unit in (("STAT", "status", ""), ("FREQ", "frequency", "Hz"), ("DFREQ", "rocof", "Hz/s")):
-                rows.append((name, None if data is None else float(getattr(data, field)[i]), unit))
+            for name, of, unit in (("STAT", "status", ""), ("FREQ", "frequency", "Hz"), ("DFREQ", "rocof", "Hz/s")):
+                rows.append((name, None if data is None else float(getattr(data, of)[i]), unit))
             for j, phasor in enumerate(pmu.phasors, phasors):
                 magnitude, angle = (None, None) if data is None else map(float, data.phasors[j])
                 rows.append((phasor.name, magnitude, "A" if phasor.current else "V"))
@@ -85,7 +88,7 @@ class Heard:
                 "idcode": pmu.idcode,
                 "nominal_hz": pmu.nominal_hz,
                 "format": [name for name in FORMATS if getattr(pmu, name)],
-                "channels": {name: value for name, value, _ in channels},
+                "channels": [{"name": name, "value": value, "unit": unit} for name, value, unit in channels],
             }
             for pmu, channels in self.values()
         ]
@@ -106,11 +109,14 @@ def _format(pmu: Pmu) -> str:
 
 
 async def listen(servers: Sequence[Server], seconds: float) -> list[Heard]:
-    """What servers send in some time, or less, if that is none."""
+    """What servers send in some time."""
     found = [Heard(one) for one in servers]
-    tasks = [asyncio.ensure_future(Client(one.server, partial(Heard.take, one)).run()) for one in found]
-    await asyncio.sleep(seconds)
+    clients = [Client(one.server, one.take) for one in found]
+    tasks = {asyncio.ensure_future(client.run()) for client in clients}
+    await asyncio.wait(tasks, timeout=seconds)
     for task in tasks:
         task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
+    await asyncio.wait(tasks, timeout=seconds)
+    for one, client in zip(found, clients, strict=True):
+        one.refused, one.why = dict(client.receiver.refused), client.receiver.why
     return found

@@ -35,6 +35,8 @@ def instants(record: Record, concentrator: Concentrator, link: int | None = None
             rows = delivered[slice(*np.searchsorted(delivered["tick"], [tick, tick + 1]))]
         for instant in concentrator.take(tick, rows):
             yield (now_ns - int(record.time_ns[0])) / NANOSECONDS, instant
+    for instant in concentrator.rest():
+        yield (int(record.time_ns[-1]) - int(record.time_ns[0])) / NANOSECONDS, instant
 
 
 def one_of(instant: Instant, i: int) -> Instant:

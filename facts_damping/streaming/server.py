@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 MOST_WAITING = 1 << 18  # bytes that a client may be behind: then it is dropped
 CONFIGURATION_S = 60.0  # between the configurations that go to fixed receivers
+MOST_ASKING = 256  # addresses that have turned data on by UDP: the one that was first makes room
+LONGEST = 1024  # bytes of a command
 CHUNK = 4096
 
 
@@ -32,7 +34,7 @@ class Counts:
     """What has happened."""
 
     frames: int = 0  # data frames, however many they went to
-    clients: int = 0  # connections, and addresses that have commanded by UDP
+    clients: int = 0  # connections, and addresses that have turned data on by UDP
     dropped: int = 0  # clients that were too slow
     refused: Counter[str] = field(default_factory=Counter)  # commands that were none, by what was wrong
 
@@ -44,7 +46,7 @@ class Server:
         """`now`: the time of answers, s and parts of a second."""
         self.stream, self.now, self.counts = stream, now, Counts()
         self._clients: dict[asyncio.StreamWriter, bool] = {}  # whether data is turned on
-        self._asking: dict[Address, bool] = {}  # the same by UDP
+        self._asking: dict[Address, None] = {}  # who has data turned on by UDP, in their order
         self._fixed: list[Address] = []
         self._tcp: asyncio.Server | None = None
         self._udp: asyncio.DatagramTransport | None = None
@@ -74,23 +76,28 @@ class Server:
     @property
     def listening(self) -> int:
         """How many have data turned on."""
-        return sum(self._clients.values()) + sum(self._asking.values()) + len(self._fixed)
+        return sum(self._clients.values()) + len(self._asking) + len(self._fixed)
 
     def send(self, instant: Instant) -> None:
         """A data frame to all who listen; those who are too far behind are dropped."""
         raw = session.told(self.stream, instant)
         self.counts.frames += 1
         for client in [one for one, on in self._clients.items() if on]:
-            if client.transport.get_write_buffer_size() > MOST_WAITING:
-                self.counts.dropped += 1
-                self._clients.pop(client)
-                client.transport.abort()
-            else:
+            if not self._too_slow(client):
                 client.write(raw)
         if self._udp is not None:
             self._remind()
-            for address in [*(one for one, on in self._asking.items() if on), *self._fixed]:
+            for address in [*self._asking, *self._fixed]:
                 self._udp.sendto(raw, address)
+
+    def _too_slow(self, client: asyncio.StreamWriter) -> bool:
+        """Whether a client is too far behind: then it is dropped."""
+        if client.transport.get_write_buffer_size() <= MOST_WAITING:
+            return False
+        self.counts.dropped += 1
+        self._clients.pop(client, None)
+        client.transport.abort()
+        return True
 
     def _remind(self) -> None:
         """The configuration to fixed receivers, which cannot ask for it."""
@@ -118,15 +125,17 @@ class Server:
         try:
             while received := await reader.read(CHUNK):
                 stream += received
-                frames, lost = frame.split(stream)
+                frames, lost = frame.split(stream, LONGEST)
                 if lost:
                     self.counts.refused["bytes that are no frame"] += lost
                 for raw in frames:
                     answers, turned = self.answer(raw)
                     writer.writelines(answers)
+                    if self._too_slow(writer):
+                        return
                     if turned is not None and writer in self._clients:
                         self._clients[writer] = turned
-        except ConnectionError:
+        except OSError:  # it has gone
             pass
         finally:
             self._clients.pop(writer, None)
@@ -135,12 +144,21 @@ class Server:
     def received(self, raw: bytes, address: Address) -> None:
         """A datagram, which is one command."""
         answers, turned = self.answer(raw)
-        if answers or turned is not None:
-            self.counts.clients += address not in self._asking
-            self._asking[address] = self._asking.get(address, False) if turned is None else turned
+        self._ask(address, turned)
         if self._udp is not None:
             for one in answers:
                 self._udp.sendto(one, address)
+
+    def _ask(self, address: Address, turned: bool | None) -> None:
+        """Keep who has turned data on by UDP, until it turns them off."""
+        if turned is False:
+            self._asking.pop(address, None)
+        elif turned and address not in self._asking:
+            if len(self._asking) >= MOST_ASKING:
+                self._asking.pop(next(iter(self._asking)))
+                self.counts.dropped += 1
+            self._asking[address] = None
+            self.counts.clients += 1
 
     async def end(self) -> None:
         """Close all."""

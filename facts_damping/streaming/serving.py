@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+import socket
+from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.c37118 import session, stations
 from facts_damping.c37118.configuration import FORMATS, Site
-from facts_damping.errors import InputError, check_known
+from facts_damping.errors import InputError, check_known, one_line
 from facts_damping.parameters.streams import MOST_ID
 from facts_damping.streaming.concentrator import grid_stations
 from facts_damping.streaming.server import Server
@@ -61,7 +64,7 @@ def _formats(text: str | None) -> dict[str, bool]:
 
 async def begin(made: Sequence[Server], asked: Serving) -> list[str]:
     """Open the servers' ports; what is served where, a line a stream. Raises `InputError`, `RunError`."""
-    targets, lines = [_address(text) for text in asked.to], []
+    targets, lines = [await _address(text, asked.host) for text in asked.to], []
     for i, server in enumerate(made):
         at = (asked.host, asked.port + i if asked.port else 0)
         await server.begin(at, at, targets)
@@ -69,11 +72,20 @@ async def begin(made: Sequence[Server], asked: Serving) -> list[str]:
     return lines
 
 
-def _address(text: str) -> Address:
+async def _address(text: str, own: str) -> Address:
+    """An address that data go to, looked up; `own`: that of this computer which they are sent from."""
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise InputError(f"to: '{text}' given; allowed: HOST:PORT")
-    return host, int(port)
+    try:
+        loop = asyncio.get_running_loop()
+        found = (await loop.getaddrinfo(host, int(port), family=socket.AF_INET, type=socket.SOCK_DGRAM))[0][4]
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"to: '{text}' given: {one_line(error)}; allowed: HOST:PORT of a host that is known") from None
+    there = ip_address(found[0])
+    if own.startswith("127.") and not (there.is_loopback or there.is_multicast):
+        raise InputError(f"to: '{text}' given with host {own}; allowed: this computer, groups; or another host")
+    return str(found[0]), int(port)
 
 
 def _names(server: Server) -> str:

@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.c37118 import mapping
+from facts_damping.c37118 import mapping, stat
 from facts_damping.c37118.configuration import TIME_BASE, Configuration
 from facts_damping.c37118.session import Instant
-from facts_damping.errors import InputError
+from facts_damping.errors import InputError, check_known
+from facts_damping.measurement.pmu import UNSYNCHRONISED
 from facts_damping.parameters.streams import server
 from facts_damping.signals import DELIVERY, LOST
 from facts_damping.simulation.measured_plant import entries, tick_ns
 from facts_damping.streaming.concentrator import grid_stations
-from facts_damping.streaming.following import Following, latency
+from facts_damping.streaming.following import JUMP_S, Following, latency
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,6 +42,8 @@ class Sources:
         self._down: dict[int, str] = {}  # why a server is not there, by its place
         self._seen = np.zeros(len(self.grid), bool)  # who has spoken in the newest tick
         self.wrong = False  # what was said last is something wrong
+        for name in streams.stations:
+            check_known("stations", name, [one.name for one in self.grid])
 
     def take(self, i: int, at_s: float, what: Configuration | Instant | Lost) -> str:
         """What server i says, at a time of this computer's clock; what there is to be told of it."""
@@ -52,6 +55,7 @@ class Sources:
             return self._configuration(i, what)
         known = self._down.get(i)
         self._down[i] = str(what)
+        self._await()
         return "" if known == str(what) else f"{self.servers[i]}: {what}"
 
     def _instant(self, i: int, at_s: float, what: Instant) -> None:
@@ -59,19 +63,22 @@ class Sources:
         if found is None:
             return
         values, status, absent = mapping.told(found, what.data)
+        if what.quality & stat.FAULT == stat.FAULT:
+            status |= UNSYNCHRONISED
         rate = self._case.run.frame_rate
         number = what.soc * rate + round(what.fraction * rate / TIME_BASE)
         self.following.put(number, found.stations, values, status, absent, at_s)
 
     def _configuration(self, i: int, what: Configuration) -> str:
         """Take a configuration where it fits; else the server's stations are absent until one does."""
-        self._down.pop(i, None)
+        back = self._down.pop(i, None) is not None
         if what == self._known[i]:
-            return ""
+            self._await()
+            return f"{self.servers[i]}: is back" if back else ""
         self._known[i] = what
         try:
             self._check(what)
-            self._places[i] = mapping.places(what, self.grid, self._streams.stations)
+            self._places[i] = self._placed(i, what)
         except InputError as error:
             self._places[i], self.wrong = None, True
             text = f"{self.servers[i]}: {error}"
@@ -79,16 +86,37 @@ class Sources:
             names = self._names([self.grid[s].name for s in self._places[i].stations.tolist()])  # type: ignore[union-attr]
             text = f"{self.servers[i]}: {len(what.pmus)} PMUs, {what.rate} frames/s; stations: {names or 'none'}"
         if self.following.first is None:
-            self.following.ahead = latency([c for c in self._known if c is not None], self._case.run.frame_rate)
-        have = [found.stations for found in self._places if found is not None]
-        self.following.alignment.awaited[:] = np.isin(np.arange(len(self.grid)), np.concatenate([*have, []]))
+            sound = [
+                c for c, found in zip(self._known, self._places, strict=True) if c is not None and found is not None
+            ]
+            self.following.ahead = latency(sound, self._case.run.frame_rate)
+        self._await()
         return text
+
+    def _placed(self, i: int, c: Configuration) -> Places:
+        """Where a server has which stations; none may be another's, too."""
+        made = mapping.places(c, self.grid, self._streams.stations)
+        for j, other in enumerate(self._places):
+            twice = [] if other is None or j == i else np.intersect1d(made.stations, other.stations).tolist()
+            if twice:
+                given = f"station {self.grid[twice[0]].name}: in this stream and in {self.servers[j]}"
+                raise InputError(f"{given}; allowed: each station in one")
+        return made
+
+    def _await(self) -> None:
+        """Await the stations of the servers that are there."""
+        have = [found.stations for i, found in enumerate(self._places) if found is not None and i not in self._down]
+        self.following.alignment.awaited[:] = np.isin(np.arange(len(self.grid)), np.concatenate([*have, []]))
 
     def _check(self, c: Configuration) -> None:
         """Refuse a stream that cannot be of this run's grid."""
         rate, nominal = self._case.run.frame_rate, round(self._case.system.frequency)
         if c.rate != rate:
             raise InputError(f"DATA_RATE: {c.rate} frames/s given; allowed: {rate}, the run's frame_rate")
+        slow = next((pmu for pmu in c.pmus if pmu.site.group_delay_us > 1e6 * JUMP_S), None)
+        if slow is not None:
+            given = f"GRP_DLY: {slow.site.group_delay_us / 1e6:g} s given by {slow.name}"
+            raise InputError(f"{given}; allowed: 0 to {JUMP_S:g} s")
         other = next((pmu for pmu in c.pmus if pmu.nominal_hz != nominal), None)
         if other is not None:
             raise InputError(f"FNOM: {other.nominal_hz} Hz given by {other.name}; allowed: {nominal} Hz, the system's")
@@ -110,11 +138,13 @@ class Sources:
 
     def flaws(self) -> list[str]:
         """Which servers, and which stations, are not there."""
-        awaited = self.following.alignment.awaited
+        have = [found.stations for found in self._places if found is not None]
+        awaited = np.isin(np.arange(len(self.grid)), np.concatenate([*have, []]))
         lacking = [self.grid[s].name for s in np.flatnonzero(awaited & ~self._seen)]
         unknown = [self.grid[s].name for s in np.flatnonzero(~awaited)]
         return [
             *(f"{self.servers[i]}: {why}" for i, why in self._down.items()),
+            *(f"{one.server}: {one.receiver.why}" for one in self.clients if one.receiver.why and one.receiver.changed),
             *([f"absent: {self._names(lacking)}"] if lacking else []),
             *([f"in no stream: {self._names(unknown)}"] if unknown else []),
         ]

@@ -77,6 +77,12 @@ def test_powers_that_are_not_sent_are_those_of_the_phasors() -> None:
     assert values[0, stations.REACTIVE] == pytest.approx(turned.imag)
 
 
+def test_a_voltage_and_a_current_of_the_same_name_are_two() -> None:
+    c = Configuration((floats("A", 7, (Phasor("P1"), Phasor("P1", current=True))),), 60)
+    asked = Channels.model_validate({"voltage": "P1", "current": "P1"})
+    assert mapping.places(c, GRID[:1], {"A": asked}).channels[0, :2].tolist() == [0, 1]
+
+
 @pytest.mark.parametrize(
     ("asked", "said"),
     [

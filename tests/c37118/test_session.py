@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from binascii import crc_hqx
 
 import numpy as np
 import pytest
 
-from facts_damping.c37118 import data, frame, session, stat
+from facts_damping.c37118 import configuration, data, frame, session, stat
 from facts_damping.c37118.configuration import Analog, Configuration, Digital, Phasor, Pmu
 from facts_damping.c37118.data import Data
 from facts_damping.c37118.frame import FrameError
@@ -42,7 +43,8 @@ def same(one: object, other: Instant) -> bool:
 @pytest.mark.parametrize("kind", ["configuration_1", "configuration_2", "configuration_3"])
 def test_a_command_is_answered(kind: str) -> None:
     served = session.stream(9, WIDE, "three stations")
-    assert Receiver().take(session.answers(served, f"send_{kind}", 5, 0)) == [WIDE]
+    told = Receiver().take(session.answers(served, f"send_{kind}", 5, 0))
+    assert told == ([] if kind == "configuration_1" else [WIDE])  # 1 says what could be sent
     assert Receiver().take(session.answers(served, "send_header", 5, 0)) == ["three stations"]
     assert session.answers(served, "turn_on", 5, 0) == []
 
@@ -87,6 +89,9 @@ def test_parts_of_a_configuration_3_that_do_not_fit_are_refused() -> None:
     assert receiver.take([last]) == []
     assert receiver.take([first, first, last]) == [served.configuration]  # the first one begins anew
     assert receiver.refused == {"CONT_IDX": 1}
+    third = frame.encode(frame.Frame("configuration_3", 9, 1, 0, b"\0\3" + b"x" * 100))
+    assert receiver.take([first, *[third] * 100]) == []
+    assert (receiver.refused["CONT_IDX"], receiver.parts) == (101, [])
 
 
 def test_mutated_streams_end_nothing_and_are_counted() -> None:
@@ -113,6 +118,7 @@ def test_mutated_streams_end_nothing_and_are_counted() -> None:
         given += 1
         taken += len(receiver.take([bytes(raw)]))
     refused = sum(receiver.refused.values())
+    assert all(re.fullmatch(r"[A-Z_0-9, to]+", field) for field in receiver.refused), receiver.refused
     assert refused > 50_000
     assert taken > 1000
     assert refused + taken <= given
@@ -124,3 +130,10 @@ def test_a_stream_that_is_too_wide_is_refused_before_it_begins() -> None:
         session.stream(1, Configuration((pmu,), 60))
     with pytest.raises(FrameError, match="CHNAM: 'a name of more than 16' has 22 bytes; allowed: 16"):
         session.stream(1, Configuration((Pmu("X", 1, (Phasor("a name of more than 16"),)),), 60))
+
+
+def test_a_stream_without_pmus_is_refused() -> None:
+    receiver = Receiver()
+    none = configuration.encode(Configuration((), 60), "configuration_2")[0]
+    assert receiver.take([frame.encode(frame.Frame("configuration_2", 9, 1, 0, none))]) == []
+    assert (receiver.refused, receiver.why) == ({"NUM_PMU": 1}, "NUM_PMU: 0 given; allowed: 1 and more (6.4)")

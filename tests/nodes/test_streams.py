@@ -206,7 +206,8 @@ def serve(port: int) -> Iterator[Callable[[int], Played]]:
         return begun[-1]
 
     yield begin
-    begun[-1].end()
+    for one in begun[-1:]:
+        one.end()
 
 
 def test_a_server_that_leaves_and_comes_back(

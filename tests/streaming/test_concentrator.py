@@ -78,6 +78,33 @@ def test_behind_a_link_frames_are_aligned_again() -> None:
     assert gone > 0
 
 
+def test_a_clock_that_is_off_by_more_than_half_a_frame_costs_no_frame() -> None:
+    """Of two stations; the stamp is that of a frame all the same."""
+    case = load_case(
+        "lead_lag_smib", ["duration=2", "measurement.stations.G1={clock: {offset: 0.01}}", "controllers=[]"]
+    )
+    found = [one for _, one in recorded.instants(loop.run(case), Concentrator(case, EPOCH))]
+    assert len(found) == 120
+    assert len({(one.soc, one.fraction) for one in found}) == 120
+
+
+@pytest.mark.parametrize("formats", ["none", "polar", "float_phasors", "polar,float_phasors", None])
+def test_who_is_absent_is_absent_in_any_format(formats: str | None) -> None:
+    case = load_case(NAME, [])
+    (server,) = serving.servers(case, Serving("", 0, [], 1, formats, each=False), lambda: (0, 0))
+    row = np.zeros(1, DELIVERY)
+    row["station"], row["values"] = 3, 0.5
+    (one,) = Concentrator(case, EPOCH).take(0, row)
+    receiver = Receiver(1)
+    receiver.take(session.answers(server.stream, "send_configuration_2", 0, 0))
+    (got,) = receiver.take([session.told(server.stream, one)])
+    assert isinstance(got, Instant)
+    where = mapping.places(server.stream.configuration, grid_stations(case), {})
+    values, _, absent = mapping.told(where, got.data)
+    assert absent.tolist() == [True, True, True, False, True]
+    assert np.isnan(values[0]).all()
+
+
 def test_what_comes_too_late_is_left_out_and_counted() -> None:
     case = load_case(NAME, [])
     concentrator = Concentrator(case, EPOCH, 0.1)

@@ -93,6 +93,20 @@ def test_a_pause_of_the_source_moves_its_stamps() -> None:
     assert 60 <= following.alignment.late <= 70  # those of a second, until that is known
 
 
+def test_what_comes_in_a_burst_after_a_stall_is_late_and_moves_nothing() -> None:
+    """A connection stands still for 3 s; then all comes at once, and after that in time."""
+    following, numbers = Following(1, RATE, WAIT), list[tuple[int, float]]()
+    for n in range(120 * 8):
+        now = n / 120
+        come = [n // 2] if n % 2 == 0 and not 2.0 <= now < 5.0 else []
+        for k in range(120, 301) if n == 600 else come:
+            following.put(k, ONE, rows(1, float(k)), SOUND, HERE, now)
+        numbers += [(one.number, one.said.values[0, 0]) for one in following.take(now) if one.said is not None]
+    assert following.moved == 0
+    assert all(number == instant for number, instant in numbers)
+    assert numbers[-1][0] == 479
+
+
 def test_stamps_of_another_time_are_taken_for_those_of_now() -> None:
     """A source that begins anew, an hour later or earlier."""
     for jump in (3600 * RATE, -3600 * RATE):

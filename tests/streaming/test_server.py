@@ -7,6 +7,7 @@ import collections
 import collections.abc
 import socket
 import struct
+import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -186,6 +187,41 @@ def test_datagrams_are_answered_and_turned_on() -> None:
         found, server = run(act, tcp=None, udp=(HERE, 0))
     assert [type(one) for one in found] == [configuration.Configuration, *[Instant] * TOTAL]
     assert (server.counts.clients, sum(server.counts.refused.values())) == (1, 1)
+
+
+def test_who_turns_data_off_by_datagram_is_forgotten_and_there_are_not_too_many() -> None:
+    server = Server(served(), lambda: (1000, 0))
+    for i in range(300):
+        server.received(frame.command(11, "turn_on", 5), (HERE, 1000 + i))
+        server.received(frame.command(11, "send_header", 5), (HERE, 5000 + i))
+    assert (server.listening, server.counts.clients, server.counts.dropped) == (256, 300, 44)
+    server.received(frame.command(11, "turn_off", 5), (HERE, 1299))
+    assert server.listening == 255
+
+
+def test_a_client_that_asks_and_does_not_read_is_dropped() -> None:
+    async def act(server: Server) -> None:
+        _, writer = await client(server)
+        asked = frame.command(11, "send_configuration_3", 5) * 100
+        while server.counts.dropped == 0:
+            writer.write(asked)
+            await asyncio.sleep(0)
+
+    _, server = run(act)
+    assert server.counts.dropped == 1
+
+
+def test_bytes_that_look_like_the_begin_of_long_frames_cost_little() -> None:
+    async def act(server: Server) -> list[Any]:
+        reader, writer = await client(server)
+        writer.write(b"\xaa\x42\xff\xff" * 20_000 + frame.command(11, "send_header", 5))
+        return await gather(reader, 1)
+
+    began = time.process_time()
+    found, server = run(act)
+    assert found == ["two stations"]
+    assert server.counts.refused == {"bytes that are no frame": 80_000}
+    assert time.process_time() - began < 4.0  # it was as many seconds as there are 16 KiB
 
 
 @pytest.mark.parametrize("group", [None, GROUP], ids=["unicast", "multicast"])

@@ -12,6 +12,7 @@ from facts_damping.c37118 import frame, session, stations
 from facts_damping.c37118.configuration import FORMATS
 from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
+from facts_damping.errors import InputError
 from facts_damping.parameters.streams import Streams
 from facts_damping.signals import CHANNELS
 from facts_damping.streaming.client import Lost
@@ -73,6 +74,35 @@ def test_a_server_that_is_lost_is_told_once_and_is_back_with_its_configuration()
     found.take(0, 2.0, stream([0]).configuration)
     assert (before, found.unknown()) == (True, False)
     assert f"{SOUTH}: refused" not in found.flaws()
+    found.take(0, 3.0, Lost("closed"))
+    assert found.take(0, 4.0, stream([0]).configuration) == f"{SOUTH}: is back"
+
+
+def test_a_server_that_is_lost_is_not_waited_for() -> None:
+    found = sources(SOUTH, NORTH)
+    found.take(0, 0.0, stream([0]).configuration)
+    found.take(1, 0.0, stream([1]).configuration)
+    found.take(1, 0.0, Lost("closed"))
+    found.take(0, 0.0, instant([0], 0))
+    assert rows(found, 0.0) == [[(0, 0, 1.0)]]
+    assert "absent: G2" in found.flaws()
+
+
+def test_stations_that_are_not_there_or_there_twice_are_said() -> None:
+    with pytest.raises(InputError, match=r"stations: 'G9' given.*; allowed: G1, G2"):
+        sources(SOUTH, stations={"G9": {"pmu": 3}})
+    found = sources(SOUTH, NORTH)
+    found.take(0, 0.0, stream([0, 1]).configuration)
+    said = found.take(1, 0.0, stream([1, 2]).configuration)
+    assert f"{NORTH}: station G2: in this stream and in {SOUTH}; allowed: each station in one" in said
+
+
+def test_a_time_that_cannot_be_relied_on_is_unsynchronised() -> None:
+    found = sources(SOUTH)
+    found.take(0, 0.0, stream([0]).configuration)
+    found.take(0, 0.0, instant([0], 0)._replace(quality=0x2F))
+    (tick,) = found.following.take(0.0)
+    assert found.rows(tick, 0)["status"].tolist() == [0x2000]
 
 
 @pytest.mark.parametrize(
@@ -99,6 +129,9 @@ def test_group_delay_of_configuration_3_puts_ticks_behind_stamps() -> None:
     late = stream([0]).configuration
     pmus = tuple(pmu._replace(site=pmu.site._replace(group_delay_us=100_000)) for pmu in late.pmus)
     found = sources(SOUTH)
+    hours = tuple(pmu._replace(site=pmu.site._replace(group_delay_us=2**32 - 1)) for pmu in pmus)
+    said = "GRP_DLY: 4294.97 s given by G1; allowed: 0 to 10 s"
+    assert said in found.take(0, 0.0, late._replace(pmus=hours))
     found.take(0, 0.0, late._replace(pmus=pmus))
     found.take(0, 0.0, instant([0], 0))
     assert rows(found, 0.0) == [*[[]] * 6, [(0, 0, 1.0)]]
