@@ -23,7 +23,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {  # by quantity: SI units, or p.u., 
     "speed": {"ppm": 1e-6, "p.u.": 1.0},
 }
 KINDS = ("tcp", "udp")
-ALLOWED = "tcp://HOST:PORT/IDCODE, udp://HOST:PORT/IDCODE, udp://@GROUP:PORT/IDCODE"
+ALLOWED = "tcp://HOST:PORT/IDCODE, udp://HOST:PORT/IDCODE, udp://@ADDRESS:PORT/IDCODE"
 MOST_ID = 65534
 
 
