@@ -169,8 +169,11 @@ class C37118Client:
 
     def begin(self) -> None:
         """The first frame says when tick 0 was."""
-        first = self.sources.following.first or 0
-        stamps.begin(first * NANOSECONDS // self.case.run.frame_rate if self.stamp == "wall" else 0)
+        first_ns = (self.sources.following.first or 0) * NANOSECONDS // self.case.run.frame_rate
+        off_s = abs(first_ns - time.time_ns()) / NANOSECONDS
+        if self.stamp == "wall" and off_s * NANOSECONDS > stamps.DAY_NS:
+            raise InputError(f"stamp: wall given with a stream that is {off_s:.0f} s off; allowed: simulated")
+        stamps.begin(first_ns if self.stamp == "wall" else 0)
         self.say(RunState.RUNNING, "begins")
 
     def say(self, state: int, reason: str) -> None:
