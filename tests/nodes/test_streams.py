@@ -144,11 +144,11 @@ def test_a_controller_in_shadow_does_what_the_one_in_the_graph_does(
     got = [json.loads(line) for line in lines if line.startswith("{")]
     print(f"synchrophasor's client got {len(got)} of {len(there.ticks) - 1} frames")
     assert len(got) > 60
-    sent = np.stack([stations.to_data(seen, *one).phasors for one in zip(there.frames, there.status, strict=True)])
+    told = np.stack([stations.to_data(seen, *one).phasors for one in zip(there.frames, there.status, strict=True)])
     phasors = np.array([[p for station in one["measurements"] for p in station["phasors"]] for one in got])
-    first = int(np.nanargmin(np.abs(sent - phasors[0]).max(axis=(1, 2))))
+    first = int(np.nanargmin(np.abs(told - phasors[0]).max(axis=(1, 2))))
     frames = first + np.rint((np.array([one["time"] for one in got]) - got[0]["time"]) * 60).astype(int)
-    np.testing.assert_allclose(phasors, sent[frames].astype(np.float32), rtol=1e-6)
+    np.testing.assert_allclose(phasors, told[frames].astype(np.float32), rtol=1e-6)
 
 
 def test_each_station_alone_behind_a_link_by_datagrams(
