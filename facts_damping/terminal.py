@@ -134,6 +134,11 @@ def table(
     ]
 
 
+def some_of(names: Sequence[str], most: int = 8) -> str:
+    """Names with commas between; of many the first ones, and how many more there are."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
 @contextmanager
 def naming(target: str) -> Iterator[None]:
     """Let an error of writing name the file: that of a full disk does not."""

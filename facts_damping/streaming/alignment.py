@@ -14,6 +14,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+class Said(NamedTuple):
+    """What some stations say of an instant."""
+
+    where: NDArray[np.int64]  # their places
+    values: NDArray[np.float64]  # (where, CHANNELS)
+    status: NDArray[np.int64]  # (where,)
+    absent: NDArray[np.bool_] | None = None  # (where,): of whom it is said that they are; none: nobody
+
+
 class Aligned(NamedTuple):
     """What stations said of an instant."""
 
@@ -36,25 +45,18 @@ class Alignment:
         self._open: dict[int, Aligned] = {}
         self._given: int | None = None  # the newest instant that is over
 
-    def put(
-        self,
-        instant: int,
-        where: NDArray[np.int64],
-        values: NDArray[np.float64],
-        status: NDArray[np.int64],
-        absent: NDArray[np.bool_] | None = None,
-    ) -> bool:
-        """What some stations (their places) say of an instant, or that they are absent; whether it was in time."""
+    def put(self, instant: int, said: Said) -> bool:
+        """Take what is said of an instant; whether it was in time."""
         if self._given is not None and instant <= self._given:
-            self.late += len(where)
+            self.late += len(said.where)
             return False
         if instant not in self._open:
             n = len(self.awaited)
             empty = np.full((n, len(CHANNELS)), np.nan), np.zeros(n, np.int64), np.zeros(n, bool), np.zeros(n, bool)
             self._open[instant] = Aligned(instant, *empty)
-        one = self._open[instant]
-        one.values[where], one.status[where], one.heard[where] = values, status, True
-        one.there[where] = True if absent is None else ~absent
+        one, where = self._open[instant], said.where
+        one.values[where], one.status[where], one.heard[where] = said.values, said.status, True
+        one.there[where] = True if said.absent is None else ~said.absent
         return True
 
     def take(self, over: int | None = None) -> Iterator[Aligned]:

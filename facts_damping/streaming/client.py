@@ -17,6 +17,7 @@ from facts_damping.c37118 import frame
 from facts_damping.c37118.configuration import TIME_BASE, Configuration
 from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.errors import one_line
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -132,7 +133,7 @@ class Client:
 
     def _command(self, wire: _Wire, name: str) -> None:
         if not self.server.spontaneous:
-            second, part = divmod(time.time_ns() * TIME_BASE // 1_000_000_000, TIME_BASE)
+            second, part = divmod(time.time_ns() * TIME_BASE // NANOSECONDS, TIME_BASE)
             wire.send(frame.command(self.server.idcode, name, second, part))
 
 
@@ -185,16 +186,15 @@ async def _open(server: Server) -> _Wire:
     """The way to a server. Raises OSError."""
     if server.kind == "tcp":
         return _Tcp(*await asyncio.open_connection(server.host, server.port))
-    loop = asyncio.get_running_loop()
-    if not server.spontaneous:
-        made = await loop.create_datagram_endpoint(_Udp, remote_addr=(server.host, server.port))
-        return made[1]
-    made = await loop.create_datagram_endpoint(_Udp, sock=_listening(server))
-    return made[1]
+    way: dict[str, Any] = {"remote_addr": (server.host, server.port)}
+    if server.spontaneous:
+        way = {"sock": _listening(server)}
+    return (await asyncio.get_running_loop().create_datagram_endpoint(_Udp, **way))[1]
 
 
-def _membership(group: str, interface: str) -> bytes:
-    return socket.inet_aton(group) + socket.inet_aton(interface)
+def _join(made: socket.socket, group: str, interface: str) -> None:
+    member = socket.inet_aton(group) + socket.inet_aton(interface)
+    made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
 
 
 def _listening(server: Server) -> socket.socket:
@@ -204,9 +204,9 @@ def _listening(server: Server) -> socket.socket:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         made.bind((server.host, server.port))
         if ip_address(server.host).is_multicast:
-            made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(server.host, "127.0.0.1"))
+            _join(made, server.host, "127.0.0.1")
             with suppress(OSError):  # this computer may have no other network
-                made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(server.host, "0.0.0.0"))  # noqa: S104 (whichever interface leads there)
+                _join(made, server.host, "0.0.0.0")  # noqa: S104 (whichever interface leads there)
     except OSError:
         made.close()
         raise

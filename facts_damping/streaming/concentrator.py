@@ -13,7 +13,7 @@ from facts_damping.c37118.session import Instant
 from facts_damping.c37118.stations import Station
 from facts_damping.measurement.pmu import UNSYNCHRONISED
 from facts_damping.signals import NANOSECONDS
-from facts_damping.streaming.alignment import Alignment
+from facts_damping.streaming.alignment import Alignment, Said
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,7 +55,7 @@ class Concentrator:
             numbers[:] = np.sort(numbers)[len(numbers) // 2] if len(numbers) else 0
         for number in np.unique(numbers).tolist():
             own = rows[numbers == number]
-            self.alignment.put(number, own["station"], own["values"], own["status"])
+            self.alignment.put(number, Said(own["station"], own["values"], own["status"]))
         over = (int(numbers[0]) if len(numbers) else None) if self._wait is None else tick - self._wait
         return [self._instant(one) for one in self.alignment.take(over)]
 

@@ -10,13 +10,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.streaming.alignment import Aligned, Alignment
+from facts_damping.streaming.alignment import Aligned, Alignment, Said
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
 
     from facts_damping.c37118.configuration import Configuration
 
@@ -44,20 +41,12 @@ class Following:
         self._least_s = -math.inf  # it was not due before
         self._off_s = math.inf  # since when all instants have been out of time
 
-    def put(
-        self,
-        instant: int,
-        where: NDArray[np.int64],
-        values: NDArray[np.float64],
-        status: NDArray[np.int64],
-        absent: NDArray[np.bool_],
-        now_s: float,
-    ) -> None:
-        """What some stations say of an instant, or that they are absent, as in `Alignment`."""
+    def put(self, instant: int, said: Said, now_s: float) -> None:
+        """Take what is said of an instant."""
         if self.first is None:
             self._begin(instant, now_s)
         begun_s = now_s - self.tick(instant) / self._rate
-        if begun_s < self._least_s or not self.alignment.put(instant, where, values, status, absent):
+        if begun_s < self._least_s or not self.alignment.put(instant, said):
             self._off_s = min(self._off_s, now_s)
             if now_s - self._off_s > OFF_S:
                 self.moved += 1

@@ -97,6 +97,7 @@ class Heard:
             "server": str(self.server),
             "rate": rate,
             "frames": self.frames,
+            "refused": self.refused,
             "lost": self.lost or None,
             "pmus": pmus,
         }

@@ -13,14 +13,13 @@ from facts_damping.errors import InputError, check_known, one_line
 from facts_damping.parameters.streams import MOST_ID
 from facts_damping.streaming.concentrator import grid_stations
 from facts_damping.streaming.server import Server
+from facts_damping.terminal import some_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from facts_damping.case.model import Case
     from facts_damping.streaming.server import Address
-
-SHOWN = 8  # names of stations
 
 
 class Serving(NamedTuple):
@@ -90,9 +89,7 @@ async def _address(text: str, own: str) -> Address:
 
 def _names(server: Server) -> str:
     """Stream and stations, for people."""
-    names = [pmu.name for pmu in server.stream.configuration.pmus]
-    shown = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
-    return f"IDCODE {server.stream.idcode}, {shown}"
+    return f"IDCODE {server.stream.idcode}, {some_of([pmu.name for pmu in server.stream.configuration.pmus])}"
 
 
 def counted(made: Sequence[Server]) -> list[dict[str, Any]]:

@@ -14,10 +14,14 @@ from facts_damping.measurement.pmu import UNSYNCHRONISED
 from facts_damping.parameters.streams import server
 from facts_damping.signals import DELIVERY, LOST
 from facts_damping.simulation.measured_plant import entries, tick_ns
+from facts_damping.streaming.alignment import Said
 from facts_damping.streaming.concentrator import grid_stations
 from facts_damping.streaming.following import JUMP_S, Following, latency
+from facts_damping.terminal import some_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     from facts_damping.c37118.mapping import Places
@@ -25,8 +29,6 @@ if TYPE_CHECKING:
     from facts_damping.parameters.streams import Streams
     from facts_damping.streaming.client import Client, Lost
     from facts_damping.streaming.following import Tick
-
-SHOWN = 8  # names of stations
 
 
 class Sources:
@@ -67,7 +69,7 @@ class Sources:
             status |= UNSYNCHRONISED
         rate = self._case.run.frame_rate
         number = what.soc * rate + round(what.fraction * rate / TIME_BASE)
-        self.following.put(number, found.stations, values, status, absent, at_s)
+        self.following.put(number, Said(found.stations, values, status, absent), at_s)
 
     def _configuration(self, i: int, what: Configuration) -> str:
         """Take a configuration where it fits; else the server's stations are absent until one does."""
@@ -83,8 +85,8 @@ class Sources:
             self._places[i], self.wrong = None, True
             text = f"{self.servers[i]}: {error}"
         else:
-            names = self._names([self.grid[s].name for s in self._places[i].stations.tolist()])  # type: ignore[union-attr]
-            text = f"{self.servers[i]}: {len(what.pmus)} PMUs, {what.rate} frames/s; stations: {names or 'none'}"
+            names = self._names(self._of([i])) or "none"
+            text = f"{self.servers[i]}: {len(what.pmus)} PMUs, {what.rate} frames/s; stations: {names}"
         if self.following.first is None:
             sound = [
                 c for c, found in zip(self._known, self._places, strict=True) if c is not None and found is not None
@@ -105,8 +107,13 @@ class Sources:
 
     def _await(self) -> None:
         """Await the stations of the servers that are there."""
-        have = [found.stations for i, found in enumerate(self._places) if found is not None and i not in self._down]
-        self.following.alignment.awaited[:] = np.isin(np.arange(len(self.grid)), np.concatenate([*have, []]))
+        self.following.alignment.awaited[:] = False
+        self.following.alignment.awaited[self._of(i for i in range(len(self.servers)) if i not in self._down)] = True
+
+    def _of(self, servers: Iterable[int]) -> NDArray[np.intp]:
+        """Places of the stations that servers have."""
+        found = [self._places[i] for i in servers]
+        return np.sort(np.concatenate([np.zeros(0, np.intp), *(one.stations for one in found if one is not None)]))
 
     def _check(self, c: Configuration) -> None:
         """Refuse a stream that cannot be of this run's grid."""
@@ -129,8 +136,9 @@ class Sources:
         measured = tick_ns(tick.number - self.following.ahead, self._case.run.frame_rate)
         return entries(start_ns, tick.said.values, np.where(tick.said.there, measured, LOST), tick.said.status)
 
-    def _names(self, names: list[str]) -> str:
-        return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+    def _names(self, places: NDArray[np.intp]) -> str:
+        """Names of stations, for people."""
+        return some_of([self.grid[s].name for s in places.tolist()])
 
     def unknown(self) -> bool:
         """Whether nothing is known of any server yet."""
@@ -138,15 +146,13 @@ class Sources:
 
     def flaws(self) -> list[str]:
         """Which servers, and which stations, are not there."""
-        have = [found.stations for found in self._places if found is not None]
-        awaited = np.isin(np.arange(len(self.grid)), np.concatenate([*have, []]))
-        lacking = [self.grid[s].name for s in np.flatnonzero(awaited & ~self._seen)]
-        unknown = [self.grid[s].name for s in np.flatnonzero(~awaited)]
+        known = self._of(range(len(self.servers)))
+        lacking, unknown = known[~self._seen[known]], np.setdiff1d(np.arange(len(self.grid)), known)
         return [
             *(f"{self.servers[i]}: {why}" for i, why in self._down.items()),
             *(f"{one.server}: {one.receiver.why}" for one in self.clients if one.receiver.why and one.receiver.changed),
-            *([f"absent: {self._names(lacking)}"] if lacking else []),
-            *([f"in no stream: {self._names(unknown)}"] if unknown else []),
+            *([f"absent: {self._names(lacking)}"] if lacking.size else []),
+            *([f"in no stream: {self._names(unknown)}"] if unknown.size else []),
         ]
 
     def counts(self) -> dict[str, int]:

@@ -79,6 +79,11 @@ async def follow(server: Server, text: str) -> Listening:
     """All that a server sends of 30 instants, once the client has turned it on."""
     one = Listening(text)
     await until(lambda: server.listening > 0)
+    return await send_all(server, one)
+
+
+async def send_all(server: Server, one: Listening) -> Listening:
+    """30 instants, until they have come."""
     for k in range(TOTAL):
         server.send(instant(k))
         await asyncio.sleep(0.001)
@@ -120,14 +125,7 @@ def test_by_datagrams_that_come_by_themselves(group: str, port: int) -> None:
     async def act() -> Listening:
         one = Listening(f"udp://@{group}:{port}/11")
         await until(lambda: one.client.connections == 1)
-        server = await begun(tcp=None, udp=(HERE, 0), fixed=[(group, port)])
-        for k in range(TOTAL):
-            server.send(instant(k))
-            await asyncio.sleep(0.001)
-        await until(lambda: len(one.of(Instant)) == TOTAL)
-        await one.end()
-        await server.end()
-        return one
+        return await send_all(await begun(tcp=None, udp=(HERE, 0), fixed=[(group, port)]), one)
 
     same(run(act).of(Instant))
 

@@ -30,7 +30,7 @@ EPOCH, HERE = 1_700_000_000, "127.0.0.1"
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory: pytest.TempPathFactory, module_domain: int) -> Path:
     folder = tmp_path_factory.mktemp("served")
     case = load_case("two_area_small", ["duration=2"])
     return graph.run(case, "lockstep", folder, quiet, LOADED_S).recording
