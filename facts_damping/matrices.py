@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import Complex2, Float2
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -76,8 +77,8 @@ def _eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
     return True
 
 
-@compiled
-def _rotate(u: NDArray[np.float64], v: NDArray[np.float64]) -> None:
+@entry_point
+def _rotate(u: Float2, v: Float2) -> None:
     """Turn the rows of `u` in pairs until all are at right angles, and those of `v` with them."""
     for _ in range(MOST):
         turned = False
@@ -103,6 +104,26 @@ def _rotate(u: NDArray[np.float64], v: NDArray[np.float64]) -> None:
             return
 
 
+@entry_point
+def _multiply_real(a: Float2, b: Float2, out: Float2) -> None:
+    _multiply(a, b, out)
+
+
+@entry_point
+def _multiply_complex(a: Complex2, b: Complex2, out: Complex2) -> None:
+    _multiply(a, b, out)
+
+
+@entry_point
+def _eliminate_real(a: Float2, b: Float2) -> bool:
+    return _eliminate(a, b)  # type: ignore[no-any-return]
+
+
+@entry_point
+def _eliminate_complex(a: Complex2, b: Complex2) -> bool:
+    return _eliminate(a, b)  # type: ignore[no-any-return]
+
+
 def _plain(values: NDArray[Any], kind: Any) -> NDArray[Any]:
     """A copy of a matrix, or of a vector as a matrix of one column, as compiled functions take it."""
     return np.array(values if values.ndim == 2 else values[:, None], kind, order="C")
@@ -113,7 +134,8 @@ def product(first: NDArray[Any], *others: NDArray[Any]) -> NDArray[Any]:
     for other in others:
         kind = np.result_type(first, other)
         out = np.zeros((1 if first.ndim == 1 else len(first), 1 if other.ndim == 1 else other.shape[1]), kind)
-        _multiply(_plain(np.atleast_2d(first), kind), _plain(other, kind), out)
+        multiply = _multiply_complex if kind == complex else _multiply_real
+        multiply(_plain(np.atleast_2d(first), kind), _plain(other, kind), out)
         first = out.reshape(first.shape[:-1] + other.shape[1:])
     return first
 
@@ -122,7 +144,8 @@ def solve(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
     """The x of a x = b, for a vector or a matrix b. Raises `LinAlgError` where a is singular."""
     kind = np.result_type(a, b, float)
     x = _plain(b, kind)
-    if not _eliminate(_plain(a, kind), x):
+    eliminate = _eliminate_complex if kind == complex else _eliminate_real
+    if not eliminate(_plain(a, kind), x):
         raise np.linalg.LinAlgError("singular matrix")
     return x.reshape(b.shape)
 

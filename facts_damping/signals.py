@@ -8,16 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from facts_damping.compiling.structs import Array
 from facts_damping.monitors import MONITORS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
 
 NANOSECONDS = 1_000_000_000
 LOST = np.iinfo(np.int64).max  # in the place of a time: never
@@ -148,6 +149,16 @@ DEVICE_TRUTH = np.dtype(
         ("refused_order", "f8"),  # not newer than one before
     ]
 )
+
+# Tables of these, for compiled functions.
+Deliveries = Annotated[NDArray[Any], Array(DELIVERY, 1)]
+Deliveries2 = Annotated[NDArray[Any], Array(DELIVERY, 2)]
+Setpoints = Annotated[NDArray[Any], Array(SETPOINT, 1)]
+Estimates = Annotated[NDArray[Any], Array(ESTIMATE, 1)]
+Learnings = Annotated[NDArray[Any], Array(LEARNING, 1)]
+Supervisions = Annotated[NDArray[Any], Array(SUPERVISION, 1)]
+MachineTruths = Annotated[NDArray[Any], Array(MACHINE_TRUTH, 1)]
+DeviceTruths = Annotated[NDArray[Any], Array(DEVICE_TRUTH, 1)]
 
 
 @dataclass(frozen=True)

@@ -9,18 +9,20 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from facts_damping.compiling import branching, compiled, inner
+from facts_damping.compiling import branching, compiled, entry_point
+from facts_damping.compiling.structs import Array, Float1, Float2, Float3, Int1, Int2, Struct
 from facts_damping.control import neuro_fuzzy, state_space, table
 from facts_damping.control.called import Calls, call, calls
 from facts_damping.control.compensation import Compensated, Compensators, compensate, compensators
 from facts_damping.control.faults import Faults, corrupt, faults, misbehave, silent
 from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
-from facts_damping.control.neuro_fuzzy import Actuators, Memory, memories
-from facts_damping.control.state_space import StateSpace, state_spaces
+from facts_damping.control.neuro_fuzzy import AllActuators, Memories, memories
+from facts_damping.control.state_space import Observers, StateSpace, state_spaces
 from facts_damping.control.table import (
     CALLED,
     DIRECT,
@@ -33,16 +35,14 @@ from facts_damping.control.table import (
     Value,
     kind_of,
 )
-from facts_damping.neurofuzzy.learning import Learner, learners, view
+from facts_damping.neurofuzzy.learning import Learners, learners
 from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
 from facts_damping.parameters.run import Weights
-from facts_damping.signals import NANOSECONDS
+from facts_damping.signals import NANOSECONDS, Deliveries, Setpoints
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
 
     from facts_damping.control.plant_prior import PlantPrior
     from facts_damping.parameters.run import Controller
@@ -52,38 +52,38 @@ law_of = branching(LAWS)  # a code, and what a law takes
 RULES = 2  # of every network (thesis, chapter 3)
 
 
-class Bank(NamedTuple):
+class Bank(Struct):
     """Frozen parameters of all controllers of a run; the first axis is the controller."""
 
-    code: NDArray[np.int64]
-    law: NDArray[np.int64]  # of LAWS, of those that have one
-    settings: NDArray[Any]  # (controllers, most signals or devices) of SETTINGS: the value of each signal or device
-    mode_shape: NDArray[
-        np.float64
-    ]  # (controllers, most signals), of each signal beside the first at the mode; 1: unknown
+    code: Int1
+    law: Int1  # of LAWS, of those that have one
+    settings: Annotated[
+        NDArray[Any], Array(SETTINGS, 2)
+    ]  # (controllers, most signals or devices) of SETTINGS: the value of each signal or device
+    mode_shape: Float2  # (controllers, most signals), of each signal beside the first at the mode; 1: unknown
     inputs: Inputs
     compensators: Compensators
-    shape: NDArray[np.int64]  # (controllers, fields of Network)
-    sensitivity: NDArray[np.float64]  # (controllers, most signals, most devices), signs of dy/du; 0: none
-    device: NDArray[np.int64]  # (controllers, most devices), UNSET beyond its own
-    actuators: Actuators  # (controllers, most devices)
-    period_ns: NDArray[np.int64]  # (controllers,), of the frames
-    optimal: StateSpace  # matrices of observers with state feedback
+    shape: Int2  # (controllers, fields of Network)
+    sensitivity: Float3  # (controllers, most signals, most devices), signs of dy/du; 0: none
+    device: Int2  # (controllers, most devices), UNSET beyond its own
+    actuators: AllActuators  # (controllers, most devices)
+    period_ns: Int1  # (controllers,), of the frames
+    optimal: Observers  # matrices of observers with state feedback
     faults: Faults
 
 
-class BankState(NamedTuple):
+class BankState(Struct):
     """State of all controllers; the first axis is the controller."""
 
     held: Held
     compensated: Compensated
-    jacobian: NDArray[np.float64]  # (controllers, most signals, most devices), p.u./p.u., as last estimated; NaN: never
-    unlimited: NDArray[np.float64]  # (controllers, most devices), p.u.
-    outputs: NDArray[np.float64]  # (controllers, most devices), p.u.
-    internal: NDArray[np.float64]  # (controllers, most devices, most states), of lead-lags
-    learner: Learner
-    memory: Memory
-    estimate: NDArray[np.float64]  # (controllers, 2, most states), of observers, and room to step them
+    jacobian: Float3  # (controllers, most signals, most devices), p.u./p.u., as last estimated; NaN: never
+    unlimited: Float2  # (controllers, most devices), p.u.
+    outputs: Float2  # (controllers, most devices), p.u.
+    internal: Float3  # (controllers, most devices, most states), of lead-lags
+    learner: Learners
+    memory: Memories
+    estimate: Float3  # (controllers, 2, most states), of observers, and room to step them
     calls: Calls
 
 
@@ -124,7 +124,7 @@ def bank(
         shape=np.array(nets, np.int64).reshape(n, len(Network._fields)),
         sensitivity=np.zeros((n, most_signals, most_devices)),
         device=np.full((n, most_devices), UNSET, np.int64),
-        actuators=Actuators(*np.ones((2, n, most_devices))),
+        actuators=AllActuators(*np.ones((2, n, most_devices))),
         period_ns=np.full(n, NANOSECONDS // frame_rate, np.int64),
         optimal=optimal,
         faults=faults([c.faults for c in controllers], frame_rate, seed),
@@ -213,7 +213,7 @@ def pull(known: PlantPrior, s: NDArray[Any]) -> NDArray[np.float64]:
     return np.array([1.0, 1.0, *found[2:]])
 
 
-@inner
+@compiled
 def _limit(made: Bank, state: BankState, c: int, tick: int) -> None:
     """Setpoints within the devices' limits; one that is not finite counts as zero. A faulty controller's may be any."""
     for d in range(made.device.shape[1]):
@@ -222,14 +222,11 @@ def _limit(made: Bank, state: BankState, c: int, tick: int) -> None:
         state.outputs[c, d] = misbehave(made.faults, c, tick, d, value, state.outputs[c, d], limit)
 
 
-@inner
+@compiled
 def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
     """A neuro-fuzzy controller's step."""
     net, s = shape_of(made.shape[c]), made.settings[c]
-    own = view(state.learner, c, net)
-    m = state.memory
-    kept = Memory(m.before[c], m.applied[c], m.error[c], m.curvature[c], m.lyapunov[c], m.jacobian[c], m.taught[c])
-    actuators = Actuators(made.actuators.limit[c], made.actuators.rate[c])
+    own, kept, actuators = state.learner.each[c], state.memory.each[c], made.actuators.each[c]
     for i in range(net.inputs // 2):
         for d in range(net.outputs):
             sign = made.sensitivity[c, i, d]
@@ -253,17 +250,16 @@ def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: in
     )
 
 
-@inner
+@compiled
 def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
     """A step of an observer with state feedback."""
-    p = made.optimal
     frames = 0 if since_ns == 0 else max(1, round(since_ns / made.period_ns[c]))
     state_space.step(
-        StateSpace(p.A[c], p.B[c], p.C[c], p.M[c], p.K[c]),
+        made.optimal.each[c],
         state.estimate[c],
         state.compensated.signal[c],
         made.inputs.signals[c],
-        Actuators(made.actuators.limit[c], made.actuators.rate[c]),
+        made.actuators.each[c],
         state.outputs[c],
         state.memory.applied[c],
         state.unlimited[c],
@@ -272,7 +268,7 @@ def _optimal(made: Bank, state: BankState, c: int, since_ns: int) -> None:
     )
 
 
-@inner
+@compiled
 def _issue(made: Bank, state: BankState, c: int, tick: int, arrival: int, out: NDArray[Any], first: int) -> int:
     """Setpoints of controller c within limits into `out` from index `first` on; the index after the last."""
     _limit(made, state, c, tick)
@@ -290,10 +286,8 @@ def _issue(made: Bank, state: BankState, c: int, tick: int, arrival: int, out: N
     return first
 
 
-@compiled
-def set_estimate(
-    state: BankState, c: int, jacobian: NDArray[np.float64], change: NDArray[np.float64], measured_ns: int
-) -> None:
+@entry_point
+def set_estimate(state: BankState, c: int, jacobian: Float2, change: Float1, measured_ns: int) -> None:
     """Hand an identifier's estimate to controller c, for its next tick: `measured_ns`, the newest frame it rests on."""
     for i in range(jacobian.shape[0]):
         state.compensated.change[c, i] = change[i]
@@ -302,15 +296,15 @@ def set_estimate(
     state.compensated.change_ns[c] = measured_ns
 
 
-@compiled
+@entry_point
 def act(
     made: Bank,
     state: BankState,
     c: int,
     tick: int,
-    delivered: NDArray[Any],
+    delivered: Deliveries,
     count: int,
-    out: NDArray[Any],
+    out: Setpoints,
     first: int,
 ) -> int:
     """One tick of controller c: `count` delivered entries in, setpoints into `out` from index `first` on.

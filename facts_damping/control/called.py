@@ -6,30 +6,29 @@ function is given lies in arrays that are the same at every call.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from facts_damping.compiling import inner
+from facts_damping.compiling import compiled
+from facts_damping.compiling.structs import Bool1, Int1, Struct
 from facts_damping.control.sensing import Sensed, look, sensed
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from facts_damping.control.inputs import Held, Inputs
 
 ARGUMENTS = 2  # controller, time of arrival (ns); all are whole numbers of 64 bits, and so is what comes back
 
 
-class Calls(NamedTuple):
+class Calls(Struct):
     """Called controllers; the first axis is the controller."""
 
-    address: NDArray[np.int64]  # (controllers,), of the C function; 0: none
-    failed: NDArray[np.bool_]  # (controllers,): it has failed, and is not called again
-    once: NDArray[np.bool_]  # (controllers,): it is called once a tick at most
+    address: Int1  # (controllers,), of the C function; 0: none
+    failed: Bool1  # (controllers,): it has failed, and is not called again
+    once: Bool1  # (controllers,): it is called once a tick at most
     sensed: Sensed
 
 
@@ -55,7 +54,7 @@ def _at(_typing: Any, _address: Any, _controller: Any, _now_ns: Any) -> Any:
 call_at: Any = intrinsic(_at)
 
 
-@inner
+@compiled
 def call(given: Inputs, held: Held, of: Calls, c: int, now_ns: int) -> bool:
     """Have controller c set its setpoints for what it holds at an arrival; False: it has failed."""
     if of.address[c] == 0 or of.failed[c]:

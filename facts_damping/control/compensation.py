@@ -18,11 +18,12 @@ Compensation With Adaptive Phasor Power Oscillation Damping Controller (POD), IE
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.compiling.structs import Float1, Float2, Float3, Int1, Struct
 from facts_damping.control.inputs import UNSET
 from facts_damping.control.lead_lag import section
 
@@ -39,22 +40,22 @@ MOST_LEAD = math.radians(60.0)  # rad, of a section; what would need more stays 
 SECTIONS = 2
 
 
-class Compensators(NamedTuple):
+class Compensators(Struct):
     """Frozen parameters; the first axis is the controller."""
 
-    code: NDArray[np.int64]
-    omega: NDArray[np.float64]  # (controllers,), rad/s, of the mode
+    code: Int1
+    omega: Float1  # (controllers,), rad/s, of the mode
 
 
-class Compensated(NamedTuple):
+class Compensated(Struct):
     """State of compensation; the first axis is the controller."""
 
-    latency: NDArray[np.float64]  # (controllers,), s, that time stamps show, filtered
-    sections: NDArray[np.float64]  # (controllers, most signals, 4): input and output of each section
-    phasor: NDArray[np.float64]  # (controllers, most signals, 3): mean, real and imaginary part
-    change: NDArray[np.float64]  # (controllers, most signals), p.u., until the setpoint is in force; NaN: not predicted
-    change_ns: NDArray[np.int64]  # (controllers,): the newest frame that the change rests on
-    signal: NDArray[np.float64]  # (controllers, most signals): what the controllers act on
+    latency: Float1  # (controllers,), s, that time stamps show, filtered
+    sections: Float3  # (controllers, most signals, 4): input and output of each section
+    phasor: Float3  # (controllers, most signals, 3): mean, real and imaginary part
+    change: Float2  # (controllers, most signals), p.u., until the setpoint is in force; NaN: not predicted
+    change_ns: Int1  # (controllers,): the newest frame that the change rests on
+    signal: Float2  # (controllers, most signals): what the controllers act on
 
 
 def compensators(names: Sequence[str], omega: Sequence[float], signals: int) -> tuple[Compensators, Compensated]:

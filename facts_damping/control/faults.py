@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
+from facts_damping.compiling.structs import Array, Float2, Struct
 from facts_damping.parameters.faults import SIZED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
     from facts_damping.parameters.faults import ControllerFault
 
@@ -23,11 +23,11 @@ FAULT = np.dtype([("kind", "i8"), ("first", "i8"), ("end", "i8"), ("size", "f8")
 CHANCES = 1024  # normal numbers that a controller's faults are made of, from the beginning again after the last
 
 
-class Faults(NamedTuple):
+class Faults(Struct):
     """Faults of all controllers; the first axis is the controller."""
 
-    rows: NDArray[Any]  # (controllers, most faults) of FAULT
-    chance: NDArray[np.float64]  # (controllers, CHANCES), normal; none where nobody has a fault
+    rows: Annotated[NDArray[Any], Array(FAULT, 2)]  # (controllers, most faults) of FAULT
+    chance: Float2  # (controllers, CHANCES), normal; none where nobody has a fault
 
 
 def faults(given: Sequence[Sequence[ControllerFault]], frame_rate: int, seed: int) -> Faults:
@@ -44,7 +44,7 @@ def faults(given: Sequence[Sequence[ControllerFault]], frame_rate: int, seed: in
     return Faults(rows, drawn)
 
 
-@inner
+@compiled
 def silent(of: Faults, c: int, tick: int) -> bool:
     """Whether controller c says nothing in a tick."""
     for i in range(of.rows.shape[1]):
@@ -54,7 +54,7 @@ def silent(of: Faults, c: int, tick: int) -> bool:
     return False
 
 
-@inner
+@compiled
 def corrupt(of: Faults, c: int, tick: int, theta: NDArray[np.float64]) -> None:
     """Move a network's parameters, in the tick in which that begins."""
     for i in range(of.rows.shape[1]):

@@ -11,11 +11,11 @@ limits.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled, entry_point
 from facts_damping.control.identifier_model import (
     Identified,
     Identifiers,
@@ -28,14 +28,12 @@ from facts_damping.control.inputs import UNSET, form, inputs, take
 from facts_damping.control.pairing import fill, frame_before
 from facts_damping.control.prediction import look_ahead
 from facts_damping.control.table import SETTINGS
-from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn, learners, view
+from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn, learners
 from facts_damping.neurofuzzy.network import Network, by_inputs, shape_of
-from facts_damping.signals import NANOSECONDS, to_ns
+from facts_damping.signals import NANOSECONDS, Deliveries, Estimates, Setpoints, to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
 
     from facts_damping.parameters.stations import Signal
 
@@ -107,7 +105,7 @@ def identifiers(
     return made, state
 
 
-@inner
+@compiled
 def _evaluate(net: Network, own: Learner, ids: Identifiers, state: IdentifierState, n: int) -> None:
     """Prediction and Jacobian at `own.x`."""
     first = ids.order[n] * net.outputs
@@ -119,15 +117,15 @@ def _evaluate(net: Network, own: Learner, ids: Identifiers, state: IdentifierSta
             state.jacobian[n, i, d] = by_u * ids.settings[n, i].scale / ids.limit[n, d]
 
 
-@compiled
+@entry_point
 def _first(ids: Identifiers, state: IdentifierState, n: int) -> None:
     """The Jacobian that an identifier starts from, at rest."""
     net = shape_of(ids.shape[n])
-    _evaluate(net, view(state.learner, n, net), ids, state, n)
+    _evaluate(net, state.learner.each[n], ids, state, n)
 
 
-@compiled
-def store_setpoints(ids: Identifiers, state: IdentifierState, n: int, issued: NDArray[Any], count: int) -> None:
+@entry_point
+def store_setpoints(ids: Identifiers, state: IdentifierState, n: int, issued: Setpoints, count: int) -> None:
     """Keep the setpoints of identifier n's devices among `count` issued ones."""
     for i in range(count):
         for d in range(ids.device.shape[1]):
@@ -138,14 +136,14 @@ def store_setpoints(ids: Identifiers, state: IdentifierState, n: int, issued: ND
                 state.given[n, d, at] = issued[i].value
 
 
-@inner
+@compiled
 def _learn(ids: Identifiers, state: IdentifierState, n: int) -> None:
     """Predict the newest frame from past ones and from the setpoints since, and learn from the error.
 
     Not where one of them is not kept.
     """
     net, s, now = shape_of(ids.shape[n]), ids.settings[n], state.held.newest_ns[n]
-    own, p = view(state.learner, n, net), shape_of(ids.shape[n]).outputs
+    own, p = state.learner.each[n], shape_of(ids.shape[n]).outputs
     elapsed = 0
     for k in range(ids.order[n]):
         before = frame_before(ids, state, n, now, ids.horizon[n] + k * ids.span[n])
@@ -170,8 +168,8 @@ def _learn(ids: Identifiers, state: IdentifierState, n: int) -> None:
     state.lyapunov[n, 0], state.lyapunov[n, 1] = now_is, now_is - then
 
 
-@compiled
-def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: NDArray[Any], count: int) -> None:
+@entry_point
+def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: Deliveries, count: int) -> None:
     """One tick of identifier n: `count` delivered entries in; it learns once per new frame that follows the last."""
     s = ids.settings[n, 0]
     i = 0
@@ -189,11 +187,11 @@ def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: NDArra
             state.past[n, at, j] = state.held.signal[n, j]
             state.peak[n, j] = max(state.peak[n, j], abs(state.held.signal[n, j]))
         if ids.ahead_ns[n] != UNSET:
-            look_ahead(ids, state, n, shape_of(ids.shape[n]), view(state.learner, n, shape_of(ids.shape[n])))
+            look_ahead(ids, state, n, shape_of(ids.shape[n]), state.learner.each[n])
 
 
-@compiled
-def write_estimates(ids: Identifiers, state: IdentifierState, n: int, tick: int, out: NDArray[Any], first: int) -> int:
+@entry_point
+def write_estimates(ids: Identifiers, state: IdentifierState, n: int, tick: int, out: Estimates, first: int) -> int:
     """The estimates of identifier n after a tick (ESTIMATE) into `out` from `first` on; the index after the last."""
     net = shape_of(ids.shape[n])
     for i in range(net.outputs):

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from facts_damping.compiling.structs import Array, Float2, Float3, Int1, Int2, Int3, Struct
+from facts_damping.control.inputs import Held, Inputs
+from facts_damping.control.table import SETTINGS
+from facts_damping.neurofuzzy.learning import Learners
 from facts_damping.neurofuzzy.network import Network, network
 from facts_damping.neurofuzzy.start import Start, initial, slots
 from facts_damping.neurofuzzy.table import IDENTIFIERS, MIMO_FORM
@@ -15,11 +20,7 @@ from facts_damping.neurofuzzy.table import IDENTIFIERS, MIMO_FORM
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
-    from facts_damping.control.inputs import Held, Inputs
     from facts_damping.control.plant_prior import PlantPrior
-    from facts_damping.neurofuzzy.learning import Learner
 
 WIDTH = 1.0  # s of the memberships at the start
 SPREAD = 0.5  # memberships at -0.5 and 0.5, where the consequents hold the linear plant
@@ -41,43 +42,43 @@ class Identified(NamedTuple):
     predicts: bool = False  # the controller acts on signals ahead
 
 
-class Identifiers(NamedTuple):
+class Identifiers(Struct):
     """Frozen parameters of all identifiers of a run; the first axis is the identifier."""
 
-    controller: NDArray[np.int64]
-    settings: NDArray[Any]  # (identifiers, most signals or devices) of SETTINGS
-    shape: NDArray[np.int64]  # (identifiers, fields of Network)
+    controller: Int1
+    settings: Annotated[NDArray[Any], Array(SETTINGS, 2)]  # (identifiers, most signals or devices) of SETTINGS
+    shape: Int2  # (identifiers, fields of Network)
     inputs: Inputs
-    device: NDArray[np.int64]  # (identifiers, most devices); UNSET beyond its own
-    limit: NDArray[np.float64]  # (identifiers, most devices), p.u.
-    loop_delay_ns: NDArray[np.int64]
-    horizon: NDArray[np.int64]  # frames
-    order: NDArray[np.int64]  # how many past values of each signal it is given
-    span: NDArray[np.int64]  # frames from one of them to the next
-    ahead_ns: NDArray[np.int64]  # how far it predicts; UNSET: not at all
-    period_ns: NDArray[np.int64]
+    device: Int2  # (identifiers, most devices); UNSET beyond its own
+    limit: Float2  # (identifiers, most devices), p.u.
+    loop_delay_ns: Int1
+    horizon: Int1  # frames
+    order: Int1  # how many past values of each signal it is given
+    span: Int1  # frames from one of them to the next
+    ahead_ns: Int1  # how far it predicts; UNSET: not at all
+    period_ns: Int1
 
 
-class IdentifierState(NamedTuple):
+class IdentifierState(Struct):
     """State of all identifiers; the first axis is the identifier."""
 
     held: Held
-    learner: Learner
-    past: NDArray[np.float64]  # (identifiers, kept, most signals), of the newest frames, a ring, p.u.
-    past_ns: NDArray[np.int64]  # (identifiers, kept): their times
-    newest: NDArray[np.int64]  # (identifiers,): place of the newest
-    given_ns: NDArray[np.int64]  # (identifiers, most devices, kept): what the newest setpoints rest on, a ring
-    given: NDArray[np.float64]  # the same shape: their values, p.u.
-    at: NDArray[np.int64]  # (identifiers, most devices): place of the newest
-    deviation: NDArray[np.float64]  # (identifiers, most signals): measurement less prediction, normalised
-    curvature: NDArray[np.float64]  # (identifiers, most signals): ones
-    lyapunov: NDArray[np.float64]  # (identifiers, 2): half the squared error that taught last, and its fall by the step
-    prediction: NDArray[np.float64]  # (identifiers, most signals), p.u.; NaN: none yet
-    error: NDArray[np.float64]  # (identifiers, most signals), prediction less measurement, p.u.; NaN: none yet
-    peak: NDArray[np.float64]  # (identifiers, most signals), p.u., the largest that was measured
-    path: NDArray[np.float64]  # (identifiers, frames, most signals), p.u., past and predicted
-    change: NDArray[np.float64]  # (identifiers, most signals), p.u., predicted; NaN: none
-    jacobian: NDArray[np.float64]  # (identifiers, most signals, most devices), p.u./p.u.
+    learner: Learners
+    past: Float3  # (identifiers, kept, most signals), of the newest frames, a ring, p.u.
+    past_ns: Int2  # (identifiers, kept): their times
+    newest: Int1  # (identifiers,): place of the newest
+    given_ns: Int3  # (identifiers, most devices, kept): what the newest setpoints rest on, a ring
+    given: Float3  # the same shape: their values, p.u.
+    at: Int2  # (identifiers, most devices): place of the newest
+    deviation: Float2  # (identifiers, most signals): measurement less prediction, normalised
+    curvature: Float2  # (identifiers, most signals): ones
+    lyapunov: Float2  # (identifiers, 2): half the squared error that taught last, and its fall by the step
+    prediction: Float2  # (identifiers, most signals), p.u.; NaN: none yet
+    error: Float2  # (identifiers, most signals), prediction less measurement, p.u.; NaN: none yet
+    peak: Float2  # (identifiers, most signals), p.u., the largest that was measured
+    path: Float3  # (identifiers, frames, most signals), p.u., past and predicted
+    change: Float2  # (identifiers, most signals), p.u., predicted; NaN: none
+    jacobian: Float3  # (identifiers, most signals, most devices), p.u./p.u.
 
 
 def past_values(span: Any) -> int:

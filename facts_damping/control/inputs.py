@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
+from facts_damping.compiling.structs import Bool2, Float2, Float3, Int1, Int2, Struct
 from facts_damping.control.lead_lag import section
 from facts_damping.signals import CHANNELS
 
@@ -24,28 +25,28 @@ TURN = 2.0 * math.pi  # rad
 ANGLES = [list(CHANNELS).index(name) for name in ("voltage_angle", "current_angle")]
 
 
-class Inputs(NamedTuple):
+class Inputs(Struct):
     """Which signals each of several receivers is given; the first axis is the receiver."""
 
-    signals: NDArray[np.int64]  # (receivers,), how many signals
-    channel: NDArray[np.int64]  # (receivers, most signals)
-    weight: NDArray[np.float64]  # (receivers, most signals, stations)
-    offset: NDArray[np.float64]  # (receivers, most signals): what is taken off the weighted sum
-    angle: NDArray[np.bool_]  # (receivers, most signals): whether whole turns do not count
-    uses: NDArray[np.bool_]  # (receivers, stations): whether a signal is made of it
-    deviation: NDArray[np.bool_]  # (receivers, most signals)
-    washout: NDArray[np.float64]  # (receivers, most signals), s; 0: none
+    signals: Int1  # (receivers,), how many signals
+    channel: Int2  # (receivers, most signals)
+    weight: Float3  # (receivers, most signals, stations)
+    offset: Float2  # (receivers, most signals): what is taken off the weighted sum
+    angle: Bool2  # (receivers, most signals): whether whole turns do not count
+    uses: Bool2  # (receivers, stations): whether a signal is made of it
+    deviation: Bool2  # (receivers, most signals)
+    washout: Float2  # (receivers, most signals), s; 0: none
 
 
-class Held(NamedTuple):
+class Held(Struct):
     """What each receiver holds; the first axis is the receiver."""
 
-    entry: NDArray[np.float64]  # (receivers, stations, channels): newest entry of each station; NaN: none yet
-    entry_ns: NDArray[np.int64]  # (receivers, stations): its time of measurement
-    newest_ns: NDArray[np.int64]  # (receivers,): newest time of measurement of those that it uses; UNSET: none
-    baseline: NDArray[np.float64]  # (receivers, most signals): first value of each signal
-    washed: NDArray[np.float64]  # (receivers, most signals, 2): input and output of each washout
-    signal: NDArray[np.float64]  # (receivers, most signals): newest signals
+    entry: Float3  # (receivers, stations, channels): newest entry of each station; NaN: none yet
+    entry_ns: Int2  # (receivers, stations): its time of measurement
+    newest_ns: Int1  # (receivers,): newest time of measurement of those that it uses; UNSET: none
+    baseline: Float2  # (receivers, most signals): first value of each signal
+    washed: Float3  # (receivers, most signals, 2): input and output of each washout
+    signal: Float2  # (receivers, most signals): newest signals
 
 
 def inputs(
@@ -126,7 +127,7 @@ def form(given: Inputs, held: Held, r: int) -> int:
     return since
 
 
-@inner
+@compiled
 def _wash(given: Inputs, held: Held, r: int, dt: float) -> None:
     """The washouts' step of `dt`, s; 0 at the first frame, from which they start at rest."""
     for i in range(given.signals[r]):
@@ -137,7 +138,7 @@ def _wash(given: Inputs, held: Held, r: int, dt: float) -> None:
             held.signal[r, i] = section(tau, 0.0, tau, dt, held.washed[r, i], 0, value)
 
 
-@inner
+@compiled
 def _sum(given: Inputs, held: Held, r: int) -> bool:
     """Weighted sums of what is held; whether all are available."""
     complete = True

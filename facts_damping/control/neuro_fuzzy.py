@@ -12,11 +12,12 @@ setpoint before it.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
+from facts_damping.compiling.structs import Float1, Float2, Float3, Struct
 from facts_damping.neurofuzzy.learning import Learner, Rule, infer, learn
 
 if TYPE_CHECKING:
@@ -25,29 +26,48 @@ if TYPE_CHECKING:
     from facts_damping.neurofuzzy.network import Network
 
 
-class Memory(NamedTuple):
-    """What a controller keeps beside its network; several of them have a leading axis."""
+class Memory(Struct):
+    """What a controller keeps beside its network."""
 
-    before: NDArray[np.float64]  # (signals,), signals of the frame before
-    applied: NDArray[np.float64]  # (devices,), p.u., setpoint as the device follows it
-    error: NDArray[np.float64]  # (devices,), adaptation errors ec
-    curvature: NDArray[np.float64]  # (devices,), sum_i J_ip^2 + hbar_p
-    lyapunov: NDArray[np.float64]  # (2,), V at the newest frame that taught, and its fall by the step, to first order
-    jacobian: NDArray[np.float64]  # (signals, devices), dy/du, normalised: 1 = `scale` for the device's limit
-    taught: NDArray[np.float64]  # (1,), 1: the newest frame taught
-
-
-class Actuators(NamedTuple):
-    """Limits of the devices that a controller commands; several controllers have a leading axis."""
-
-    limit: NDArray[np.float64]  # (devices,), p.u.
-    rate: NDArray[np.float64]  # (devices,), p.u./s
+    before: Float1  # (signals,), signals of the frame before
+    applied: Float1  # (devices,), p.u., setpoint as the device follows it
+    error: Float1  # (devices,), adaptation errors ec
+    curvature: Float1  # (devices,), sum_i J_ip^2 + hbar_p
+    lyapunov: Float1  # (2,), V at the newest frame that taught, and its fall by the step, to first order
+    jacobian: Float2  # (signals, devices), dy/du, normalised: 1 = `scale` for the device's limit
+    taught: Float1  # (1,), 1: the newest frame taught
 
 
-def memories(controllers: int, signals: int, devices: int) -> Memory:
+class Memories(Struct, each=Memory):
+    """Those of several controllers, side by side."""
+
+    before: Float2
+    applied: Float2
+    error: Float2
+    curvature: Float2
+    lyapunov: Float2
+    jacobian: Float3
+    taught: Float2
+
+
+class Actuators(Struct):
+    """Limits of the devices that a controller commands."""
+
+    limit: Float1  # (devices,), p.u.
+    rate: Float1  # (devices,), p.u./s
+
+
+class AllActuators(Struct, each=Actuators):
+    """Those of several controllers, side by side."""
+
+    limit: Float2
+    rate: Float2
+
+
+def memories(controllers: int, signals: int, devices: int) -> Memories:
     """Memories of several controllers."""
     sizes = ((signals,), (devices,), (devices,), (devices,), (2,), (signals, devices), (1,))
-    return Memory(*(np.zeros((controllers, *size)) for size in sizes))
+    return Memories(*(np.zeros((controllers, *size)) for size in sizes))
 
 
 @compiled
@@ -85,7 +105,7 @@ def step(
         unlimited[o] = actuators.limit[o] * own.passed.output[o]
 
 
-@inner
+@compiled
 def _follow(
     net: Network,
     kept: Memory,
@@ -104,14 +124,14 @@ def _follow(
             kept.applied[o] = unlimited[o]
 
 
-@inner
+@compiled
 def _seen(s: NDArray[Any], i: int, signals: NDArray[np.float64]) -> float:
     """Error of signal i, normalised; zero within the dead zone."""
     e = -signals[i] / s[i].scale
     return 0.0 if abs(e) <= s[0].dead_zone else e
 
 
-@inner
+@compiled
 def _fall(
     net: Network,
     own: Learner,
@@ -136,7 +156,7 @@ def _fall(
     kept.lyapunov[0], kept.lyapunov[1] = now, now - then
 
 
-@inner
+@compiled
 def _errors(
     net: Network,
     kept: Memory,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
 from facts_damping.control.inputs import UNSET
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def fill(into: NDArray[np.float64], ids: Identifiers, state: IdentifierState, n:
         into[d] = _mean(ids, state, n, d, now, elapsed) / ids.limit[n, d]
 
 
-@inner
+@compiled
 def _mean(ids: Identifiers, state: IdentifierState, n: int, d: int, now: int, elapsed: int) -> float:
     """Mean of the setpoints of device d in force from `elapsed` before `now` on: those at the middle of each frame."""
     frames, total = ids.horizon[n], 0.0
@@ -63,7 +63,7 @@ def _mean(ids: Identifiers, state: IdentifierState, n: int, d: int, now: int, el
     return total / frames  # type: ignore[no-any-return]
 
 
-@inner
+@compiled
 def _given(state: IdentifierState, n: int, d: int, until_ns: int) -> float:
     """The newest setpoint of device d that rests on a measurement not after `until_ns`; 0 before the first."""
     size = state.given.shape[2]

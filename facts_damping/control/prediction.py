@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
 from facts_damping.control.pairing import between, fill
 from facts_damping.neurofuzzy.network import FLOOR, Network, forward
 
@@ -54,7 +54,7 @@ def look_ahead(ids: Identifiers, state: IdentifierState, n: int, net: Network, o
         state.change[n, j] = path[back + frames, j] + part * step - path[back, j]
 
 
-@inner
+@compiled
 def _next(ids: Identifiers, state: IdentifierState, n: int, net: Network, own: Learner, i: int, time_ns: int) -> bool:
     """Row i of the path, of the frame at `time_ns`; false where there is none."""
     s, order, path = ids.settings[n], ids.order[n], state.path[n]

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.compiling import compiled, inner
-from facts_damping.control.inputs import UNSET, form, take
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import Bool2, Float2, Int2, Struct
+from facts_damping.control.inputs import UNSET, Held, Inputs, form, take
+from facts_damping.signals import Deliveries
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.control.inputs import Held, Inputs
 
-
-class Sensed(NamedTuple):
+class Sensed(Struct):
     """Beside the signals of several receivers; the first axis is the receiver."""
 
-    taken_ns: NDArray[np.int64]  # (receivers, stations): time of measurement of what was there before
-    age: NDArray[np.float64]  # (receivers, most signals), s, of the newest frame that a signal is made of
-    fresh: NDArray[np.bool_]  # (receivers, most signals): a frame that it is made of is new
+    taken_ns: Int2  # (receivers, stations): time of measurement of what was there before
+    age: Float2  # (receivers, most signals), s, of the newest frame that a signal is made of
+    fresh: Bool2  # (receivers, most signals): a frame that it is made of is new
 
 
 def sensed(receivers: int, signals: int, stations: int) -> Sensed:
@@ -32,7 +32,7 @@ def sensed(receivers: int, signals: int, stations: int) -> Sensed:
     )
 
 
-@inner
+@compiled
 def _newest(given: Inputs, stamps: NDArray[np.int64], r: int, i: int) -> int:
     """The newest of the stations' times of measurement, (receivers, stations), that signal i is made of."""
     newest = UNSET
@@ -42,7 +42,7 @@ def _newest(given: Inputs, stamps: NDArray[np.int64], r: int, i: int) -> int:
     return newest
 
 
-@inner
+@compiled
 def look(given: Inputs, held: Held, of: Sensed, r: int, now_ns: int) -> None:
     """How old the signals are of what receiver r holds at a time, and which are new since the look before."""
     for i in range(given.signals[r]):
@@ -54,8 +54,8 @@ def look(given: Inputs, held: Held, of: Sensed, r: int, now_ns: int) -> None:
         of.taken_ns[r, s] = held.entry_ns[r, s]
 
 
-@compiled
-def sense(given: Inputs, held: Held, of: Sensed, r: int, delivered: NDArray[Any], count: int, end_ns: int) -> bool:
+@entry_point
+def sense(given: Inputs, held: Held, of: Sensed, r: int, delivered: Deliveries, count: int, end_ns: int) -> bool:
     """Have receiver r take the entries of a tick, as a controller does; whether that would act.
 
     It looks at the last arrival at which it would; else, where there are signals, at the tick's end: none is new then.

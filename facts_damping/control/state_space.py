@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
+from facts_damping.compiling.structs import Float2, Float3, Struct
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,7 +29,7 @@ MOST_MISSED = 600  # frames: after a longer gap the estimate begins anew
 
 
 class StateSpace(NamedTuple):
-    """Matrices from frame to frame; those of several controllers have a leading axis and zeros beyond their own."""
+    """Matrices from frame to frame."""
 
     A: NDArray[np.float64]  # (states, states)
     B: NDArray[np.float64]  # (states, devices)
@@ -37,14 +38,34 @@ class StateSpace(NamedTuple):
     K: NDArray[np.float64]  # (devices, states)
 
 
+class Observer(Struct):
+    """The same, as compiled code has it."""
+
+    A: Float2
+    B: Float2
+    C: Float2
+    M: Float2
+    K: Float2
+
+
+class Observers(Struct, each=Observer):
+    """Those of several controllers, side by side, with zeros beyond their own."""
+
+    A: Float3
+    B: Float3
+    C: Float3
+    M: Float3
+    K: Float3
+
+
 def state_spaces(
     designs: Sequence[StateSpace | None], signals: int, devices: int
-) -> tuple[StateSpace, NDArray[np.float64]]:
+) -> tuple[Observers, NDArray[np.float64]]:
     """Matrices of several controllers, none for one of another kind, and their estimates with room to step them."""
     own = [one for one in designs if one is not None]
     n, states = len(designs), max([len(one.A) for one in own], default=0)
     shapes = ((states, states), (states, devices), (signals, states), (states, signals), (devices, states))
-    made = StateSpace(*(np.zeros((n, *shape)) for shape in shapes))
+    made = Observers(*(np.zeros((n, *shape)) for shape in shapes))
     for c, design in enumerate(designs):
         for whole, part in zip(made, design or (), strict=False):
             whole[c, : part.shape[0], : part.shape[1]] = part
@@ -53,7 +74,7 @@ def state_spaces(
 
 @compiled
 def step(
-    own: StateSpace,
+    own: Observer,
     x: NDArray[np.float64],
     signals: NDArray[np.float64],
     count: int,
@@ -88,9 +109,9 @@ def step(
             unlimited[d] -= own.K[d, j] * x[0, j]
 
 
-@inner
+@compiled
 def _predict(
-    own: StateSpace,
+    own: Observer,
     x: NDArray[np.float64],
     actuators: Actuators,
     issued: NDArray[np.float64],

@@ -11,10 +11,9 @@ import numpy as np
 from facts_damping.analysis.measures import measure_weights
 from facts_damping.case import loading
 from facts_damping.case.changes import as_sets, change
-from facts_damping.compiling import specialised
 from facts_damping.control.inputs import inputs
 from facts_damping.control.sensing import sensed
-from facts_damping.environment.watching import watch
+from facts_damping.environment.watching import Eyes, watch
 from facts_damping.errors import InputError
 from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
@@ -40,7 +39,6 @@ KEPT = (
     "fallback_of",
 )  # what it takes over from the controller in whose place it is
 MOST_SEED = 2**31
-PARTS = len(loop.Loop._fields) - 1 + 3  # of what is stepped: the loop's, but for programs; the agent's receiver
 
 
 class Source:
@@ -106,15 +104,10 @@ class Episode:
         eyes = inputs(names, case.system.signals, stations, case.system.frequency)
         seen = sensed(1, len(names[0]), len(stations))
         self._up, self._link = self.loop.links.up, case.used_links[c]
-        self._parts, self._eyes = self.loop[:-1], (*eyes, seen)
-        self.parts = (*self._parts, *self._eyes)  # all that is stepped
-        kept = self.loop.signals
+        self.eyes = Eyes(*eyes, seen)
         self.limits = np.array([case.system.device(name).v_max for name in agent.devices])
         self.weights = weights_of(case)
         self._tail = window, scale, self.weights
-        self._halves = specialised(halves, *self._parts, 0, 0)
-        first = self._up.out[self._link], 0, 0, *self._tail, kept.machines[0], deviations
-        self._watch = specialised(watch, *self._eyes, *first)
         self._u = self.loop.bank_state.unlimited[c, : len(agent.devices)]
         window[:] = 0.0
         window[:, :, 2] = 1.0
@@ -132,13 +125,13 @@ class Episode:
 
     def _go_on(self) -> None:
         here = 2 * self.tick + 1  # half ticks: the second one of this, the first one of the next
-        self._halves(*self._parts, max(0, here), here + 2)
+        halves(self.loop, max(0, here), here + 2)
         check(self.loop.programs)
         self.tick += 1
         kept = self.loop.signals
         end_ns = tick_ns(self.tick + 1, self.case.run.frame_rate)
         delivered = self._up.out[self._link], self._up.ring[self._link, 2], end_ns
-        self._watch(*self._eyes, *delivered, *self._tail, kept.machines[self.tick], self._deviations)
+        watch(self.eyes, *delivered, *self._tail, kept.machines[self.tick], self._deviations)
 
     @property
     def lost(self) -> bool:

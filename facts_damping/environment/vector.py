@@ -12,10 +12,8 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from facts_damping.compiling import specialised
-from facts_damping.environment.episodes import PARTS
-from facts_damping.environment.many import step_many
-from facts_damping.environment.pinning import pin
+from facts_damping.compiling.structs import Table
+from facts_damping.environment.many import Episodes, step_many
 from facts_damping.environment.single import Setting
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.policies import check
@@ -48,15 +46,13 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._random = [np_random(None)[0] for _ in range(num_envs)]
         self._episodes: list[Episode] = []
-        self._pinned: list[list[NDArray[np.uint8]]] = [[] for _ in range(num_envs)]
-        self._where: NDArray[np.int64] = np.zeros((num_envs, PARTS), np.int64)
         self._waits, self._ended, self._lost = np.zeros((3, num_envs), np.bool_)
         self._ticks, self._time_ns, self._last = np.zeros((3, num_envs), np.int64)
         self._setpoints, self._limits = np.zeros((2, num_envs, *self._setting.action_space.shape))
         self._windows = np.zeros((num_envs, *self._setting.observation_space.shape), np.float32)
         self._weights = np.zeros((num_envs, *self._setting.weights.shape))
         self._deviations = np.zeros((num_envs, len(self._setting.weights)))
-        self._step: Any = None
+        self._all: Episodes | None = None
         self._shares = min(threads or os.cpu_count() or 1, num_envs)
         self._pool = ThreadPoolExecutor(self._shares)
 
@@ -75,8 +71,7 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
     def _begin(self, i: int, options: dict[str, Any] | None = None) -> Episode:
         """An episode at its beginning, taken over."""
         one, _ = self._setting.begin(self._random[i], options, self._windows[i], self._deviations[i])
-        self._pinned[i] = [pin(part) for part in one.parts]
-        self._where[i] = [buffer.ctypes.data for buffer in self._pinned[i]]
+        self._all = None  # made of what there is by now
         self._ticks[i], self._last[i], self._lost[i] = one.tick, one.case.ticks - 1, one.lost
         self._limits[i], self._weights[i] = one.limits, one.weights
         return one
@@ -101,12 +96,13 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
 
     def _go_on(self) -> None:
         """All that do not wait, each thread its share, in one compiled call."""
-        made = self._waits, self._ticks, self._time_ns, self._lost, self._setting.controller, self._setpoints
-        seen = self._windows, self._setting.scale, self._weights, self._deviations
-        given = (self._shares, *made, *seen, *self._episodes[0].parts)
-        if self._step is None:
-            self._step = specialised(step_many, self._where, 0, *given)
-        list(self._pool.map(lambda share: self._step(self._where, share, *given), range(self._shares)))
+        if self._all is None:
+            tables = Table([one.loop for one in self._episodes]), Table([one.eyes for one in self._episodes])
+            made = self._waits, self._ticks, self._time_ns, self._lost, self._setting.controller, self._setpoints
+            seen = self._windows, self._setting.scale, self._weights, self._deviations
+            self._all = Episodes(*tables, *made, *seen)
+        all_of = self._all
+        list(self._pool.map(lambda share: step_many(all_of, share, self._shares), range(self._shares)))
         for i in np.flatnonzero(self._lost & ~self._waits):  # a class beside the agent stops its loop, too
             check(self._episodes[i].loop.programs)
 

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
-from facts_damping.compiling import compiled
-from facts_damping.control.sensing import sense
+import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import Array, Float1, Float2, Struct
+from facts_damping.control.inputs import Held, Inputs
+from facts_damping.control.sensing import Sensed, sense
+from facts_damping.signals import Deliveries, MachineTruths
 
-    from facts_damping.control.inputs import Held, Inputs
-    from facts_damping.control.sensing import Sensed
-
+Windows = Annotated[NDArray[np.float32], Array(np.float32, 3)]
 SIGNAL, AGE, MISSING = range(3)  # of a window's last axis
 MOST_SIGNAL, MOST_AGE = 100.0, 10.0  # in scales, and s: values beyond count as these
+
+
+class Eyes(Struct):
+    """What an agent sees with: the signals of its controller, received."""
+
+    inputs: Inputs
+    held: Held
+    sensed: Sensed
 
 
 @compiled
@@ -33,26 +42,24 @@ def put(window: NDArray[Any], y: NDArray[Any], age: NDArray[Any], fresh: NDArray
         window[last, i, MISSING] = 0.0 if fresh[i] else 1.0
 
 
-@compiled
+@entry_point
 def watch(
-    given: Inputs,
-    held: Held,
-    of: Sensed,
-    delivered: NDArray[Any],
+    eyes: Eyes,
+    delivered: Deliveries,
     count: int,
     end_ns: int,
-    window: NDArray[Any],
-    scale: NDArray[Any],
-    weights: NDArray[Any],
-    machines: NDArray[Any],
-    deviations: NDArray[Any],
+    window: Windows,
+    scale: Float1,
+    weights: Float2,
+    machines: MachineTruths,
+    deviations: Float1,
 ) -> None:
     """A tick: what was delivered goes into the window, and the true speed differences into `deviations`, p.u.
 
     `weights`: (differences, machines); `machines`: (machines,) of MACHINE_TRUTH.
     """
-    sense(given, held, of, 0, delivered, count, end_ns)
-    put(window, held.signal[0], of.age[0], of.fresh[0], scale)
+    sense(eyes.inputs, eyes.held, eyes.sensed, 0, delivered, count, end_ns)
+    put(window, eyes.held.signal[0], eyes.sensed.age[0], eyes.sensed.fresh[0], scale)
     for d in range(weights.shape[0]):
         deviations[d] = 0.0
         for m in range(weights.shape[1]):

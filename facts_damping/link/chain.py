@@ -7,11 +7,28 @@ frames, or with LOST. It takes all entries that are sent together: the stations 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
+from facts_damping.compiling.structs import (
+    Array,
+    Bool1,
+    Bool2,
+    Bool3,
+    Float2,
+    Float3,
+    Float4,
+    Float5,
+    Int1,
+    Int2,
+    Int3,
+    Int4,
+    Int5,
+    Struct,
+)
 from facts_damping.link.stages import (
     BIAS,
     BITS,
@@ -36,7 +53,6 @@ from facts_damping.signals import CHANNELS, LOST, to_ns
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
 
 FOREVER = LOST
 
@@ -57,29 +73,51 @@ STAGE = np.dtype(
 )
 
 
-class Chain(NamedTuple):
-    """Chains of one direction of several links, side by side, and what their stages keep; the first axis is the link.
+class Chain(Struct):
+    """A chain of one direction of a link, and what its stages keep."""
+
+    rows: Annotated[NDArray[Any], Array(STAGE, 1)]
+    concerns: Bool2
+    drawn: Int4
+    last_ns: Int2
+    kept: Float4
+
+
+class Chains(Struct, each=Chain):
+    """Chains of one direction of several links, side by side; the first axis is the link.
 
     Shorter ones are filled up with stages that do nothing.
     """
 
-    rows: NDArray[Any]  # STAGE, (links, stages)
-    concerns: NDArray[np.bool_]  # (links, stages, channels): on whose entries a stage acts
-    drawn: NDArray[np.int64]  # (links, stages, draws, copies, channels): delays in ns, LOST, or whether it is copied
-    last_ns: NDArray[np.int64]  # (links, stages, channels): when the last one left; 1: something is kept
-    kept: NDArray[np.float64]  # (links, stages, window, channels, width): values of earlier entries, draws of noise
+    rows: Annotated[NDArray[Any], Array(STAGE, 2)]  # STAGE, (links, stages)
+    concerns: Bool3  # (links, stages, channels): on whose entries a stage acts
+    drawn: Int5  # (links, stages, draws, copies, channels): delays in ns, LOST, or whether it is copied
+    last_ns: Int3  # (links, stages, channels): when the last one left; 1: something is kept
+    kept: Float5  # (links, stages, window, channels, width): values of earlier entries, draws of noise
 
 
-class Packets(NamedTuple):
-    """Entries as they pass a chain, a place a channel; several links have a leading axis."""
+class Packets(Struct):
+    """Entries as they pass a chain, a place a channel."""
 
-    now_ns: NDArray[np.int64]  # (copies, channels): when it leaves the stage; LOST
-    stamp_ns: NDArray[np.int64]  # (channels,): its time of measurement; LOST: there is none
-    status: NDArray[np.int64]  # (channels,): bits of a frame's entry; of a setpoint none
-    values: NDArray[np.float64]  # (channels, width)
-    number: NDArray[np.int64]  # (channels,): how many were sent before
-    copied: NDArray[np.bool_]  # (channels,)
-    held: NDArray[np.bool_]  # (channels,): lost, and the last one is in its place
+    now_ns: Int2
+    stamp_ns: Int1
+    status: Int1
+    values: Float2
+    number: Int1
+    copied: Bool1
+    held: Bool1
+
+
+class AllPackets(Struct, each=Packets):
+    """Those of several links, side by side; the first axis is the link."""
+
+    now_ns: Int3  # (copies, channels): when it leaves the stage; LOST
+    stamp_ns: Int2  # (channels,): its time of measurement; LOST: there is none
+    status: Int2  # (channels,): bits of a frame's entry; of a setpoint none
+    values: Float3  # (channels, width)
+    number: Int2  # (channels,): how many were sent before
+    copied: Bool2  # (channels,)
+    held: Bool2  # (channels,): lost, and the last one is in its place
 
 
 class DirectionSpec(NamedTuple):
@@ -94,7 +132,7 @@ class DirectionSpec(NamedTuple):
     seed: tuple[int, int]  # of the run, and the direction's place
 
 
-def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chain, Packets]:
+def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chains, AllPackets]:
     """The chains of several links' stages, and room for what passes them."""
     stages = [stage for own in given for stage in own]
     codes = [MODELS[stage.model].code for stage in stages]
@@ -102,7 +140,7 @@ def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chain, P
     draws = way.draws if any(code in CHANCE for code in codes) else 1
     copies = 2 if DUPLICATE in codes else 1
     windows = [_window(stage, way) for stage in stages if stage.model in ("replay", "noise")]
-    made = Chain(
+    made = Chains(
         rows=np.zeros((n, most), STAGE),
         concerns=np.zeros((n, most, channels), np.bool_),
         drawn=np.zeros((n, most, draws, copies, channels), np.int64),
@@ -112,7 +150,7 @@ def chains(given: Sequence[Sequence[Any]], way: DirectionSpec) -> tuple[Chain, P
     for link, own in enumerate(given):
         for s, stage in enumerate(own):
             put(made, link, s, stage, way)
-    packets = Packets(
+    packets = AllPackets(
         now_ns=np.zeros((n, copies, channels), np.int64),
         stamp_ns=np.zeros((n, channels), np.int64),
         status=np.zeros((n, channels), np.int64),
@@ -132,7 +170,7 @@ def _window(stage: Any, way: DirectionSpec) -> int:
     return max(1, frames)
 
 
-def put(made: Chain, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
+def put(made: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
     """A stage into its place, with its draws: the same seed and place give the same ones."""
     row, model, begin = made.rows[link], MODELS[stage.model], to_ns(stage.start)
     code = model.code
@@ -159,7 +197,7 @@ def put(made: Chain, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
         made.drawn[link, s] = draw(stage, made.drawn.shape[2:], way.channels, random)
 
 
-def longest_delay_ns(made: Chain) -> int:
+def longest_delay_ns(made: Chains) -> int:
     """Longest delay that one of the chains can give, ns."""
     drawn = np.where(made.drawn == LOST, 0, made.drawn).max(axis=(2, 3, 4), initial=0)
     fixed = np.maximum(made.rows["delay_ns"], 0)  # stamps that are wrong by a negative offset delay nothing
@@ -190,7 +228,7 @@ def traverse(c: Chain, p: Packets, sent_ns: int, first: int, end: int) -> None:
                 _delay(c, p, s, channel)
 
 
-@inner
+@compiled
 def _delay(c: Chain, p: Packets, s: int, channel: int) -> None:
     """A stage that changes when an entry arrives, whether, and how often."""
     row, n = c.rows[s], p.number[channel] % c.drawn.shape[1]
@@ -216,7 +254,7 @@ def _delay(c: Chain, p: Packets, s: int, channel: int) -> None:
         p.now_ns[copy, channel] = now
 
 
-@inner
+@compiled
 def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
     """A stage that changes what an entry says."""
     row = c.rows[s]
@@ -247,7 +285,7 @@ def _disturb(c: Chain, p: Packets, s: int, channel: int, sent_ns: int) -> None:
         c.last_ns[s, channel] = 1
 
 
-@inner
+@compiled
 def _turn_over(p: Packets, channel: int, drawn: int, measurement: int) -> None:
     """Turn a bit of one of an entry's values over; `drawn`: 1 + its number, 0: none."""
     if drawn == 0:
@@ -257,7 +295,7 @@ def _turn_over(p: Packets, channel: int, drawn: int, measurement: int) -> None:
     words[measurement if measurement >= 0 else value] ^= np.int64(1) << np.int64(bit)
 
 
-@inner
+@compiled
 def _align(c: Chain, p: Packets, s: int, sent_ns: int, first: int, end: int) -> None:
     """The entries of a frame leave together: once all are there, or at the end of the wait; what is late is lost."""
     row = c.rows[s]

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import entry_point
+from facts_damping.compiling.structs import Bool2, Float2
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,8 +62,8 @@ def gilbert_elliott(
     return np.where(random.random(size) < np.where(bad, stage.loss_B, stage.loss_G)[:, None, :], math.nan, 0.0)
 
 
-@compiled
-def _turns(p_gb: float, p_bg: float, chance: NDArray[np.float64], bad: NDArray[np.bool_]) -> None:
+@entry_point
+def _turns(p_gb: float, p_bg: float, chance: Float2, bad: Bool2) -> None:
     """Whether each channel is bad at each entry, (draws, channels); the first by the stationary probability."""
     both = p_gb + p_bg
     for c in range(bad.shape[1]):

@@ -8,18 +8,28 @@ and the loop the same `merge`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from facts_damping.compiling import compiled, inlined, inner
-from facts_damping.link.chain import Chain, DirectionSpec, Packets, chains, longest_delay_ns, put, traverse
-from facts_damping.signals import DELIVERY, LOST, NANOSECONDS, SETPOINT
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import Array, Float2, Int1, Int2, Struct
+from facts_damping.link.chain import (
+    AllPackets,
+    Chain,
+    Chains,
+    DirectionSpec,
+    Packets,
+    chains,
+    longest_delay_ns,
+    put,
+    traverse,
+)
+from facts_damping.signals import DELIVERY, LOST, NANOSECONDS, SETPOINT, Setpoints
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
     from facts_damping.parameters.link import Link
 
@@ -38,37 +48,66 @@ STATISTICS = np.dtype(
 )
 
 
-class Direction(NamedTuple):
-    """One direction of a link: its chain, and the state: a ring of entries under way, ordered by arrival.
-
-    Several of them have a leading axis.
-    """
+class FrameDirection(Struct):
+    """One direction of a link: its chain, and the state: a ring of entries under way, ordered by arrival."""
 
     chain: Chain
     packets: Packets
-    entries: NDArray[Any]  # DELIVERY or SETPOINT, (capacity,)
-    arrival_ns: NDArray[np.int64]  # (capacity,)
-    sent_ns: NDArray[np.int64]  # (capacity,)
-    ring: NDArray[np.int64]  # head, count, how many were delivered in the tick, how many found no room
-    statistics: NDArray[Any]  # STATISTICS, (channels,)
-    out: NDArray[Any]  # entries delivered in the tick, (capacity,)
+    entries: Annotated[NDArray[Any], Array(DELIVERY, 1)]  # (capacity,)
+    arrival_ns: Int1  # (capacity,)
+    sent_ns: Int1  # (capacity,)
+    ring: Int1  # head, count, how many were delivered in the tick, how many found no room
+    statistics: Annotated[NDArray[Any], Array(STATISTICS, 1)]  # (channels,)
+    out: Annotated[NDArray[Any], Array(DELIVERY, 1)]  # entries delivered in the tick, (capacity,)
 
 
-class Links(NamedTuple):
+class SetpointDirection(FrameDirection):
+    """The same the other way."""
+
+    entries: Annotated[NDArray[Any], Array(SETPOINT, 1)]
+    out: Annotated[NDArray[Any], Array(SETPOINT, 1)]
+
+
+class FrameDirections(Struct, each=FrameDirection):
+    """Those of several links, side by side; the first axis is the link."""
+
+    chain: Chains
+    packets: AllPackets
+    entries: Annotated[NDArray[Any], Array(DELIVERY, 2)]
+    arrival_ns: Int2
+    sent_ns: Int2
+    ring: Int2
+    statistics: Annotated[NDArray[Any], Array(STATISTICS, 2)]
+    out: Annotated[NDArray[Any], Array(DELIVERY, 2)]
+
+
+class SetpointDirections(FrameDirections, each=SetpointDirection):
+    """The same the other way."""
+
+    entries: Annotated[NDArray[Any], Array(SETPOINT, 2)]
+    out: Annotated[NDArray[Any], Array(SETPOINT, 2)]
+
+
+Directions = TypeVar("Directions", bound=FrameDirections)
+
+
+class Links(Struct):
     """The links of a run, side by side; the first axis of both directions is the link."""
 
-    up: Direction
-    down: Direction
-    used: NDArray[np.int64]  # (controllers,), index of the link that each uses
+    up: FrameDirections
+    down: SetpointDirections
+    used: Int1  # (controllers,), index of the link that each uses
 
 
-def directions(given: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: DirectionSpec) -> Direction:
+def directions(
+    made: type[Directions], given: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: DirectionSpec
+) -> Directions:
     """One empty direction of several links, by their stages, each with room for all that can be under way."""
     chain, packets = chains(given, way)
     n, capacity = len(given), room_for(chain, way)
     statistics = np.zeros((n, max(len(way.channels), 1)), STATISTICS)
     statistics["delay_min_ns"] = np.iinfo(np.int64).max
-    return Direction(
+    return made(
         chain,
         packets,
         np.zeros((n, capacity), dtype),
@@ -80,7 +119,7 @@ def directions(given: Sequence[Sequence[Any]], dtype: np.dtype[Any], way: Direct
     )
 
 
-def room_for(chain: Chain, way: DirectionSpec) -> int:
+def room_for(chain: Chains, way: DirectionSpec) -> int:
     """Number of entries that can be under way: those of the ticks of the longest delay, with their copies.
 
     A second's worth more is for setpoints that come late and all at once, in real time.
@@ -92,27 +131,27 @@ def room_for(chain: Chain, way: DirectionSpec) -> int:
 def links(given: Sequence[Link], used: Sequence[int], up: DirectionSpec, down: DirectionSpec) -> Links:
     """The links of a run: at least one; `used` says which one each controller uses."""
     return Links(
-        directions([link.up for link in given], DELIVERY, up),
-        directions([link.down for link in given], SETPOINT, down),
+        directions(FrameDirections, [link.up for link in given], DELIVERY, up),
+        directions(SetpointDirections, [link.down for link in given], SETPOINT, down),
         np.array(used, np.int64),
     )
 
 
-def changed(own: Direction, link: int, place: int, stage: Any, way: DirectionSpec) -> Direction:
+def changed(own: Directions, link: int, place: int, stage: Any, way: DirectionSpec) -> Directions:
     """A direction with a stage of a link changed, for what is sent from now on; with more room where it needs it."""
     put(own.chain, link, place, stage, way)
     capacity = room_for(own.chain, way)
     return _roomier(own, capacity) if capacity > own.arrival_ns.shape[1] else own
 
 
-def replaced(own: Direction, link: int, given: Sequence[Sequence[Any]], way: DirectionSpec) -> Direction:
+def replaced(own: Directions, link: int, given: Sequence[Sequence[Any]], way: DirectionSpec) -> Directions:
     """A direction with other stages of a link, for what is sent from now on; `given`: those of all links.
 
     What is under way stays under way; what the link's stages had kept is lost, that of other links is not.
     """
     chain, packets = chains(given, way)
     others = np.arange(len(given)) != link
-    for before, after in zip(own.chain[2:], chain[2:], strict=True):  # what was drawn and what is kept
+    for before, after in zip(tuple(own.chain)[2:], tuple(chain)[2:], strict=True):  # what was drawn and what is kept
         both = tuple(slice(min(sizes)) for sizes in zip(before.shape[1:], after.shape[1:], strict=True))
         where = (others, *both)
         after[where] = before[where]
@@ -121,7 +160,7 @@ def replaced(own: Direction, link: int, given: Sequence[Sequence[Any]], way: Dir
     return _roomier(own, capacity) if capacity > own.arrival_ns.shape[1] else own
 
 
-def _roomier(own: Direction, capacity: int) -> Direction:
+def _roomier(own: Directions, capacity: int) -> Directions:
     """A direction of several links with more room for what is under way, from the ring's beginning on."""
     n, old = own.arrival_ns.shape
 
@@ -138,35 +177,7 @@ def _roomier(own: Direction, capacity: int) -> Direction:
     return own._replace(entries=entries, arrival_ns=arrival_ns, sent_ns=sent_ns, out=out)
 
 
-@inlined
-def view(several: Direction, link: int) -> Direction:
-    """A direction of one of several links, as views; for compiled callers alone, who keep the arrays.
-
-    Written into its callers, as they are into the loop: called, with all these arrays to hand over, they take half as
-    long again.
-    """
-    c, p = several.chain, several.packets
-    return Direction(
-        Chain(c.rows[link], c.concerns[link], c.drawn[link], c.last_ns[link], c.kept[link]),
-        Packets(
-            p.now_ns[link],
-            p.stamp_ns[link],
-            p.status[link],
-            p.values[link],
-            p.number[link],
-            p.copied[link],
-            p.held[link],
-        ),
-        several.entries[link],
-        several.arrival_ns[link],
-        several.sent_ns[link],
-        several.ring[link],
-        several.statistics[link],
-        several.out[link],
-    )
-
-
-@inner
+@compiled
 def _put_in(p: Packets, channel: int, sent_ns: int, measured_ns: int) -> None:
     """An entry at the beginning of a chain; its values are the caller's to fill in."""
     p.now_ns[:, channel] = LOST
@@ -174,7 +185,7 @@ def _put_in(p: Packets, channel: int, sent_ns: int, measured_ns: int) -> None:
     p.copied[channel] = p.held[channel] = False
 
 
-@inner
+@compiled
 def _push(
     entries: NDArray[Any], arrivals: NDArray[np.int64], sent_ns: NDArray[np.int64], ring: NDArray[np.int64], at_ns: int
 ) -> int:
@@ -200,7 +211,7 @@ def _push(
     return here  # type: ignore[no-any-return]
 
 
-@inner
+@compiled
 def _count_sent(p: Packets, statistics: NDArray[Any], channel: int, arriving: int) -> None:
     """Add an entry that has passed its chain, and that arrives so often, to the statistics of its channel."""
     s = statistics[channel]
@@ -212,7 +223,7 @@ def _count_sent(p: Packets, statistics: NDArray[Any], channel: int, arriving: in
 
 
 @compiled
-def _first_before(way: Direction, end_ns: int) -> int:
+def _first_before(way: Any, end_ns: int) -> int:
     """Slot of the first entry that arrives before `end_ns`, taken off the ring; -1 when there is none."""
     head = way.ring[0]
     if way.ring[1] == 0 or way.arrival_ns[head] >= end_ns:
@@ -222,8 +233,8 @@ def _first_before(way: Direction, end_ns: int) -> int:
     return head  # type: ignore[no-any-return]
 
 
-@inner
-def _count_delivered(way: Direction, channel: int, slot: int) -> None:
+@compiled
+def _count_delivered(way: Any, channel: int, slot: int) -> None:
     """Add a delivered entry to the statistics of its channel."""
     delay = way.arrival_ns[slot] - way.sent_ns[slot]
     s = way.statistics[channel]
@@ -233,23 +244,23 @@ def _count_delivered(way: Direction, channel: int, slot: int) -> None:
     s.delay_max_ns = max(s.delay_max_ns, delay)
 
 
-@inlined
+@entry_point
 def uplink(
     made: Links,
     link: int,
     tick: int,
     start_ns: int,
     end_ns: int,
-    frame: NDArray[np.float64],
-    measured_ns: NDArray[np.int64],
-    status: NDArray[np.int64],
+    frame: Float2,
+    measured_ns: Int1,
+    status: Int1,
 ) -> int:
     """Send a frame (stations, channels) up a link at `start_ns`; deliver what arrives before `end_ns`.
 
     `measured_ns`: when each station measured, (stations,); LOST: it is absent from the frame. `status`: bits of each
     station's entry. The delivered entries stand in `made.up.out[link]`, in order of arrival; returns their number.
     """
-    way = view(made.up, link)
+    way = made.up.each[link]
     p = way.packets
     for station in range(frame.shape[0]):
         _put_in(p, station, start_ns, measured_ns[station])
@@ -289,13 +300,13 @@ def uplink(
     return count
 
 
-@inlined
-def downlink(made: Links, link: int, tick: int, end_ns: int, setpoints: NDArray[Any], given: int) -> int:
+@entry_point
+def downlink(made: Links, link: int, tick: int, end_ns: int, setpoints: Setpoints, given: int) -> int:
     """Send those of `given` setpoints whose controllers use a link down it, each at its `issued_ns`.
 
     Deliver what arrives before `end_ns` into `made.down.out[link]`, as `uplink` does.
     """
-    way = view(made.down, link)
+    way = made.down.each[link]
     p = way.packets
     for i in range(given):
         if made.used[setpoints[i].controller] != link:
@@ -328,8 +339,8 @@ def downlink(made: Links, link: int, tick: int, end_ns: int, setpoints: NDArray[
     return count
 
 
-@inlined
-def merge(table: NDArray[Any], filled: int, setpoints: NDArray[Any], count: int) -> int:
+@entry_point
+def merge(table: Setpoints, filled: int, setpoints: Setpoints, count: int) -> int:
     """Put `count` setpoints, as a link delivers them, among the `filled` ones of a table, by the time they take effect.
 
     Those of one time stay in the order in which they are put in: link by link. Returns how many there are then.

@@ -81,7 +81,8 @@ def pmus(
         row["kind"], row["from_ns"] = KINDS[one.kind], to_ns(one.start)
         row["until_ns"] = LOST if one.duration is None else to_ns(one.start) + to_ns(one.duration)
         row["probability"], row["size"] = one.probability, one.size
-    concerns = np.array([[one.stations is None or s in one.stations for s in stations] for one in measurement.bad_data])
+    known = [[one.stations is None or s in one.stations for s in stations] for one in measurement.bad_data]
+    concerns = np.array(known, np.bool_)
     plain = np.zeros(len(stations), pmu.ERRORS)
     plain["lost_ns"] = LOST
     integers = measurement.quantisation == "int16"

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
+from facts_damping.compiling.structs import Array, Bool2, Complex3, Float1, Float3, Int1, Int2, Struct
 from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 # Columns of a frame.
 VM, VA, SPEED, P, Q, FREQUENCY, ROCOF, IM, IA = range(len(CHANNELS))
@@ -52,7 +51,7 @@ STEP_ANGLE, STEP_FREQUENCY, STEP_ROCOF = 1e-4, 1e-3, 1e-2  # rad, Hz, Hz/s
 MOST_UNSIGNED, MOST_SIGNED = 65535.0, 32767.0
 
 
-class Pmus(NamedTuple):
+class Pmus(Struct):
     """Frozen parameters of all PMUs of a run."""
 
     filtered: bool
@@ -60,25 +59,25 @@ class Pmus(NamedTuple):
     p_class: bool
     nominal: float  # Hz
     frame_rate: int
-    weights: NDArray[np.float64]  # of the filter, from its middle outwards
+    weights: Float1  # of the filter, from its middle outwards
     per_frame: int  # samples a frame
     delay: int  # frames
-    errors: NDArray[Any]  # ERRORS, (stations,)
-    bad: NDArray[Any]  # BAD
-    concerns: NDArray[np.bool_]  # (bad, stations)
-    normal: NDArray[np.float64]  # (draws, stations, NORMALS)
-    uniform: NDArray[np.float64]  # (draws, bad, stations)
+    errors: Annotated[NDArray[Any], Array(ERRORS, 1)]  # ERRORS, (stations,)
+    bad: Annotated[NDArray[Any], Array(BAD, 1)]  # BAD
+    concerns: Bool2  # (bad, stations)
+    normal: Float3  # (draws, stations, NORMALS)
+    uniform: Float3  # (draws, bad, stations)
     voltage_step: float  # p.u., of 16 bits; 0: not quantised
     current_step: float  # p.u.
 
 
-class PmuState(NamedTuple):
+class PmuState(Struct):
     """What PMUs keep."""
 
-    samples: NDArray[np.complex128]  # (stations, 2, twice the capacity): voltage and current, each sample twice
-    taken: NDArray[np.int64]  # (1,): samples so far
-    stuck: NDArray[np.float64]  # (bad, stations, channels)
-    stuck_since: NDArray[np.int64]  # (bad, stations): tick at which it got stuck; -1: it is not
+    samples: Complex3  # (stations, 2, twice the capacity): voltage and current, each sample twice
+    taken: Int1  # (1,): samples so far
+    stuck: Float3  # (bad, stations, channels)
+    stuck_since: Int2  # (bad, stations): tick at which it got stuck; -1: it is not
 
 
 @compiled
@@ -98,7 +97,7 @@ def take_sample(state: PmuState, phasors: NDArray[np.complex128]) -> None:
     state.taken[0] += 1
 
 
-@inner
+@compiled
 def _filtered(weights: NDArray[np.float64], samples: NDArray[np.complex128], middle: int) -> complex:
     """The filter about a sample: sum_k w_|k| x_(m + k)."""
     real, imag = weights[0] * samples[middle].real, weights[0] * samples[middle].imag
@@ -109,7 +108,7 @@ def _filtered(weights: NDArray[np.float64], samples: NDArray[np.complex128], mid
     return complex(real, imag)
 
 
-@inner
+@compiled
 def _estimate(m: Pmus, state: PmuState, s: int, frame: NDArray[np.float64]) -> None:
     """Frame of station s, of the instant that lies `delay` frames back.
 
@@ -136,19 +135,19 @@ def _estimate(m: Pmus, state: PmuState, s: int, frame: NDArray[np.float64]) -> N
     frame[SPEED] = math.nan
 
 
-@inner
+@compiled
 def _wrapped(angle: float) -> float:
     """An angle within -pi to pi."""
     return float(angle - 2.0 * math.pi * np.floor(angle / (2.0 * math.pi) + 0.5))
 
 
-@inner
+@compiled
 def _rounded(value: float, step: float, low: float, high: float) -> float:
     """A value in whole steps, as far as integers reach; what is not available stays so."""
     return step * min(max(np.floor(value / step + 0.5), low), high) if math.isfinite(value) else value
 
 
-@inner
+@compiled
 def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: NDArray[np.float64]) -> None:
     """Noise, clock, bad data and integers into the frame of station s, measured at `at_ns`."""
     own, draw = m.errors[s], m.normal[tick % m.normal.shape[0], s]
@@ -182,20 +181,20 @@ def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: NDArra
         frame[ROCOF] = _rounded(frame[ROCOF], STEP_ROCOF, -MOST_SIGNED, MOST_SIGNED)
 
 
-@inner
+@compiled
 def _power(frame: NDArray[np.float64]) -> None:
     """P + j Q = V I*, of the phasors as they are reported."""
     size, angle = frame[VM] * frame[IM], frame[VA] - frame[IA]
     frame[P], frame[Q] = size * math.cos(angle), size * math.sin(angle)
 
 
-@inner
+@compiled
 def _copy(values: NDArray[np.float64], into: NDArray[np.float64]) -> None:
     for j in range(values.size):
         into[j] = values[j]
 
 
-@inner
+@compiled
 def _hold(m: Pmus, state: PmuState, tick: int, at_ns: int, s: int, frame: NDArray[np.float64]) -> None:
     """What is stuck stays as it was, what is invalid has no values."""
     for b in range(m.bad.size):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
 
 if TYPE_CHECKING:
     import numpy as np
@@ -55,7 +55,7 @@ def spline(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> 
     return _spline(False, theta, x, slope)
 
 
-@inner
+@compiled
 def _spline(nearest: bool, theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -> tuple[float, float]:
     """Order-2 B-spline over equally spaced control points: their degrees, weighted by the basis (3.12).
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
 
 HARMONICS = 5  # 1, sin x, cos x, sin 2x, cos 2x
 DEGREES = 4  # of the Legendre polynomials: 0 to 3
@@ -195,7 +195,7 @@ def fourier_by_input(theta: NDArray[np.float64], waves: NDArray[np.float64], by_
             by_input[k] += product
 
 
-@inner
+@compiled
 def _wavelets(
     is_morlet: bool,
     theta: NDArray[np.float64],
@@ -238,7 +238,7 @@ def polynomial(d: int, x: float) -> tuple[float, float]:
     return 2.5 * x * x * x - 1.5 * x, 7.5 * x * x - 1.5
 
 
-@inner
+@compiled
 def _legendre(
     theta: NDArray[np.float64], x: NDArray[np.float64], slope: NDArray[np.float64], by_input: NDArray[np.float64]
 ) -> float:
@@ -276,7 +276,7 @@ def basis(term: int, firing: float) -> tuple[float, float]:
     return scale * value, scale * 4.0 * slope
 
 
-@inner
+@compiled
 def _legendre_wavelets(theta: NDArray[np.float64], firing: float, slope: NDArray[np.float64]) -> tuple[float, float]:
     """sum_db rho_db phi_db(F), and its derivative by the rule's firing strength F."""
     value = by_firing = 0.0

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
+from facts_damping.compiling.structs import Float1, Float2, Float3, Int1, Int2, Struct
 from facts_damping.neurofuzzy.consequent import dot
-from facts_damping.neurofuzzy.network import Network, Pass, backward, forward, network, shapes
+from facts_damping.neurofuzzy.network import Network, Pass, Passes, backward, forward, network, shapes
 from facts_damping.neurofuzzy.start import groups, slots
 
 if TYPE_CHECKING:
@@ -38,23 +39,47 @@ class Rule(NamedTuple):
     projection: float  # 1: parameters stay within their bounds
 
 
-class Learner(NamedTuple):
-    """A network with all that changes as it learns; several of them have a leading axis."""
+class Learner(Struct):
+    """A network with all that changes as it learns."""
 
-    theta: NDArray[np.float64]  # (parameters,)
-    change: NDArray[np.float64]  # (parameters,), the last step
-    start: NDArray[np.float64]  # (parameters,), where leakage leads to
-    low: NDArray[np.float64]  # (parameters,)
-    high: NDArray[np.float64]  # (parameters,)
-    group: NDArray[np.int64]  # (parameters,), index of each parameter's group
-    squares: NDArray[np.float64]  # (outputs, groups), squared norms of the gradients
-    rate: NDArray[np.float64]  # (outputs, groups), learning rates of the last step
-    moved: NDArray[np.float64]  # (outputs,), what the last step changes the outputs by, to first order
-    x: NDArray[np.float64]  # (inputs,)
+    theta: Float1  # (parameters,)
+    change: Float1  # (parameters,), the last step
+    start: Float1  # (parameters,), where leakage leads to
+    low: Float1  # (parameters,)
+    high: Float1  # (parameters,)
+    group: Int1  # (parameters,), index of each parameter's group
+    squares: Float2  # (outputs, groups), squared norms of the gradients
+    rate: Float2  # (outputs, groups), learning rates of the last step
+    moved: Float1  # (outputs,), what the last step changes the outputs by, to first order
+    x: Float1  # (inputs,)
     passed: Pass
 
 
-def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> Learner:
+class Learners(Struct, each=Learner):
+    """Several of them side by side, in arrays that hold the largest."""
+
+    theta: Float2
+    change: Float2
+    start: Float2
+    low: Float2
+    high: Float2
+    group: Int2
+    squares: Float3
+    rate: Float3
+    moved: Float2
+    x: Float2
+    passed: Passes
+    shape: Int2  # (networks, fields of Network)
+
+    def _row(self, i: int) -> Learner:
+        """The i-th one, as views of its size."""
+        net = Network(*self.shape[i].tolist())
+        own = [value[i] for value in self if isinstance(value, np.ndarray)]
+        sized = [value[: net.size] for value in own[:6]]
+        return Learner(*sized, *own[6:9], own[9][: net.inputs], Pass(*(value[i] for value in self.passed)))
+
+
+def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> Learners:
     """Learners of several networks, side by side in arrays that hold the largest."""
     sized = list(nets) or [network("gaussian", "singleton", 1, 1, 1)]  # without any the arrays are empty
 
@@ -63,7 +88,7 @@ def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> 
 
     sizes = [(net.size,) for net in sized]
     kinds = [(net.outputs, len(groups(net))) for net in sized]
-    made = Learner(
+    made = Learners(
         theta=room(sizes),
         change=room(sizes),
         start=room(sizes),
@@ -74,7 +99,8 @@ def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> 
         rate=room(kinds),
         moved=room([(net.outputs,) for net in sized]),
         x=room([(net.inputs,) for net in sized]),
-        passed=Pass(*(room(shape) for shape in zip(*(shapes(net) for net in sized), strict=True))),
+        passed=Passes(*(room(shape) for shape in zip(*(shapes(net) for net in sized), strict=True))),
+        shape=np.array(nets, np.int64).reshape(len(nets), len(Network._fields)),
     )
     for i, (net, start) in enumerate(zip(nets, starts, strict=True)):
         own, names = slots(net), groups(net)
@@ -86,49 +112,13 @@ def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> 
 
 
 @compiled
-def view(several: Learner, i: int, net: Network) -> Learner:
-    """The i-th of several learners, as views."""
-    size = net.inputs * net.rules * net.stored + net.rules * net.outputs * net.width
-    p = several.passed
-    return Learner(
-        several.theta[i, :size],
-        several.change[i, :size],
-        several.start[i, :size],
-        several.low[i, :size],
-        several.high[i, :size],
-        several.group[i, :size],
-        several.squares[i],
-        several.rate[i],
-        several.moved[i],
-        several.x[i, : net.inputs],
-        Pass(
-            p.mu[i],
-            p.mu_by_x[i],
-            p.mu_by_theta[i],
-            p.firing[i],
-            p.total[i],
-            p.zeta[i],
-            p.volume[i],
-            p.zeta_by_firing[i],
-            p.zeta_by_theta[i],
-            p.zeta_by_x[i],
-            p.output[i],
-            p.by_theta[i],
-            p.by_input[i],
-            p.harmonics[i],
-            p.terms[i],
-        ),
-    )
-
-
-@compiled
 def infer(net: Network, own: Learner) -> None:
     """Output and its gradients by the parameters at the inputs `own.x`, into `own.passed`."""
     forward(net, own.theta, own.x, own.passed)
     backward(net, own.passed)
 
 
-@inner
+@compiled
 def _rates(net: Network, own: Learner, rule: Rule, curvature: NDArray[np.float64]) -> None:
     """Learning rates of each output and group, into `own.rate`.
 
@@ -201,13 +191,13 @@ def learn(
             own.moved[o] = dot(own.moved[o], own.passed.by_theta[o, at:end], own.change[at:end])
 
 
-@inner
+@compiled
 def _square(start: float, a: NDArray[np.float64], first: int, end: int) -> float:
     """`start` and the squared norm of a part."""
     return dot(start, a[first:end], a[first:end])
 
 
-@inner
+@compiled
 def _move(own: Learner, rule: Rule, share: float) -> None:
     """Move the parameters by a share of `own.change`, and write there by how much they did."""
     for f in range(own.theta.size):

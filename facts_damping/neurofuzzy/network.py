@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import branching, compiled, inner
+from facts_damping.compiling import branching, compiled
+from facts_damping.compiling.structs import Float1, Float2, Float3, Float4, Struct
 from facts_damping.neurofuzzy.consequent import HARMONICS, fourier, fourier_by_input, fourier_terms, harmonics, sam
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENT_FUNCTIONS, CONSEQUENTS, MEMBERSHIP_FUNCTIONS
 
@@ -44,24 +45,44 @@ class Network(NamedTuple):
         return self.inputs * self.rules * self.stored + self.rules * self.outputs * self.width
 
 
-class Pass(NamedTuple):
+class Pass(Struct):
     """Arrays that a forward and backward pass fills."""
 
-    mu: NDArray[np.float64]  # (inputs, rules)
-    mu_by_x: NDArray[np.float64]  # (inputs, rules)
-    mu_by_theta: NDArray[np.float64]  # (inputs, rules, stored)
-    firing: NDArray[np.float64]  # (rules,)
-    total: NDArray[np.float64]  # (outputs,), sum of F V
-    zeta: NDArray[np.float64]  # (rules, outputs)
-    volume: NDArray[np.float64]  # (rules, outputs)
-    zeta_by_firing: NDArray[np.float64]  # (rules, outputs)
-    zeta_by_theta: NDArray[np.float64]  # (rules, outputs, width)
-    zeta_by_x: NDArray[np.float64]  # (rules, outputs, inputs)
-    output: NDArray[np.float64]  # (outputs,)
-    by_theta: NDArray[np.float64]  # (outputs, parameters)
-    by_input: NDArray[np.float64]  # (outputs, inputs)
-    harmonics: NDArray[np.float64]  # (inputs, 5, 2): sines and cosines of the inputs and their derivatives
-    terms: NDArray[np.float64]  # (5 ** inputs,) of `fourier`
+    mu: Float2  # (inputs, rules)
+    mu_by_x: Float2  # (inputs, rules)
+    mu_by_theta: Float3  # (inputs, rules, stored)
+    firing: Float1  # (rules,)
+    total: Float1  # (outputs,), sum of F V
+    zeta: Float2  # (rules, outputs)
+    volume: Float2  # (rules, outputs)
+    zeta_by_firing: Float2  # (rules, outputs)
+    zeta_by_theta: Float3  # (rules, outputs, width)
+    zeta_by_x: Float3  # (rules, outputs, inputs)
+    output: Float1  # (outputs,)
+    by_theta: Float2  # (outputs, parameters)
+    by_input: Float2  # (outputs, inputs)
+    harmonics: Float3  # (inputs, 5, 2): sines and cosines of the inputs and their derivatives
+    terms: Float1  # (5 ** inputs,) of `fourier`
+
+
+class Passes(Struct):
+    """Those of several networks, side by side."""
+
+    mu: Float3
+    mu_by_x: Float3
+    mu_by_theta: Float4
+    firing: Float2
+    total: Float2
+    zeta: Float3
+    volume: Float3
+    zeta_by_firing: Float3
+    zeta_by_theta: Float4
+    zeta_by_x: Float4
+    output: Float2
+    by_theta: Float3
+    by_input: Float3
+    harmonics: Float4
+    terms: Float2
 
 
 def network(antecedent: str, consequent: str, inputs: int, rules: int, outputs: int) -> Network:
@@ -159,7 +180,7 @@ def backward(net: Network, p: Pass) -> None:
                     p.by_theta[o, place + s] += others * p.mu_by_theta[i, j, s]
 
 
-@inner
+@compiled
 def _others(net: Network, p: Pass, i: int, j: int) -> float:
     """dF_j / dmu_ij: the product of the rule's other memberships."""
     product = 1.0

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from rclpy.serialization import serialize_message
 
-from facts_damping.compiling import specialised
 from facts_damping.nodes.packing import take
 from facts_damping.nodes.stamps import epoch_ns
 from facts_damping.recording.columns import FORMATS, HEADER, Walk
@@ -106,7 +105,6 @@ class Template:
         for part in (np.arange(HEADER), self._shape, *used):
             self.sent.all[part] = serialised[part]
         self._tick = self._places["tick"][0] // 8
-        self._take = specialised(take, serialised, self.come.all, self._shape, self._names)
 
     def index(self, paths: Iterable[str]) -> Field:
         """The fields of some paths, all of one format."""
@@ -130,7 +128,7 @@ class Template:
 
     def take(self, data: bytes) -> bool:
         """Take a message if it is of this shape: as long, and equal but for its numbers (and what pads it)."""
-        return bool(self._take(np.frombuffer(data, np.uint8), self.come.all, self._shape, self._names))
+        return bool(take(np.frombuffer(data, np.uint8), self.come.all, self._shape, self._names))
 
     def tick(self) -> int:
         """Tick of the message that was taken."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from facts_damping_msgs.msg import ControllerState, JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
@@ -14,7 +13,6 @@ from facts_damping.case.names import (
     link_addresses,
     supervisor_addresses,
 )
-from facts_damping.compiling import specialised
 from facts_damping.control.bank import act, set_estimate
 from facts_damping.control.table import kind_of
 from facts_damping.nodes.live_parameters import declare_settings
@@ -26,7 +24,6 @@ from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.nodes.weights_file import WeightsFile
-from facts_damping.signals import DELIVERY, SETPOINT
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.learnt_weights import adapted
 from facts_damping.simulation.loop import setpoint_buffer
@@ -73,9 +70,6 @@ class ControllerNode:
         if identifier:
             estimates = Estimates(self.case, self.index)
             guard.subscribe(JacobianEstimate, f"{graph}{identifier}/estimate", self.ticks.receive, estimates.read)
-        given, issued = np.zeros(0, DELIVERY), np.zeros(0, SETPOINT)
-        self.set_estimate = specialised(set_estimate, self.state, self.index, np.zeros((0, 0)), np.zeros(0), 0)
-        self.compute = specialised(act, self.bank, self.state, self.index, 0, given, 0, issued, 0)
         guard.hear_run()
         self.spinner = self.member.spin()
         extra = int(self.options.recorder)
@@ -121,10 +115,10 @@ class ControllerNode:
         self.member.begin(tick)
         self.restarts.begin(tick)
         for estimate in estimates:
-            self.set_estimate(self.state, c, *estimate)
+            set_estimate(self.state, c, *estimate)
         start = tick_ns(tick, self.case.run.frame_rate)
         issued = setpoint_buffer(len(self.controller.devices), len(delivered))
-        count = self.compute(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)
+        count = act(self.bank, self.state, c, tick, delivered, len(delivered), issued, 0)
         check(self.programs)
         said = count if self.member.joining.acts else 0
         self.to_link.publish(self.setpoints.fill(tick, start, issued[:said], self.name))

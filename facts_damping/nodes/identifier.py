@@ -8,7 +8,6 @@ import numpy as np
 from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoints
 
 from facts_damping.case.names import acting, identifier_addresses, link_addresses, speakers
-from facts_damping.compiling import specialised
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.nodes.live_parameters import declare_settings
 from facts_damping.nodes.member import IDENTIFIER, Member
@@ -19,7 +18,7 @@ from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.nodes.weights_file import WeightsFile
-from facts_damping.signals import DELIVERY, ESTIMATE, SETPOINT
+from facts_damping.signals import ESTIMATE
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.learnt_weights import adapted
 
@@ -63,10 +62,6 @@ class IdentifierNode:
         guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
         setpoints = SetpointsMessage(self.case, speaker.name, [acting(self.case, self.index)], seal(by, speaker.topic))
         guard.subscribe(VoltageSetpoints, f"{graph}{speaker.topic}", self.ticks.receive, setpoints.read)
-        learner = self.identifiers, self.state, self.own
-        self.store = specialised(store_setpoints, *learner, np.zeros(0, SETPOINT), 0)
-        self.identify = specialised(identify, *learner, np.zeros(0, DELIVERY), 0)
-        self.estimate = specialised(write_estimates, *learner, 0, self.rows, 0)
         guard.hear_run()
         self.spinner = self.member.spin()
 
@@ -90,9 +85,9 @@ class IdentifierNode:
         self.member.begin(tick)
         learner = self.identifiers, self.state, self.own
         for rows in setpoints:
-            self.store(*learner, rows, len(rows))
-        self.identify(*learner, delivered, len(delivered))
-        self.estimate(*learner, tick, self.rows, 0)
+            store_setpoints(*learner, rows, len(rows))
+        identify(*learner, delivered, len(delivered))
+        write_estimates(*learner, tick, self.rows, 0)
         if self.member.joining.acts:
             self.to_controller.publish(self.estimates.fill(tick, self.rows, self.state, self.own))
         self.member.tell(lambda: self.ticks.health("identifies"))

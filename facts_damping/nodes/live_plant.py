@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling import specialised
 from facts_damping.link.transfer import merge
 from facts_damping.plant.model import workspace
 from facts_damping.plant.watchdog import late_by_clock, let_go, listening, rearm
@@ -45,10 +44,6 @@ class LivePlant:
         self.devices = np.zeros(len(self._plant.devices), DEVICE_TRUTH)
         self.events, self.sound = grid_events(case), True
         self._heard = listening(len(self.devices))
-        table = np.zeros(0, SETPOINT)
-        self._observe = specialised(observe, *self._parts(), 0, *self._measured())
-        self._merge = specialised(merge, table, 0, table, 0)
-        self._step = specialised(go_on, *self._parts(), 0, table, 0, self._work)
 
     def _parts(self) -> tuple[Any, ...]:
         return self._plant, self.state, self._pmus, self._pmu_state
@@ -63,7 +58,7 @@ class LivePlant:
     def measure(self, tick: int) -> None:
         """Begin a tick: what PMUs report, and the truth; `sound` says whether there is synchronism."""
         self.tick = tick
-        self.sound = bool(self._observe(*self._parts(), tick, *self._measured()))
+        self.sound = bool(observe(*self._parts(), tick, *self._measured()))
 
     def entries(self) -> NDArray[Any]:
         """What PMUs report in the tick (DELIVERY)."""
@@ -79,8 +74,8 @@ class LivePlant:
         """Go on to the next tick under the setpoints that have come, whichever link's came first."""
         table, count = np.zeros(sum(map(len, come)), SETPOINT), 0
         for rows in come:
-            count = self._merge(table, count, rows, len(rows))
-        self._step(*self._parts(), self.tick, table, count, self._work)
+            count = merge(table, count, rows, len(rows))
+        go_on(*self._parts(), self.tick, table, count, self._work)
 
     def change_measurement(self, name: str, value: float) -> Callable[[int], None]:
         """What has PMUs measure with a number changed, `noise.angle`, from the next tick on.

@@ -7,27 +7,32 @@ row in the message): where these stand, in the same order, among the stream's nu
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Annotated
 
-from facts_damping.compiling import compiled
-from facts_damping.signals import NANOSECONDS
+import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+from facts_damping.compiling import entry_point
+from facts_damping.compiling.structs import Array, Int1, Int2
+from facts_damping.signals import NANOSECONDS, Deliveries
 
+Bytes = Annotated[NDArray[np.uint8], Array(np.uint8, 1)]
+Seconds = Annotated[NDArray[np.int32], Array(np.int32, 1)]
+Nanoseconds = Annotated[NDArray[np.uint32], Array(np.uint32, 1)]
+Counts = Annotated[NDArray[np.uint64], Array(np.uint64, 1)]
+Statuses = Annotated[NDArray[np.uint16], Array(np.uint16, 1)]
 PADDING = 7 + 3  # bytes: up to a multiple of eight, and of four
 
 
-@compiled
+@entry_point
 def pack(
-    words: NDArray[np.int64],
+    words: Int2,
     first: int,
     times: int,
-    places: NDArray[np.int64],
-    seconds: NDArray[np.int32],
-    nanoseconds: NDArray[np.uint32],
-    numbers: NDArray[np.int64],
+    places: Int2,
+    seconds: Seconds,
+    nanoseconds: Nanoseconds,
+    numbers: Int1,
     epoch_ns: int,
 ) -> None:
     """Put rows into a message: `words`, (rows, columns), into the stream's numbers of three formats.
@@ -44,15 +49,15 @@ def pack(
             numbers[places[i, 2 * times + j]] = words[i, first + times + j]
 
 
-@compiled
+@entry_point
 def unpack(
-    words: NDArray[np.int64],
+    words: Int2,
     first: int,
     times: int,
-    places: NDArray[np.int64],
-    seconds: NDArray[np.int32],
-    nanoseconds: NDArray[np.uint32],
-    numbers: NDArray[np.int64],
+    places: Int2,
+    seconds: Seconds,
+    nanoseconds: Nanoseconds,
+    numbers: Int1,
     epoch_ns: int,
 ) -> int:
     """Take rows out of a message, the same way back.
@@ -70,13 +75,13 @@ def unpack(
     return latest
 
 
-@compiled
+@entry_point
 def mark(
-    rows: NDArray[Any],
+    rows: Deliveries,
     frame_rate: int,
-    places: NDArray[np.int64],
-    ticks: NDArray[np.uint64],
-    status: NDArray[np.uint16],
+    places: Int2,
+    ticks: Counts,
+    status: Statuses,
 ) -> None:
     """Put into a message of frames (DELIVERY) the tick next to each one's time of measurement, and its status.
 
@@ -88,8 +93,8 @@ def mark(
         status[places[i, 1]] = row.status
 
 
-@compiled
-def take(data: NDArray[np.uint8], kept: NDArray[np.uint8], shape: NDArray[np.int64], names: NDArray[np.uint8]) -> bool:
+@entry_point
+def take(data: Bytes, kept: Bytes, shape: Int1, names: Bytes) -> bool:
     """Take over a message (the first `len(kept)` bytes of `data`) if its bytes at `shape` are `names`.
 
     What pads it at its end may follow (rclpy leaves room before the numbers of a sequence that has none).

@@ -19,7 +19,6 @@ from facts_damping.case.names import (
     supervisor_addresses,
 )
 from facts_damping.case.supervision import reserves
-from facts_damping.compiling import specialised
 from facts_damping.control.table import kind_of
 from facts_damping.monitors import (
     ARM,
@@ -44,7 +43,7 @@ from facts_damping.nodes.parameters import read_case, read_index, read_options
 from facts_damping.nodes.publishers import PLANT as PLANT_STATE
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
-from facts_damping.signals import DELIVERY, DEVICE_TRUTH, NANOSECONDS, SETPOINT, SUPERVISION
+from facts_damping.signals import DEVICE_TRUTH, NANOSECONDS, SETPOINT, SUPERVISION
 from facts_damping.simulation.build import build_supervisors
 from facts_damping.simulation.loop import setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
@@ -85,12 +84,6 @@ class SupervisorNode:
         self.to_recorder = node.create_publisher(SupervisorState, f"{self.name}/state", SAYING)
         self.devices = np.zeros(len(self.case.run.devices), DEVICE_TRUTH)
         self.gathering, self.publishers = self.wire(node, graph, by)
-        table, row = np.zeros(0, SETPOINT), self.told[0]
-        parts = self.made, self.state, self.own
-        self.supervise = specialised(
-            supervise, *parts, 0, 0, 0, np.zeros(0, DELIVERY), 0, table, 0, self.devices, table, 0
-        )
-        self.tell, self.refusal = specialised(tell, *parts, 0, row), specialised(refusal, *parts)
         for name in COMMANDS:
             node.create_service(Trigger, f"~/{name}", partial(self.on_command, name))
         self.member.guard.hear_run()
@@ -142,9 +135,9 @@ class SupervisorNode:
         start, end = (tick_ns(k, self.case.run.frame_rate) for k in (tick, tick + 1))
         out = setpoint_buffer(len(self.case.controllers[self.index].devices), len(issued))
         frames, own = parts["frames"], (self.made, self.state, s)
-        count = self.supervise(*own, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0)
+        count = supervise(*own, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0)
         self.to_link.publish(self.setpoints.fill(tick, start, out[:count], self.name))
-        if self.tell(*own, tick, self.told[0]):
+        if tell(*own, tick, self.told, 0):
             self.to_recorder.publish(self.says.fill(tick, start, self.told[0]))
             self.report(start)
         self.member.tell(self.health)
@@ -177,7 +170,7 @@ class SupervisorNode:
         if code == PROBE and not self.made.settings["omega"][self.own] > 0.0:
             response.message = "not probed: the plant has no swing mode"
             return response
-        cause = self.refusal(self.made, self.state, self.own) if code == ARM else NO_CAUSE
+        cause = refusal(self.made, self.state, self.own) if code == ARM else NO_CAUSE
         if cause != NO_CAUSE:
             self.told["refused"] = cause
             response.message = f"not armed: {reason_of(self.told[0], self.made.thresholds[self.own], refused=True)}"

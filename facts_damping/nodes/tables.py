@@ -12,7 +12,6 @@ import numpy as np
 from facts_damping_msgs.msg import PmuDataFrame, PmuFrame, VoltageSetpoint, VoltageSetpoints
 
 from facts_damping.case.names import controller_names
-from facts_damping.compiling import specialised
 from facts_damping.nodes import stamps
 from facts_damping.nodes.cdr import Refused, Template, content
 from facts_damping.nodes.packing import mark, pack, unpack
@@ -71,8 +70,6 @@ class Shape:
         self.marks = self._of_entries(layout.marks)
         self._bits = None if layout.bits is None else t.index(self._paths(layout.bits[1]))
         self._sent, self._come = ([room.of[form] for form in TIMES_AND_VALUES] for room in (t.sent, t.come))
-        self._pack = specialised(pack, self._words(self._rows), *self._columns, *self._sent, 0)
-        self._unpack = specialised(unpack, self._words(self._rows), *self._columns, *self._come, 0)
 
     def _of_entries(self, paths: list[str]) -> NDArray[np.int64]:
         """Places of fields, (entries, paths)."""
@@ -89,7 +86,7 @@ class Shape:
 
     def fill(self, tick: int, start_ns: int, rows: NDArray[Any]) -> bytes:
         """The message of `rows`."""
-        self._pack(self._words(rows), *self._columns, *self._sent, stamps.epoch_ns())
+        pack(self._words(rows), *self._columns, *self._sent, stamps.epoch_ns())
         self.template.write_head(start_ns, tick)
         data = self.template.data()
         if self._seal is None:
@@ -105,7 +102,7 @@ class Shape:
         if not stamps.accept(self.template.start_ns(), start_of(tick, self._rate)):
             raise Refused("stamp")
         taken = self._words(rows), *self._columns, *self._come, stamps.epoch_ns()
-        if self._unpack(*taken) >= start_of(tick + 1, self._rate):
+        if unpack(*taken) >= start_of(tick + 1, self._rate):
             raise Refused("stamp")
         rows["tick"] = tick
         if self._layout.bits is not None and self._bits is not None:
@@ -175,8 +172,6 @@ class FramesMessage(TableMessage):
         super().__init__(case, seal)
         where = case.system.station_buses()
         self._stations, self._buses = list(where), list(where.values())
-        numbers = [np.zeros(0, f"<{form}") for form in MARKS]
-        self._mark = specialised(mark, np.zeros(0, DELIVERY), self._rate, np.zeros((0, 2), np.int64), *numbers)
 
     def make(self, key: tuple[int, ...]) -> tuple[PmuDataFrame, dict[str, Any]]:
         """A message with an entry for each station of the key."""
@@ -193,7 +188,7 @@ class FramesMessage(TableMessage):
         """Message of `count` delivered entries."""
         rows = delivered[:count]
         shape = self.shape(tuple(rows["station"].tolist()))
-        self._mark(rows, self._rate, shape.marks, *(shape.template.sent.of[form] for form in MARKS))
+        mark(rows, self._rate, shape.marks, *(shape.template.sent.of[form] for form in MARKS))
         return shape.fill(tick, start_ns, rows)
 
 

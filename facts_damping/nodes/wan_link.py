@@ -13,7 +13,6 @@ from facts_damping_msgs.msg import LinkStatistics, PmuDataFrame, VoltageSetpoint
 from facts_damping_msgs.srv import Apply
 
 from facts_damping.case.names import link_addresses, listeners, served, speakers
-from facts_damping.compiling import specialised
 from facts_damping.errors import InputError, RunError, one_line
 from facts_damping.link.transfer import downlink, uplink
 from facts_damping.nodes.live_parameters import StageParameters
@@ -70,8 +69,6 @@ class WanLink:
         self.behind: Counter[str] = Counter()  # answers of each that came after their tick, since it was told
         self.publishers = {one.name: partial(node.count_publishers, f"{graph}{one.topic}") for one in heard.values()}
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
-        self.uplink = specialised(uplink, self.links, self.index, 0, 0, 0, *self.measured)
-        self.downlink = specialised(downlink, self.links, self.index, 0, 0, np.zeros(0, SETPOINT), 0)
         guard.hear_run("pmu/frames")
         self.spinner = self.member.spin()
 
@@ -141,7 +138,7 @@ class WanLink:
         self.measured_ns[:] = LOST
         self.frame[rows["station"]], self.measured_ns[rows["station"]] = rows["values"], rows["measured_ns"]
         self.status[rows["station"]] = rows["status"]
-        count = self.uplink(self.links, self.index, self.tick, start, end, *self.measured)
+        count = uplink(self.links, self.index, self.tick, start, end, *self.measured)
         self.to_controllers.publish(self.frames.fill(self.tick, start, self.links.up.out[self.index], count))
         self.missing = {name for name in self.places if not self.gone(name)}
         if not self.missing:
@@ -169,7 +166,7 @@ class WanLink:
         given = np.concatenate(rows) if rows else np.zeros(0, SETPOINT)
         for kept in self.given.values():
             kept.clear()
-        count = self.downlink(self.links, self.index, self.tick, end, given, len(given))
+        count = downlink(self.links, self.index, self.tick, end, given, len(given))
         said = count if self.member.joining.acts else 0
         self.to_plant.publish(self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :said], ""))
         self.missing = set()

@@ -24,9 +24,10 @@ from facts_damping.plant import (
 )
 from facts_damping.plant.dead_time import line
 from facts_damping.plant.events import Stage, stages
-from facts_damping.plant.model import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Plant, PlantState, Site
+from facts_damping.plant.model import Plant, PlantState
 from facts_damping.plant.power_flow import PowerFlow, solve
 from facts_damping.plant.reduction import Place, reduce_network
+from facts_damping.plant.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
 from facts_damping.plant.watchdog import watching
 from facts_damping.signals import to_ns
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import inlined
+from facts_damping.compiling import compiled
 from facts_damping.plant import blocks, excitation, governor, stabiliser
 from facts_damping.plant.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VD, VQ, VREF, VS, VT
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 AT = len(SENSED)
 
 
-@inlined
+@compiled
 def _field_current(m: Any, x: NDArray[np.float64], current: complex, saturation: float, emf: complex) -> float:
     """Field current of a machine, p.u. of what gives 1 p.u. of voltage without saturation: T'd0 dE'q = Efd - Ifd."""
     if m.circuits == 0:
@@ -30,7 +30,7 @@ def _field_current(m: Any, x: NDArray[np.float64], current: complex, saturation:
     return -slope / m.B[0, 2]  # type: ignore[no-any-return]
 
 
-@inlined
+@compiled
 def _sense(
     c: Any, omega: float, asked: float, seen: complex, current: complex, ifd: float, s: NDArray[np.float64]
 ) -> None:
@@ -41,7 +41,7 @@ def _sense(
     s[VREF], s[PREF] = c.Vref, asked + c.power_offset
 
 
-@inlined
+@compiled
 def _given(
     plant: Plant, first: int, end: int, gives: int, x: NDArray[np.float64], dx: NDArray[np.float64], work: Work
 ) -> float:
@@ -51,7 +51,7 @@ def _given(
     return work.signals[AT + gives]  # type: ignore[no-any-return]
 
 
-@inlined
+@compiled
 def move(
     plant: Plant,
     x: NDArray[np.float64],

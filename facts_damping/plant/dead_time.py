@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling import inner
+from facts_damping.compiling import compiled
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def line(dead_times: Sequence[float]) -> tuple[NDArray[Any], NDArray[np.int64]]:
     return np.zeros((len(dead_times), room), UNDER_WAY), np.zeros(len(dead_times), np.int64)
 
 
-@inner
+@compiled
 def send(under_way: NDArray[Any], waiting: NDArray[np.int64], d: int, due_ns: int, value: float) -> None:
     """Put a setpoint of device d under way, due not before those that are."""
     n, room = waiting[d], under_way.shape[1]
@@ -45,7 +45,7 @@ def send(under_way: NDArray[Any], waiting: NDArray[np.int64], d: int, due_ns: in
     waiting[d] = n + 1
 
 
-@inner
+@compiled
 def arrive(under_way: NDArray[Any], waiting: NDArray[np.int64], target: NDArray[np.float64], end: int, now: int) -> int:
     """Put in force what is due by `now`; when the next one is, or `end`."""
     for d in range(waiting.size):

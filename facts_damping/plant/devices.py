@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.devices import Series
     from facts_damping.parameters.system import Device
-    from facts_damping.plant.model import Site, Start
+    from facts_damping.plant.site import Site, Start
 
 
 @compiled

@@ -8,18 +8,18 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import inlined
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import Complex1, Float1
 from facts_damping.plant import controls, devices, load
+from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.ports import solve_ports
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from facts_damping.plant.model import Plant, Work
 
-
-@inlined
+@compiled
 def row_times(plant: Plant, stage: int, row: int, inputs: NDArray[np.complex128]) -> complex:
     """One row of the network times its inputs, p.u."""
     total = 0j
@@ -28,12 +28,12 @@ def row_times(plant: Plant, stage: int, row: int, inputs: NDArray[np.complex128]
     return total
 
 
-@inlined
+@entry_point
 def solve_network(
     plant: Plant,
-    x: NDArray[np.float64],
-    reference: NDArray[np.float64],
-    source: NDArray[np.complex128],
+    x: Float1,
+    reference: Float1,
+    source: Complex1,
     stage: int,
     work: Work,
 ) -> None:
@@ -67,7 +67,7 @@ def solve_network(
         work.inputs[first + p] = source[p]
 
 
-@inlined
+@compiled
 def stator(plant: Plant, stage: int, g: int, work: Work) -> tuple[complex, complex, float]:
     """Terminal voltage (p.u.), stator current Id + j Iq and air-gap power (p.u. of the rating) of machine g.
 
@@ -84,7 +84,7 @@ def stator(plant: Plant, stage: int, g: int, work: Work) -> tuple[complex, compl
     return voltage, current, emf.real * current.real + emf.imag * current.imag + saliency
 
 
-@inlined
+@compiled
 def saturated(m: Any, emf: complex) -> float:
     """S of a machine's flux, B (psi - A)^2 / psi above A; 0 without saturation."""
     if m.saturation_B == 0.0:
@@ -93,7 +93,7 @@ def saturated(m: Any, emf: complex) -> float:
     return m.saturation_B * max(0.0, flux - m.saturation_A) ** 2 / flux  # type: ignore[no-any-return]
 
 
-@inlined
+@compiled
 def _circuits(
     m: Any,
     x: NDArray[np.float64],
@@ -115,14 +115,14 @@ def _circuits(
         dx[first + i] = slope
 
 
-@inlined
+@entry_point
 def derivatives(
     plant: Plant,
-    x: NDArray[np.float64],
-    reference: NDArray[np.float64],
-    source: NDArray[np.complex128],
+    x: Float1,
+    reference: Float1,
+    source: Complex1,
     stage: int,
-    dx: NDArray[np.float64],
+    dx: Float1,
     work: Work,
 ) -> None:
     """Write dx/dt, 1/s: swing equations (2.1)-(2.2), rotor circuits, controls, loads, devices; solves into `source`.

@@ -13,7 +13,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled
 from facts_damping.errors import InputError
-from facts_damping.plant.model import Start
+from facts_damping.plant.site import Start
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.devices import Hvdc
-    from facts_damping.plant.model import Site
+    from facts_damping.plant.site import Site
 
 STATE_NAMES = ["V_to", "V_from"]
 POWERS = ("P", "P_min", "P_max")

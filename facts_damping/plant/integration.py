@@ -8,22 +8,21 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled, entry_point
 from facts_damping.plant.dead_time import arrive, send
 from facts_damping.plant.devices import behind
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.load_noise import begin_noise, move_noise
-from facts_damping.plant.model import begin_stage
+from facts_damping.plant.model import Plant, PlantState, Work, begin_stage
 from facts_damping.plant.watchdog import NEVER, accepts, due_ns, release
+from facts_damping.signals import Setpoints
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from facts_damping.plant.model import Plant, PlantState, Work
 
-
-@inner
+@compiled
 def _runge_kutta(
     plant: Plant, state: PlantState, ramp: NDArray[np.float64], stage: int, elapsed: float, h: float, work: Work
 ) -> None:
@@ -62,7 +61,7 @@ def _runge_kutta(
             x[row.lag] = trial[row.lag]
 
 
-@inner
+@compiled
 def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], first: int, count: int, now: int) -> int:
     """Put the setpoints that are effective by `now` in force, limited, or under way; the index of the next one."""
     while first < count and setpoints[first].effective_ns <= now:
@@ -78,7 +77,7 @@ def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], fi
     return first
 
 
-@inner
+@compiled
 def _let_go(plant: Plant, state: PlantState, end: int, now: int) -> int:
     """Release the devices whose time-out is over: to zero with them; where the next one may be, or `end`.
 
@@ -96,7 +95,7 @@ def _let_go(plant: Plant, state: PlantState, end: int, now: int) -> int:
     return end
 
 
-@inner
+@compiled
 def _ramp(plant: Plant, state: PlantState, ramp: NDArray[np.float64], end: int, now: int) -> int:
     """Slopes (p.u./s) that take the references to their targets at their rates; where the first arrives."""
     for d in range(ramp.size):
@@ -111,7 +110,7 @@ def _ramp(plant: Plant, state: PlantState, ramp: NDArray[np.float64], end: int, 
     return end
 
 
-@inner
+@compiled
 def _move_reference(state: PlantState, ramp: NDArray[np.float64], seconds: float) -> None:
     """Move the references along their ramps, not beyond their targets."""
     for d in range(ramp.size):
@@ -123,8 +122,8 @@ def _move_reference(state: PlantState, ramp: NDArray[np.float64], seconds: float
             state.reference[d] += move
 
 
-@compiled
-def watch(plant: Plant, state: PlantState, start_ns: int, end_ns: int, setpoints: NDArray[Any], count: int) -> None:
+@entry_point
+def watch(plant: Plant, state: PlantState, start_ns: int, end_ns: int, setpoints: Setpoints, count: int) -> None:
     """What the devices' watchdogs do from `start_ns` to `end_ns`, as in `advance`; nothing else of the plant moves."""
     now, following = start_ns, 0
     while now < end_ns:
@@ -135,13 +134,13 @@ def watch(plant: Plant, state: PlantState, start_ns: int, end_ns: int, setpoints
         now = end
 
 
-@compiled
+@entry_point
 def advance(
     plant: Plant,
     state: PlantState,
     start_ns: int,
     end_ns: int,
-    setpoints: NDArray[Any],
+    setpoints: Setpoints,
     count: int,
     work: Work,
 ) -> None:

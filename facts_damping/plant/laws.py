@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import inlined
+from facts_damping.compiling import compiled
 from facts_damping.plant import devices, load
-from facts_damping.plant.model import DEVICE, OTHER_END, SALIENT
+from facts_damping.plant.site import DEVICE, OTHER_END, SALIENT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 SMALL = 1e-12  # p.u., magnitude of a response below which its direction is of no account
 
 
-@inlined
+@compiled
 def salient(plant: Plant, stage: int, g: int, voltage: complex, p: int, work: Work) -> complex:
     """Current of a machine beyond that of its Norton admittance, by X''q != X''d; linear in the voltage."""
     m = plant.machines[g]
@@ -39,7 +39,7 @@ def salient(plant: Plant, stage: int, g: int, voltage: complex, p: int, work: Wo
     return current * turn  # type: ignore[no-any-return]
 
 
-@inlined
+@compiled
 def characteristic(
     plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, p: int, size: float, work: Work
 ) -> tuple[complex, complex]:
@@ -59,7 +59,7 @@ def characteristic(
     return value * scale, slope * scale
 
 
-@inlined
+@compiled
 def law(
     plant: Plant, x: NDArray[np.float64], reference: NDArray[np.float64], stage: int, p: int, work: Work
 ) -> complex:

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import Float2
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -65,8 +66,8 @@ def table(drawn: Mapping[str, NDArray[np.float64]], loads: Sequence[Load]) -> ND
     return made
 
 
-@compiled
-def _follow(std: float, a: float, n: NDArray[np.float64], x: NDArray[np.float64]) -> None:
+@entry_point
+def _follow(std: float, a: float, n: Float2, x: Float2) -> None:
     """x(k+1) = a x(k) + s sqrt(1 - a^2) n(k), (points, 2), from 0."""
     size = std * math.sqrt(1.0 - a * a)
     for k in range(1, x.shape[0]):
@@ -74,21 +75,21 @@ def _follow(std: float, a: float, n: NDArray[np.float64], x: NDArray[np.float64]
             x[k, j] = a * x[k - 1, j] + size * n[k, j]
 
 
-@inner
+@compiled
 def _place(time_ns: int) -> int:
     """The last point of the grid at or before a time; point k is at k / RATE, rounded down to ns."""
     k = time_ns * RATE // NANOSECONDS
     return k + 1 if (k + 1) * NANOSECONDS // RATE <= time_ns else k
 
 
-@inner
+@compiled
 def _folded(k: int, last: int) -> int:
     """Point k of what runs to `last`, backwards, forwards again."""
     k %= 2 * last
     return k if k <= last else 2 * last - k
 
 
-@inner
+@compiled
 def begin_noise(plant: Plant, work: Work, time_ns: int, end_ns: int) -> int:
     """Deviations of all loads at a time, and their slopes, into `work`; where the slopes change next, or `end_ns`."""
     last = plant.load_noise.shape[0] - 1
@@ -107,7 +108,7 @@ def begin_noise(plant: Plant, work: Work, time_ns: int, end_ns: int) -> int:
     return min(end_ns, following)
 
 
-@inner
+@compiled
 def move_noise(plant: Plant, work: Work, seconds: float) -> None:
     """Deviations of all loads so long after `begin_noise`."""
     if plant.load_noise.shape[0] > 1:

@@ -6,23 +6,24 @@ import cmath
 import math
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import Float2
 from facts_damping.plant import controls
 from facts_damping.plant import devices as facts
 from facts_damping.plant.dynamics import derivatives, row_times, saturated, solve_network, stator
 from facts_damping.plant.load_noise import begin_noise, move_noise
-from facts_damping.plant.model import begin_stage
+from facts_damping.plant.model import Plant, PlantState, Work, begin_stage
+from facts_damping.signals import DeviceTruths, MachineTruths
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from facts_damping.plant.model import Plant, PlantState, Work
 
 MOMENT = 1e-6  # s, over which an angle's turning is its frequency
 
 
-@inner
+@compiled
 def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work: Work) -> None:
     """The truth about machine g."""
     x, m = state.x, plant.machines[g]
@@ -38,7 +39,7 @@ def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work
     out.terminal_voltage = abs(voltage)
 
 
-@inner
+@compiled
 def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> None:
     """The truth about device d: of one in parallel what its port gives; then what its kind says."""
     row = plant.devices[d]
@@ -61,7 +62,7 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
     facts.truth(row, state.x, state.reference[d], abs(response), blocked, out)
 
 
-@inner
+@compiled
 def _in_synchronism(plant: Plant, x: NDArray[np.float64], stage: int) -> bool:
     """Whether all rotors in service and all infinite buses lie within 180 degrees of each other."""
     low, high = math.inf, -math.inf
@@ -75,7 +76,7 @@ def _in_synchronism(plant: Plant, x: NDArray[np.float64], stage: int) -> bool:
     return not high - low > math.pi
 
 
-@inner
+@compiled
 def _phasors(plant: Plant, stage: int, inputs: NDArray[np.complex128], phasors: NDArray[np.complex128]) -> None:
     """Voltage and current of each station from the network's inputs, p.u."""
     first, stations = plant.machines.size + plant.ports.size, plant.station_machine.size
@@ -84,7 +85,7 @@ def _phasors(plant: Plant, stage: int, inputs: NDArray[np.complex128], phasors: 
         phasors[s, 1] = row_times(plant, stage, first + stations + s, inputs)
 
 
-@compiled
+@entry_point
 def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
     """Voltage and current of each station at an instant, into `work.phasors`."""
     stage = begin_stage(plant, state, time_ns)
@@ -93,7 +94,7 @@ def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
     _phasors(plant, stage, work.inputs, work.phasors)
 
 
-@inner
+@compiled
 def _a_moment_later(plant: Plant, state: PlantState, stage: int, work: Work) -> None:
     """The network's solution MOMENT later on the plant's way, references as they stand; into `work`, not the state."""
     dx, trial = work.slopes[0], work.slopes[1]
@@ -106,14 +107,14 @@ def _a_moment_later(plant: Plant, state: PlantState, stage: int, work: Work) -> 
     solve_network(plant, trial, state.reference, work.source, stage, work)
 
 
-@compiled
+@entry_point
 def measure(
     plant: Plant,
     state: PlantState,
     time_ns: int,
-    frame: NDArray[np.float64],
-    machines: NDArray[Any],
-    devices: NDArray[Any],
+    frame: Float2,
+    machines: MachineTruths,
+    devices: DeviceTruths,
     work: Work,
 ) -> bool:
     """What is at the stations at an instant, into `frame` (stations, channels) and `work.phasors`, and the truth.

@@ -2,45 +2,37 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from facts_damping.compiling import compiled
-from facts_damping.plant.blocks import SENSED
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-# Kinds of ports: places where something beside the linear network acts.
-SALIENT, LOAD, DEVICE, OTHER_END = 0, 1, 2, 3  # the last: of a device at a second bus
-
-# A port: its kind, the row of its table (machines, loads, devices), and the responses below and above which it is
-# blocked.
-PORT = np.dtype([("kind", "i8"), ("row", "i8"), ("least", "f8"), ("most", "f8")])
-
-
-class Site(NamedTuple):
-    """Where a device stands as the power flow leaves it."""
-
-    offset: int  # of its states in the plant's
-    omega_0: float  # rad/s
-    size: float  # p.u., of what its port sees: in series its current, in parallel its bus voltage
-    other: float = math.nan  # p.u., of its second bus
-    base_power: float = math.nan  # MVA
-
-
-class Start(NamedTuple):
-    """A device at rest: the row of its kind's table, its states, and between which responses it is not blocked."""
-
-    row: tuple[Any, ...]
-    states: list[float]
-    least: float  # p.u.; 0: never for too small a response
-    most: float = math.inf  # p.u.
+from facts_damping.compiling.structs import (
+    Array,
+    Bool1,
+    Complex1,
+    Complex2,
+    Complex3,
+    Float1,
+    Float2,
+    Float3,
+    Int1,
+    Struct,
+)
+from facts_damping.plant.blocks import BLOCK, CONTROLS, SENSED
+from facts_damping.plant.dead_time import UNDER_WAY
+from facts_damping.plant.devices import DEVICE
+from facts_damping.plant.excitation import EXCITER
+from facts_damping.plant.governor import GOVERNOR
+from facts_damping.plant.load import LOAD
+from facts_damping.plant.machine import MACHINE
+from facts_damping.plant.site import PORT
+from facts_damping.plant.stabiliser import STABILISER
+from facts_damping.plant.watchdog import WATCH
 
 
-class Plant(NamedTuple):
+class Plant(Struct):
     """Frozen parameters of a plant with its events: what `advance` and `measure` need.
 
     The network of stage s, from `stage_start_ns[s]` on, is `network[s]`, complex. It maps its inputs (machine
@@ -52,64 +44,66 @@ class Plant(NamedTuple):
 
     omega_0: float  # rad/s
     step_ns: int
-    machines: NDArray[Any]  # MACHINE, (machines,), as the controls
-    exciters: NDArray[Any]  # EXCITER
-    stabilisers: NDArray[Any]  # STABILISER
-    governors: NDArray[Any]  # GOVERNOR
-    blocks: NDArray[Any]  # blocks.BLOCK, of all controls that are tables of blocks
-    controls: NDArray[Any]  # blocks.CONTROLS, (machines,): which of them are whose
-    loads: NDArray[Any]  # LOAD, those that are not impedances
-    ports: NDArray[Any]  # PORT
-    placed: NDArray[Any]  # devices.DEVICE: those of the run in its order, then those in service that nobody commands
-    devices: NDArray[Any]  # the first of them, those of the run
-    infinite: NDArray[np.complex128]  # (infinite buses,), p.u.
-    stage_start_ns: NDArray[np.int64]  # (stages,), ascending, the first at the start of time
-    mechanical_power: NDArray[np.float64]  # (stages, machines), p.u. of the rating
-    online: NDArray[np.float64]  # (stages, machines), 1 or 0
-    load_scale: NDArray[np.float64]  # (stages, loads)
-    load_noise: NDArray[np.float64]  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: none
-    network: NDArray[np.complex128]
-    station_machine: NDArray[np.int64]  # (stations,), machine index or -1
+    machines: Annotated[NDArray[Any], Array(MACHINE, 1)]  # MACHINE, (machines,), as the controls
+    exciters: Annotated[NDArray[Any], Array(EXCITER, 1)]  # EXCITER
+    stabilisers: Annotated[NDArray[Any], Array(STABILISER, 1)]  # STABILISER
+    governors: Annotated[NDArray[Any], Array(GOVERNOR, 1)]  # GOVERNOR
+    blocks: Annotated[NDArray[Any], Array(BLOCK, 1)]  # blocks.BLOCK, of all controls that are tables of blocks
+    controls: Annotated[NDArray[Any], Array(CONTROLS, 1)]  # blocks.CONTROLS, (machines,): which of them are whose
+    loads: Annotated[NDArray[Any], Array(LOAD, 1)]  # LOAD, those that are not impedances
+    ports: Annotated[NDArray[Any], Array(PORT, 1)]  # PORT
+    placed: Annotated[
+        NDArray[Any], Array(DEVICE, 1)
+    ]  # devices.DEVICE: those of the run in its order, then those in service that nobody commands
+    devices: Annotated[NDArray[Any], Array(DEVICE, 1)]  # the first of them, those of the run
+    infinite: Complex1  # (infinite buses,), p.u.
+    stage_start_ns: Int1  # (stages,), ascending, the first at the start of time
+    mechanical_power: Float2  # (stages, machines), p.u. of the rating
+    online: Float2  # (stages, machines), 1 or 0
+    load_scale: Float2  # (stages, loads)
+    load_noise: Float3  # (points, loads, 2), relative, of P and Q (load_noise.py); no points: none
+    network: Complex3
+    station_machine: Int1  # (stations,), machine index or -1
 
 
-class PlantState(NamedTuple):
+class PlantState(Struct):
     """State of a plant: `x` as the kernels lay it out, and of each device the reference and its target, p.u.
 
     `watch`: what their watchdogs know; `under_way`: setpoints in their dead times. `source` holds what the ports give
     (p.u.) as last solved: the next solution starts from there.
     """
 
-    x: NDArray[np.float64]
-    reference: NDArray[np.float64]
-    target: NDArray[np.float64]
-    watch: NDArray[Any]  # watchdog.WATCH
-    source: NDArray[np.complex128]
-    under_way: NDArray[Any]  # dead_time.UNDER_WAY, (devices, room)
-    waiting: NDArray[np.int64]  # (devices,), how many of them are
+    x: Float1
+    reference: Float1
+    target: Float1
+    watch: Annotated[NDArray[Any], Array(WATCH, 1)]  # watchdog.WATCH
+    source: Complex1
+    under_way: Annotated[NDArray[Any], Array(UNDER_WAY, 2)]  # dead_time.UNDER_WAY, (devices, room)
+    waiting: Int1  # (devices,), how many of them are
 
 
-class Work(NamedTuple):
+class Work(Struct):
     """Arrays that the kernels reuse."""
 
-    slopes: NDArray[np.float64]  # (6, states)
-    reference: NDArray[np.float64]  # (devices,)
-    inputs: NDArray[np.complex128]  # of the network
-    emf: NDArray[np.complex128]  # (machines,), Ed + j Eq behind the stator's reactances, in the rotor's frame, p.u.
-    rotation: NDArray[np.complex128]  # (machines,), exp(j (delta - pi/2)), from the rotor's frame to the network's
-    given: NDArray[np.complex128]  # (ports,), response to all inputs but the ports' own
-    response: NDArray[np.complex128]  # (ports,)
-    blocked: NDArray[np.bool_]  # (ports,)
-    low: NDArray[np.bool_]  # (ports,), loads that are taken as what they are below V_min
-    slope: NDArray[np.float64]  # (ports, 2, 2), of the source by the response
-    matrix: NDArray[np.float64]  # (2 ports, 2 ports)
-    change: NDArray[np.float64]  # (2 ports,)
-    step: NDArray[np.float64]  # (2 ports,)
-    source: NDArray[np.complex128]  # (ports,), of a solution beside the state's own
-    phasors: NDArray[np.complex128]  # (stations, 2), voltages and currents of the stations, p.u.
-    noise: NDArray[np.float64]  # (loads, 2), relative, of P and Q, as it is
-    noise_start: NDArray[np.float64]  # the same as it was at the start of this part of its grid
-    noise_slope: NDArray[np.float64]  # 1/s
-    signals: NDArray[np.float64]  # of the blocks of one control
+    slopes: Float2  # (6, states)
+    reference: Float1  # (devices,)
+    inputs: Complex1  # of the network
+    emf: Complex1  # (machines,), Ed + j Eq behind the stator's reactances, in the rotor's frame, p.u.
+    rotation: Complex1  # (machines,), exp(j (delta - pi/2)), from the rotor's frame to the network's
+    given: Complex1  # (ports,), response to all inputs but the ports' own
+    response: Complex1  # (ports,)
+    blocked: Bool1  # (ports,)
+    low: Bool1  # (ports,), loads that are taken as what they are below V_min
+    slope: Float3  # (ports, 2, 2), of the source by the response
+    matrix: Float2  # (2 ports, 2 ports)
+    change: Float1  # (2 ports,)
+    step: Float1  # (2 ports,)
+    source: Complex1  # (ports,), of a solution beside the state's own
+    phasors: Complex2  # (stations, 2), voltages and currents of the stations, p.u.
+    noise: Float2  # (loads, 2), relative, of P and Q, as it is
+    noise_start: Float2  # the same as it was at the start of this part of its grid
+    noise_slope: Float2  # 1/s
+    signals: Float1  # of the blocks of one control
 
 
 def workspace(plant: Plant, state: PlantState) -> Work:

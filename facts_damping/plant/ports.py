@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import inlined, inner
+from facts_damping.compiling import compiled
 from facts_damping.plant.laws import SMALL, characteristic, law
-from facts_damping.plant.model import DEVICE, LOAD, OTHER_END, SALIENT
+from facts_damping.plant.site import DEVICE, LOAD, OTHER_END, SALIENT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,7 +27,7 @@ ATTEMPTS = 5  # starts of Newton's method
 LAST_CHANGE = 1e-9  # relative; the error after it is of the order of its square
 
 
-@inner
+@compiled
 def _eliminate(matrix: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
     """Solve `matrix` z = b in place, z into b, by Gaussian elimination with partial pivoting; whether regular.
 
@@ -59,7 +59,7 @@ def _eliminate(matrix: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
     return True
 
 
-@inlined
+@compiled
 def _mismatch(
     plant: Plant,
     x: NDArray[np.float64],
@@ -86,7 +86,7 @@ def _mismatch(
     return solved, total
 
 
-@inlined
+@compiled
 def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
     """I - F H into `work.matrix`, F the ports' slopes, H their responses to each other; complex numbers as pairs."""
     first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
@@ -101,7 +101,7 @@ def _newton_matrix(plant: Plant, stage: int, work: Work) -> None:
             work.matrix[i + 1, j + 1] = own + work.slope[p, 1, 0] * h.imag - work.slope[p, 1, 1] * h.real
 
 
-@inlined
+@compiled
 def _newton(
     plant: Plant,
     x: NDArray[np.float64],
@@ -136,7 +136,7 @@ def _newton(
     return False
 
 
-@inlined
+@compiled
 def _newton_single_port(
     plant: Plant,
     x: NDArray[np.float64],
@@ -176,7 +176,7 @@ def _newton_single_port(
     return False
 
 
-@inlined
+@compiled
 def _block(plant: Plant, work: Work) -> bool:
     """Block the devices that have too little current or voltage, or too much current; whether there is one more."""
     more = False
@@ -187,7 +187,7 @@ def _block(plant: Plant, work: Work) -> bool:
     return more
 
 
-@inlined
+@compiled
 def _release(plant: Plant, source: NDArray[np.complex128], work: Work) -> bool:
     """Let one load that was taken as below V_min be what it is, the one furthest above; whether there was one.
 
@@ -206,7 +206,7 @@ def _release(plant: Plant, source: NDArray[np.complex128], work: Work) -> bool:
     return furthest >= 0
 
 
-@inlined
+@compiled
 def solve_ports(
     plant: Plant,
     x: NDArray[np.float64],

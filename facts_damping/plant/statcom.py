@@ -13,7 +13,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled
 from facts_damping.errors import InputError
-from facts_damping.plant.model import Start
+from facts_damping.plant.site import Start
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.devices import Statcom
-    from facts_damping.plant.model import Site
+    from facts_damping.plant.site import Site
 
 STATE_NAMES = ["id", "iq", "vdc", "x_ac", "x_dc", "x_d", "x_q"]
 STATES = len(STATE_NAMES)

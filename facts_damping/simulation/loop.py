@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from facts_damping.case.names import controller_names
 from facts_damping.errors import RunError
 from facts_damping.link.stages import SPOOF
 from facts_damping.measurement.build import clocks_differ
-from facts_damping.plant.model import Plant, PlantState, Work, workspace
+from facts_damping.plant.model import workspace
 from facts_damping.signals import (
     CHANNELS,
     DELIVERY,
@@ -39,44 +39,16 @@ from facts_damping.simulation.build import (
 )
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.restarts import Restarts
-from facts_damping.simulation.tick import Signals, halves
+from facts_damping.simulation.tick import Loop, Signals, halves
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.control.bank import Bank, BankState
-    from facts_damping.control.identifier_model import Identifiers, IdentifierState
-    from facts_damping.link.transfer import Links
-    from facts_damping.measurement.pmu import Pmus, PmuState
     from facts_damping.plant.build import Built
-    from facts_damping.simulation.policies import Program
     from facts_damping.small_signal.residues import Residues
-    from facts_damping.supervision.model import Supervisors, SupervisorState
 
 TICKS_AT_ONCE = 3600  # between them other threads have their turn
-
-
-class Loop(NamedTuple):
-    """Everything a closed loop consists of: frozen parameters and state, each part by itself, and what it records."""
-
-    plant: Plant
-    plant_state: PlantState
-    work: Work
-    pmus: Pmus
-    pmu_state: PmuState
-    links: Links
-    bank: Bank
-    bank_state: BankState
-    identifiers: Identifiers
-    identifier_state: IdentifierState
-    supervisors: Supervisors
-    supervisor_state: SupervisorState
-    issued: NDArray[Any]  # SETPOINT, what the controllers issue in a tick
-    passed: NDArray[Any]  # SETPOINT, what of it acts, as supervisors have it
-    applied: NDArray[Any]  # SETPOINT, what all links deliver to the devices in a tick
-    signals: Signals
-    programs: list[Program]  # of controllers of the user's own; of all this alone is not given to compiled functions
 
 
 def setpoint_buffer(commands: int, entries: int) -> NDArray[Any]:
@@ -148,7 +120,7 @@ def step(loop: Loop, tick: int) -> bool:
 
     Raises `RunError` where a program of the user's own has failed.
     """
-    sound = bool(halves(*loop[:-1], 2 * tick, 2 * tick + 2))
+    sound = bool(halves(loop, 2 * tick, 2 * tick + 2))
     check(loop.programs)
     return sound
 
@@ -162,7 +134,7 @@ def run_loop(loop: Loop) -> None:
     begins, goes_on = sorted({*restarts.ticks(last), *range(0, last, TICKS_AT_ONCE), last}), True
     for first, until in pairwise(begins):
         restarts.begin(first)
-        goes_on = goes_on and halves(*loop[:-1], 2 * first, 2 * until)
+        goes_on = goes_on and halves(loop, 2 * first, 2 * until)
     check(loop.programs)
 
 

@@ -6,17 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling import compiled, inlined
-from facts_damping.measurement.pmu import report, take_sample
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import Float2, Int1
+from facts_damping.measurement.pmu import Pmus, PmuState, report, take_sample
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure, sample
-from facts_damping.signals import DELIVERY, LOST, NANOSECONDS
+from facts_damping.plant.model import Plant, PlantState, Work
+from facts_damping.signals import DELIVERY, LOST, NANOSECONDS, DeviceTruths, MachineTruths, Setpoints
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from facts_damping.measurement.pmu import Pmus, PmuState
-    from facts_damping.plant.model import Plant, PlantState, Work
 
 
 @compiled
@@ -25,18 +24,18 @@ def tick_ns(tick: int, frame_rate: int) -> int:
     return tick * NANOSECONDS // frame_rate
 
 
-@inlined
+@entry_point
 def observe(
     plant: Plant,
     plant_state: PlantState,
     pmus: Pmus,
     pmu_state: PmuState,
     tick: int,
-    frame: NDArray[np.float64],
-    measured_ns: NDArray[np.int64],
-    status: NDArray[np.int64],
-    machines: NDArray[Any],
-    devices: NDArray[Any],
+    frame: Float2,
+    measured_ns: Int1,
+    status: Int1,
+    machines: MachineTruths,
+    devices: DeviceTruths,
     work: Work,
 ) -> bool:
     """What PMUs report at a tick (`measurement.pmu.report`), and the truth; whether the plant is sound."""
@@ -57,14 +56,14 @@ def entries(
     return rows
 
 
-@inlined
+@entry_point
 def go_on(
     plant: Plant,
     plant_state: PlantState,
     pmus: Pmus,
     pmu_state: PmuState,
     tick: int,
-    setpoints: NDArray[Any],
+    setpoints: Setpoints,
     count: int,
     work: Work,
 ) -> None:

@@ -16,7 +16,6 @@ import numpy as np
 from facts_damping.case.changes import change
 from facts_damping.case.loading import load_case, make_case
 from facts_damping.case.names import controller_names
-from facts_damping.compiling import specialised
 from facts_damping.control.table import OWN, RUN
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import each_path, parse_set, read_value
@@ -215,7 +214,6 @@ def play(case: Case, record: Record, progress: Callable[[int, int], None] = lamb
     issued = len(record.delivered) * commands(case)
     kept = allocate_signals(case, len(ticks), delivered=0, issued=issued, applied=0)
     parts = bank, state, identifiers, learnt, *guards, used, delivered, ring, given, given.copy(), heard
-    act = specialised(control_step, *parts, 0, 0, record.devices[0], kept)
     changed = ReplayedChanges(case, record, (bank, state, identifiers, learnt), guards)
     restarts = Restarts(bank, state)
     for at, tick in enumerate(ticks.tolist()):
@@ -224,7 +222,7 @@ def play(case: Case, record: Record, progress: Callable[[int, int], None] = lamb
         for link, rows in enumerate(arrived):
             delivered[link, : len(rows[at])], ring[link, 2] = rows[at], len(rows[at])
         heard[: len(recorded[at])] = recorded[at]
-        act(*parts, len(recorded[at]), tick, record.devices[at], kept)
+        control_step(*parts, len(recorded[at]), tick, record.devices[at], kept)
         check(programs)
         changed.end()
         if at % record.frame_rate == 0 or at + 1 == len(ticks):
@@ -248,14 +246,14 @@ def watched(case: Case, record: Record) -> Record:
     built, devices = build_plant(case), record.devices.copy()
     plant, state = built.plant, built.state
     applied, ticks = _by_tick(record.applied, record.ticks), record.ticks.tolist()
-    act, changes = specialised(watch, plant, state, 0, 0, record.applied, 0), by_tick(record.changes)
+    changes = by_tick(record.changes)
     for at, tick in enumerate(ticks):
         for one in changes.get(tick, ()):
             change_watch(case.run.devices, state.watch, one, tick_ns(tick, record.frame_rate))
         for name in ("released", *REFUSED):
             devices[name][at] = state.watch[name]
         rows = np.ascontiguousarray(applied[at])
-        act(plant, state, *(tick_ns(k, record.frame_rate) for k in (tick, tick + 1)), rows, len(rows))
+        watch(plant, state, *(tick_ns(k, record.frame_rate) for k in (tick, tick + 1)), rows, len(rows))
     watchdog = case.run.watchdog
     told = {**record.configuration, "watchdog": None if watchdog is None else watchdog.model_dump()}
     return replace(record, devices=devices, configuration=told)

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
-from facts_damping.compiling import specialised
 from facts_damping.control.inputs import inputs
 from facts_damping.control.sensing import sense, sensed
 from facts_damping.control.table import GIVEN
-from facts_damping.signals import DELIVERY
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check
 from facts_damping.simulation.restarts import Restarts
 from facts_damping.simulation.tick import halves
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
@@ -42,9 +39,7 @@ class Stepper:
         self._names, most = names, max(map(len, names), default=0)
         self._eyes = (*inputs(names, case.system.signals, stations, case.system.frequency),)
         self._sensed = sensed(len(names), most, len(stations))
-        self._parts, self._restarts = loop[:-1], Restarts(loop.bank, loop.bank_state)
-        self._halves = specialised(halves, *self._parts, 0, 0)
-        self._sense = specialised(sense, *self._eyes, self._sensed, 0, np.zeros(0, DELIVERY), 0, 0)
+        self._restarts = Restarts(loop.bank, loop.bank_state)
         self.step(None)
 
     def step(self, given: NDArray[np.float64] | None) -> bool:
@@ -66,7 +61,7 @@ class Stepper:
         self._restarts.begin(self.tick)
         here = 2 * self.tick + 1  # half ticks: the second one of this, the first one of the next
         last = 2 * self._case.ticks
-        self._goes_on = bool(self._halves(*self._parts, max(0, here), min(here + 2, last))) and here + 2 <= last
+        self._goes_on = bool(halves(self.loop, max(0, here), min(here + 2, last))) and here + 2 <= last
         bank.code[:] = self._own
         check(self.loop.programs)
         if self._goes_on:
@@ -78,7 +73,7 @@ class Stepper:
         """Take what the links have delivered in this tick."""
         up, end_ns = self.loop.links.up, tick_ns(self.tick + 1, self._case.run.frame_rate)
         for c, link in enumerate(self._case.used_links):
-            self._sense(*self._eyes, self._sensed, c, up.out[link], up.ring[link, 2], end_ns)
+            sense(*self._eyes, self._sensed, c, up.out[link], up.ring[link, 2], end_ns)
 
     def delivered(self) -> dict[str, Delivered]:
         """The signals of all controllers by name; of those that several have, the first one's."""

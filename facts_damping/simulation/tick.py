@@ -5,50 +5,85 @@ The nodes call the same functions, each its own; here they are called one after 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
-from facts_damping.compiling import inlined, inner, released
+from numpy.typing import NDArray
+
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import HOST, Array, Bool1, Float3, Int1, Int2, Struct
 from facts_damping.control.bank import Bank, BankState, act, set_estimate
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
+from facts_damping.control.identifier_model import Identifiers, IdentifierState
 from facts_damping.control.table import DIRECT, INDIRECT
 from facts_damping.link.transfer import Links, downlink, merge, uplink
-from facts_damping.neurofuzzy.learning import view, write_learning
+from facts_damping.measurement.pmu import Pmus, PmuState
+from facts_damping.neurofuzzy.learning import write_learning
 from facts_damping.neurofuzzy.network import shape_of
+from facts_damping.plant.model import Plant, PlantState, Work
+from facts_damping.signals import (
+    DELIVERY,
+    DEVICE_TRUTH,
+    ESTIMATE,
+    LEARNING,
+    MACHINE_TRUTH,
+    SETPOINT,
+    SUPERVISION,
+    Deliveries2,
+    DeviceTruths,
+    Setpoints,
+)
 from facts_damping.simulation.measured_plant import go_on, observe, tick_ns
 from facts_damping.supervision.inner_life import look_inside
+from facts_damping.supervision.model import Supervisors, SupervisorState
 from facts_damping.supervision.step import supervise, tell
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
-
-    from facts_damping.control.identifier_model import Identifiers, IdentifierState
-    from facts_damping.measurement.pmu import Pmus, PmuState
-    from facts_damping.plant.model import Plant, PlantState, Work
-    from facts_damping.supervision.model import Supervisors, SupervisorState
 
 
-class Signals(NamedTuple):
+class Signals(Struct):
     """Arrays that a run fills: see `signals.Record`; `used` holds ticks and the rows of the tables, in this order."""
 
-    time_ns: NDArray[np.int64]
-    frames: NDArray[np.float64]
-    measured_ns: NDArray[np.int64]
-    status: NDArray[np.int64]
-    machines: NDArray[Any]
-    devices: NDArray[Any]
-    in_synchronism: NDArray[np.bool_]
-    delivered: NDArray[Any]
-    issued: NDArray[Any]
-    applied: NDArray[Any]
-    estimates: NDArray[Any]
-    learning: NDArray[Any]
-    supervised: NDArray[Any]
-    supervision: NDArray[Any]
-    used: NDArray[np.int64]
+    time_ns: Int1
+    frames: Float3
+    measured_ns: Int2
+    status: Int2
+    machines: Annotated[NDArray[Any], Array(MACHINE_TRUTH, 2)]
+    devices: Annotated[NDArray[Any], Array(DEVICE_TRUTH, 2)]
+    in_synchronism: Bool1
+    delivered: Annotated[NDArray[Any], Array(DELIVERY, 1)]
+    issued: Annotated[NDArray[Any], Array(SETPOINT, 1)]
+    applied: Annotated[NDArray[Any], Array(SETPOINT, 1)]
+    estimates: Annotated[NDArray[Any], Array(ESTIMATE, 1)]
+    learning: Annotated[NDArray[Any], Array(LEARNING, 1)]
+    supervised: Annotated[NDArray[Any], Array(SETPOINT, 1)]
+    supervision: Annotated[NDArray[Any], Array(SUPERVISION, 1)]
+    used: Int1
 
 
-@inner
+class Loop(Struct):
+    """Everything a closed loop consists of: frozen parameters and state, each part by itself, and what it records."""
+
+    plant: Plant
+    plant_state: PlantState
+    work: Work
+    pmus: Pmus
+    pmu_state: PmuState
+    links: Links
+    bank: Bank
+    bank_state: BankState
+    identifiers: Identifiers
+    identifier_state: IdentifierState
+    supervisors: Supervisors
+    supervisor_state: SupervisorState
+    issued: Setpoints  # SETPOINT, what the controllers issue in a tick
+    passed: Setpoints  # SETPOINT, what of it acts, as supervisors have it
+    applied: Setpoints  # SETPOINT, what all links deliver to the devices in a tick
+    signals: Signals
+    programs: Annotated[list[Any], HOST]  # `policies.Program`, of controllers of the user's own
+
+
+@compiled
 def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> int:
     """Keep `count` entries from index `at` on, as far as there is room; the index after the last."""
     for i in range(min(count, kept.size - at)):
@@ -56,7 +91,7 @@ def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> i
     return at + count
 
 
-@inlined
+@entry_point
 def control_step(
     bank: Bank,
     bank_state: BankState,
@@ -64,15 +99,15 @@ def control_step(
     id_state: IdentifierState,
     guards: Supervisors,
     guard_state: SupervisorState,
-    used: NDArray[np.int64],
-    delivered: NDArray[Any],
-    ring: NDArray[np.int64],
-    given: NDArray[Any],
-    passed: NDArray[Any],
-    heard: NDArray[Any],
+    used: Int1,
+    delivered: Deliveries2,
+    ring: Int2,
+    given: Setpoints,
+    passed: Setpoints,
+    heard: Setpoints,
     count: int,
     tick: int,
-    devices: NDArray[Any],
+    devices: DeviceTruths,
     kept: Signals,
 ) -> int:
     """Controllers act on what was delivered in a tick, supervisors pass that on, then identifiers learn.
@@ -108,17 +143,17 @@ def control_step(
     for c in range(bank.code.size):
         if bank.code[c] == DIRECT or bank.code[c] == INDIRECT:
             net = shape_of(bank.shape[c])
-            own, fall = view(bank_state.learner, c, net), bank_state.memory.lyapunov[c]
+            own, fall = bank_state.learner.each[c], bank_state.memory.lyapunov[c]
             rows = write_learning(net, own, fall, tick, c, 0, kept.learning, rows)
     for n in range(ids.controller.size):
         net = shape_of(ids.shape[n])
-        own, fall = view(id_state.learner, n, net), id_state.lyapunov[n]
+        own, fall = id_state.learner.each[n], id_state.lyapunov[n]
         rows = write_learning(net, own, fall, tick, ids.controller[n], 1, kept.learning, rows)
     kept.used[5] = rows
     return acting
 
 
-@inner
+@compiled
 def _supervised(
     bank: Bank,
     bank_state: BankState,
@@ -154,48 +189,39 @@ def _supervised(
             passed,
             acting,
         )
-        if tell(guards, guard_state, s, tick, kept.supervision[kept.used[7]]):
+        if tell(guards, guard_state, s, tick, kept.supervision, kept.used[7]):
             kept.used[7] += 1
     kept.used[6] = _append(kept.supervised, kept.used[6], passed, acting)
     return acting
 
 
-@released
-def halves(
-    plant: Plant,
-    plant_state: PlantState,
-    work: Work,
-    pmus: Pmus,
-    pmu_state: PmuState,
-    links: Links,
-    bank: Bank,
-    bank_state: BankState,
-    ids: Identifiers,
-    id_state: IdentifierState,
-    guards: Supervisors,
-    guard_state: SupervisorState,
-    given: NDArray[Any],
-    passed: NDArray[Any],
-    taken: NDArray[Any],
-    kept: Signals,
-    first: int,
-    until: int,
-) -> bool:
+@entry_point
+def halves(loop: Loop, first: int, until: int) -> bool:
     """Half ticks from `first` on, before `until`; False: the plant, or a controller, does not go on.
 
     Half 2 k is the first of tick k: PMUs measure, links deliver upwards. Half 2 k + 1 is its second: controllers act,
-    supervisors pass that on, identifiers learn, links deliver downwards, the plant goes on. One function for whole
-    runs, ticks, and what lies between the halves: each takes the compiler as long as all else together, for its
-    hundreds of arrays.
+    supervisors pass that on, identifiers learn, links deliver downwards, the plant goes on.
     """
+    links, kept, pmus = loop.links, loop.signals, loop.pmus
     several = links.up.ring.shape[0]
     for half in range(first, until):
         tick = half // 2
         start, end = tick_ns(tick, pmus.frame_rate), tick_ns(tick + 1, pmus.frame_rate)
         if half % 2 == 0:
             frame, measured_ns, status = kept.frames[tick], kept.measured_ns[tick], kept.status[tick]
-            truth = kept.machines[tick], kept.devices[tick]
-            sound = observe(plant, plant_state, pmus, pmu_state, tick, frame, measured_ns, status, *truth, work)
+            sound = observe(
+                loop.plant,
+                loop.plant_state,
+                pmus,
+                loop.pmu_state,
+                tick,
+                frame,
+                measured_ns,
+                status,
+                kept.machines[tick],
+                kept.devices[tick],
+                loop.work,
+            )
             kept.time_ns[tick] = start
             kept.in_synchronism[tick] = sound
             kept.used[0] = tick + 1
@@ -204,18 +230,18 @@ def halves(
                 kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
             continue
         acting = control_step(
-            bank,
-            bank_state,
-            ids,
-            id_state,
-            guards,
-            guard_state,
+            loop.bank,
+            loop.bank_state,
+            loop.identifiers,
+            loop.identifier_state,
+            loop.supervisors,
+            loop.supervisor_state,
             links.used,
             links.up.out,
             links.up.ring,
-            given,
-            passed,
-            passed,
+            loop.issued,
+            loop.passed,
+            loop.passed,
             -1,
             tick,
             kept.devices[tick],
@@ -223,10 +249,10 @@ def halves(
         )
         applied = 0
         for link in range(several):
-            arrived = downlink(links, link, tick, end, passed, acting)
-            applied = merge(taken, applied, links.down.out[link], arrived)
-        kept.used[3] = _append(kept.applied, kept.used[3], taken, applied)
-        if not kept.in_synchronism[tick] or bank_state.calls.failed.any():
+            arrived = downlink(links, link, tick, end, loop.passed, acting)
+            applied = merge(loop.applied, applied, links.down.out[link], arrived)
+        kept.used[3] = _append(kept.applied, kept.used[3], loop.applied, applied)
+        if not kept.in_synchronism[tick] or loop.bank_state.calls.failed.any():
             return False
-        go_on(plant, plant_state, pmus, pmu_state, tick, taken, applied, work)
+        go_on(loop.plant, loop.plant_state, pmus, loop.pmu_state, tick, loop.applied, applied, loop.work)
     return True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import inner
+from facts_damping.compiling import compiled
 from facts_damping.control.inputs import UNSET
 from facts_damping.neurofuzzy.network import shape_of
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from facts_damping.control.bank import Bank, BankState
 
 
-@inner
+@compiled
 def look_inside(bank: Bank, state: BankState, c: int, found: Any) -> None:
     """Whether the outputs of controller c are finite, what its network's parameters are in all, how it learns."""
     found.finite = 1

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import entry_point
+from facts_damping.compiling.structs import Array, Bool2, Complex2, Float1, Float3, Float4, Int2, Struct
 from facts_damping.control.inputs import TURN, UNSET, Held, Inputs, inputs
 from facts_damping.monitors import CONSEQUENCES, CYCLES, MONITORS, NO_CAUSE, OFF, PLAUSIBLE, SHADOW
 from facts_damping.parameters.supervision import watches
@@ -15,8 +17,6 @@ from facts_damping.signals import CHANNELS, NANOSECONDS, to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
 
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.stations import Signal
@@ -135,31 +135,29 @@ COMMANDED = np.dtype(
 )
 
 
-class Supervisors(NamedTuple):
+class Supervisors(Struct):
     """Frozen parameters of all supervisors; the first axis is the supervisor."""
 
-    settings: NDArray[Any]  # (supervisors,) of SETTINGS
-    thresholds: NDArray[Any]  # (supervisors, monitors) of THRESHOLD
+    settings: Annotated[NDArray[Any], Array(SETTINGS, 1)]  # (supervisors,) of SETTINGS
+    thresholds: Annotated[NDArray[Any], Array(THRESHOLD, 2)]  # (supervisors, monitors) of THRESHOLD
     inputs: Inputs
-    plausible: NDArray[np.float64]  # (channels,)
-    used: NDArray[np.bool_]  # (supervisors, channels)
-    ends: NDArray[np.int64]  # (pairs, 2): stations at both ends of a line
-    devices: NDArray[Any]  # (supervisors, most devices) of DEVICE
+    plausible: Float1  # (channels,)
+    used: Bool2  # (supervisors, channels)
+    ends: Int2  # (pairs, 2): stations at both ends of a line
+    devices: Annotated[NDArray[Any], Array(DEVICE, 2)]  # (supervisors, most devices) of DEVICE
 
 
-class SupervisorState(NamedTuple):
+class SupervisorState(Struct):
     """State of all supervisors; the first axis is the supervisor."""
 
-    rows: NDArray[Any]  # (supervisors,) of SUPERVISOR
+    rows: Annotated[NDArray[Any], Array(SUPERVISOR, 1)]  # (supervisors,) of SUPERVISOR
     held: Held
-    stations: NDArray[Any]  # (supervisors, stations) of STATION
-    commanded: NDArray[Any]  # (supervisors, most devices) of COMMANDED
-    past: NDArray[np.float64]  # (supervisors, ticks, 4): first signal, largest output that acts, which limit, reversals
-    phasors: NDArray[np.float64]  # (supervisors, 1 + most devices, 3), of the first signal and of the outputs
-    expected: NDArray[np.complex128]  # (supervisors, ticks), of a probe, the modal state
-    sums: NDArray[
-        np.float64
-    ]  # (supervisors, 2, UNKNOWNS + 1, UNKNOWNS + 1), products of a probe's fit; room to solve it
+    stations: Annotated[NDArray[Any], Array(STATION, 2)]  # (supervisors, stations) of STATION
+    commanded: Annotated[NDArray[Any], Array(COMMANDED, 2)]  # (supervisors, most devices) of COMMANDED
+    past: Float3  # (supervisors, ticks, 4): first signal, largest output that acts, which limit, reversals
+    phasors: Float3  # (supervisors, 1 + most devices, 3), of the first signal and of the outputs
+    expected: Complex2  # (supervisors, ticks), of a probe, the modal state
+    sums: Float4  # (supervisors, 2, UNKNOWNS + 1, UNKNOWNS + 1), products of a probe's fit; room to solve it
 
 
 class Watched(NamedTuple):
@@ -225,7 +223,7 @@ def supervisors(
     return frozen, state
 
 
-@compiled
+@entry_point
 def begin(state: SupervisorState, s: int) -> None:
     """Supervisor s as at the start of a run: in shadow, knowing nothing."""
     row, held = state.rows[s], state.held

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import inner
+from facts_damping.compiling import compiled
 from facts_damping.control.compensation import phasor
 from facts_damping.control.inputs import TURN, UNSET
 from facts_damping.monitors import ARMED, BAD, FALL_BACK, FALLBACK
@@ -40,7 +40,7 @@ LEAST_LYAPUNOV = 1e-3  # beside which its rise is compared at least: an error of
 PHASOR = 0.25  # rate of the phasors, beside the mode's rad/s
 
 
-@inner
+@compiled
 def look(made: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
     """What a newer frame says of its station; of those that arrive together all are looked at, then the newest held."""
     station = state.stations[s, entry.station]
@@ -72,7 +72,7 @@ def look(made: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
         station.slipping += share * (slip - station.slipping)
 
 
-@inner
+@compiled
 def sense(made: Supervisors, state: SupervisorState, s: int, since_ns: int, arrival_ns: int) -> None:
     """What new signals say: their latency, and the oscillation."""
     row, dt = state.rows[s], since_ns * 1e-9
@@ -88,7 +88,7 @@ def sense(made: Supervisors, state: SupervisorState, s: int, since_ns: int, arri
         phasor(omega, 0.0, PHASOR * omega, state.phasors[s, 0], state.held.signal[s, 0], dt)
 
 
-@inner
+@compiled
 def follow(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
     """Keep what a tick's signal and outputs were: of who acts, and of the controller while nobody does."""
     row, own, size = state.rows[s], made.settings[s], state.past.shape[1]
@@ -111,7 +111,7 @@ def follow(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None
             phasor(own.omega, 0.0, PHASOR * own.omega, state.phasors[s, 1 + d], u, 1.0 / own.frame_rate)
 
 
-@inner
+@compiled
 def _turn(device: Any, u: float, least: float) -> float:
     """1 where an output has turned back by more than `least` from its newest extreme."""
     moved, before = u - device.extreme, device.direction
@@ -123,7 +123,7 @@ def _turn(device: Any, u: float, least: float) -> float:
     return 0.0
 
 
-@inner
+@compiled
 def data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
     """Values of the monitors of data."""
     row, own, held = state.rows[s], made.settings[s], state.held
@@ -158,7 +158,7 @@ def data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None
         value[LOCAL] = (end_ns - max(row.reserve_ns, row.begun_ns)) * 1e-9
 
 
-@inner
+@compiled
 def controller(made: Supervisors, state: SupervisorState, s: int, end_ns: int, lapses: int) -> None:
     """Values of the monitors of the controller; `lapses`: setpoints of this tick that were not finite."""
     row, rate = state.rows[s], made.settings[s].frame_rate
@@ -178,7 +178,7 @@ def controller(made: Supervisors, state: SupervisorState, s: int, end_ns: int, l
     value[LYAPUNOV] = max(0.0, -row.fall) / max(row.lyapunov, LEAST_LYAPUNOV)
 
 
-@inner
+@compiled
 def _count(past: NDArray[np.float64], tick: int, window: int, side: float) -> int:
     """Of the last ticks, this one included, those in which an output was at its limit on one side."""
     total, size = 0, past.shape[0]
@@ -188,7 +188,7 @@ def _count(past: NDArray[np.float64], tick: int, window: int, side: float) -> in
     return total
 
 
-@inner
+@compiled
 def grid(made: Supervisors, state: SupervisorState, s: int, devices: NDArray[Any]) -> None:
     """Values of the monitors of the grid; of what frames say of it only while they are sound."""
     value, own = state.rows[s].values, made.settings[s]
@@ -208,7 +208,7 @@ def grid(made: Supervisors, state: SupervisorState, s: int, devices: NDArray[Any
         value[HARM], value[GROWING] = _harm(made, state, s), _growth(made, state, s)
 
 
-@inner
+@compiled
 def _apart(made: Supervisors, state: SupervisorState, s: int) -> tuple[float, float]:
     """Largest deviation of a frequency, Hz, and largest angle between stations, from that at the start, degrees."""
     held, worst, low, high = state.held, 0.0, math.inf, -math.inf
@@ -221,7 +221,7 @@ def _apart(made: Supervisors, state: SupervisorState, s: int) -> tuple[float, fl
     return worst, math.degrees(max(0.0, high - low))
 
 
-@inner
+@compiled
 def _count_turns_anew(made: Supervisors, state: SupervisorState, s: int) -> None:
     """After a time without sound data, in which nobody has counted: less than half a turn from the first station."""
     held, first = state.held, math.nan
@@ -233,7 +233,7 @@ def _count_turns_anew(made: Supervisors, state: SupervisorState, s: int) -> None
             station.angle -= TURN * math.floor((moved - first) / TURN + 0.5)
 
 
-@inner
+@compiled
 def unsound(made: Supervisors, state: SupervisorState, s: int) -> bool:
     """Whether a monitor of data that would have it fall back, or trip, is beyond its limit."""
     for m in range(LAST_OF_DATA + 1):
@@ -242,7 +242,7 @@ def unsound(made: Supervisors, state: SupervisorState, s: int) -> bool:
     return False
 
 
-@inner
+@compiled
 def _harm(made: Supervisors, state: SupervisorState, s: int) -> float:
     """What the outputs add to the mode's growth rate: Re sum_d R_d u_d / y of their phasors, 1/s; 0 where none acts."""
     acts, total = False, 0.0
@@ -254,7 +254,7 @@ def _harm(made: Supervisors, state: SupervisorState, s: int) -> float:
     return total if acts else 0.0
 
 
-@inner
+@compiled
 def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
     """The least growth rate of three cycles, ln of the signal's range beside that of the cycle before, 1/s.
 

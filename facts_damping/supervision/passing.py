@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import inner
+from facts_damping.compiling import compiled
 from facts_damping.control.inputs import UNSET
 from facts_damping.monitors import ARMED, FALLBACK
 from facts_damping.supervision import probe
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 MINUTE = 60.0  # s
 
 
-@inner
+@compiled
 def source_of(state: int) -> int:
     """Whose setpoints act in a state."""
     return CONTROLLER if state == ARMED else RESERVE if state == FALLBACK else NOBODY
 
 
-@inner
+@compiled
 def pass_on(
     made: Supervisors,
     state: SupervisorState,
@@ -69,7 +69,7 @@ def pass_on(
     return first, lapses, answered
 
 
-@inner
+@compiled
 def _next(issued: NDArray[Any], many: int, i: int, controller: int) -> int:
     """Index from i on of the next setpoint of a controller."""
     while i < many and issued[i].controller != controller:
@@ -77,7 +77,7 @@ def _next(issued: NDArray[Any], many: int, i: int, controller: int) -> int:
     return i
 
 
-@inner
+@compiled
 def _place(made: Supervisors, s: int, device: int) -> int:
     """Place of a device among a supervisor's."""
     for d in range(made.devices.shape[1]):
@@ -86,7 +86,7 @@ def _place(made: Supervisors, s: int, device: int) -> int:
     return UNSET
 
 
-@inner
+@compiled
 def say(made: Supervisors, state: SupervisorState, s: int, tick: int, at_ns: int, out: NDArray[Any], first: int) -> int:
     """Zero, or what is left of a ramp, or a probe's tones; they rest on no measurement but that of the time."""
     for d in range(made.devices.shape[1]):
@@ -97,7 +97,7 @@ def say(made: Supervisors, state: SupervisorState, s: int, tick: int, at_ns: int
     return first
 
 
-@inner
+@compiled
 def _write(
     made: Supervisors,
     state: SupervisorState,
@@ -132,7 +132,7 @@ def _write(
     said.measured_ns, said.issued_ns, said.effective_ns, said.value = measured_ns, at_ns, at_ns, v
 
 
-@inner
+@compiled
 def _spend(made: Supervisors, state: SupervisorState, s: int, since: float) -> None:
     """Full output, squared, that was used; what may be used in a minute comes back."""
     row, own = state.rows[s], made.settings[s]
@@ -144,7 +144,7 @@ def _spend(made: Supervisors, state: SupervisorState, s: int, since: float) -> N
         row.spent = max(0.0, row.spent + (used - own.energy / MINUTE) * since)
 
 
-@inner
+@compiled
 def _commanded(made: Supervisors, s: int) -> int:
     """How many devices a supervisor commands."""
     found = 0
@@ -153,7 +153,7 @@ def _commanded(made: Supervisors, s: int) -> int:
     return found
 
 
-@inner
+@compiled
 def share(row: Any, at_ns: int) -> float:
     """How far the newest change of whose setpoints act has come, 0 to 1."""
     since = (at_ns - row.begun_ns) * 1e-9

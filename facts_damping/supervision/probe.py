@@ -13,7 +13,7 @@ import cmath
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled
 from facts_damping.control.inputs import UNSET
 from facts_damping.signals import NANOSECONDS
 from facts_damping.supervision.model import UNKNOWNS
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 PIVOT = 1e-12  # of a column's own size: less is what the others say already
 
 
-@inner
+@compiled
 def tones(made: Supervisors, state: SupervisorState, s: int, d: int, at_ns: int) -> float:
     """The probe's value at a time for a device, p.u."""
     row, own = state.rows[s], made.settings[s]
@@ -38,7 +38,7 @@ def tones(made: Supervisors, state: SupervisorState, s: int, d: int, at_ns: int)
     return own.amplitude * made.devices[s, d].limit * both  # type: ignore[no-any-return]
 
 
-@inner
+@compiled
 def expect(made: Supervisors, state: SupervisorState, s: int, tick: int, u: float) -> None:
     """The modal state at the start of the tick after this one, under a setpoint that has stood for this tick."""
     row, own = state.rows[s], made.settings[s]
@@ -50,7 +50,7 @@ def expect(made: Supervisors, state: SupervisorState, s: int, tick: int, u: floa
     state.expected[s, (tick + 1) % size] = step * before + held * u
 
 
-@inner
+@compiled
 def hear(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
     """Take the newest signal into the fit, if it was measured while the probe went on, and not too long ago."""
     row, own, measured = state.rows[s], made.settings[s], state.held.newest_ns[s]
@@ -99,7 +99,7 @@ def fit(sums: NDArray[np.float64], squares: float, work: NDArray[np.float64], fi
     return left
 
 
-@inner
+@compiled
 def conclude(made: Supervisors, state: SupervisorState, s: int) -> None:
     """What the probe of a device has found; the next device's begins, if there is one."""
     row, d = state.rows[s], state.rows[s].probed
@@ -114,13 +114,13 @@ def conclude(made: Supervisors, state: SupervisorState, s: int) -> None:
     row.probed += 1
 
 
-@inner
+@compiled
 def forget(state: SupervisorState, s: int) -> None:
     """Begin a fit anew."""
     state.sums[s], state.expected[s], state.rows[s].squares = 0.0, 0.0, 0.0
 
 
-@inner
+@compiled
 def gain_of(made: Supervisors, state: SupervisorState, s: int, d: int) -> complex:
     """What an output is beside the first signal at the mode, of their phasors at the same time; 0 without a signal.
 

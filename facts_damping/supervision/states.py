@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled, entry_point
 from facts_damping.control.inputs import UNSET
 from facts_damping.monitors import (
     ARM,
@@ -31,12 +30,10 @@ from facts_damping.monitors import (
     TRIPPED,
 )
 from facts_damping.supervision import monitors, probe
-
-if TYPE_CHECKING:
-    from facts_damping.supervision.model import Supervisors, SupervisorState
+from facts_damping.supervision.model import Supervisors, SupervisorState
 
 
-@inner
+@compiled
 def obey(made: Supervisors, state: SupervisorState, s: int, start_ns: int) -> None:
     """What the schedule or an operator asks for."""
     row, own = state.rows[s], made.settings[s]
@@ -55,7 +52,7 @@ def obey(made: Supervisors, state: SupervisorState, s: int, start_ns: int) -> No
         begin_probe(made, state, s, start_ns)
 
 
-@inner
+@compiled
 def change(state: SupervisorState, s: int, to: int, cause: int, at_ns: int, ramp: float) -> None:
     """Go to another state: what was said last is where the ramp begins."""
     row = state.rows[s]
@@ -64,7 +61,7 @@ def change(state: SupervisorState, s: int, to: int, cause: int, at_ns: int, ramp
         state.commanded[s, d].begun = state.commanded[s, d].output
 
 
-@inner
+@compiled
 def begin_probe(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -> None:
     """Probe the devices, one after the other, if it is in shadow and knows the mode."""
     row = state.rows[s]
@@ -77,7 +74,7 @@ def begin_probe(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -
         state.commanded[s, d].gain = math.nan
 
 
-@inner
+@compiled
 def conclude(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -> None:
     """The end of a device's probe; then the next one's."""
     row = state.rows[s]
@@ -86,14 +83,14 @@ def conclude(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -> N
     row.probe_ns = at_ns if more else UNSET
 
 
-@inner
+@compiled
 def _due(made: Supervisors, state: SupervisorState, s: int, m: int) -> bool:
     """Whether a monitor has been beyond its limit for as long as it takes."""
     row = state.rows[s]
     return bool(row.over_ns[m] != UNSET and row.now_ns - row.over_ns[m] >= made.thresholds[s, m].lasts_ns)
 
 
-@compiled
+@entry_point
 def refusal(made: Supervisors, state: SupervisorState, s: int) -> int:
     """Why a supervisor cannot be armed now: a monitor's code, or another cause; NO_CAUSE: it can."""
     row, own = state.rows[s], made.settings[s]
@@ -122,7 +119,7 @@ def refusal(made: Supervisors, state: SupervisorState, s: int) -> int:
     return PROBE_HARM if probed and added > 0.0 else NO_CAUSE
 
 
-@inner
+@compiled
 def arm(made: Supervisors, state: SupervisorState, s: int, at_ns: int, by: int) -> None:
     """Let the controller act, or say why not."""
     row = state.rows[s]
@@ -131,7 +128,7 @@ def arm(made: Supervisors, state: SupervisorState, s: int, at_ns: int, by: int) 
         change(state, s, ARMED, by, at_ns, made.settings[s].ramp)
 
 
-@inner
+@compiled
 def judge(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
     """What follows from the monitors' values."""
     row, own, worst, cause = state.rows[s], made.settings[s], OFF, NO_CAUSE
@@ -154,7 +151,7 @@ def judge(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> Non
         change(state, s, ARMED, row.cause, end_ns, own.fall_back_ramp)
 
 
-@inner
+@compiled
 def reserve_is_there(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> bool:
     """Whether there is a fallback that has said something lately."""
     row = state.rows[s]

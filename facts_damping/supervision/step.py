@@ -11,21 +11,20 @@ import cmath
 import math
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import compiled, inner
+from facts_damping.compiling import compiled, entry_point
 from facts_damping.control.inputs import UNSET, form, take
 from facts_damping.monitors import ARMED, FALLBACK
+from facts_damping.signals import Deliveries, DeviceTruths, Setpoints, Supervisions
 from facts_damping.supervision import monitors, probe
-from facts_damping.supervision.model import begin
+from facts_damping.supervision.model import Supervisors, SupervisorState, begin
 from facts_damping.supervision.passing import pass_on, say, share
 from facts_damping.supervision.states import conclude, judge, obey
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.supervision.model import Supervisors, SupervisorState
 
-
-@compiled
+@entry_point
 def supervise(
     made: Supervisors,
     state: SupervisorState,
@@ -33,12 +32,12 @@ def supervise(
     tick: int,
     start_ns: int,
     end_ns: int,
-    delivered: NDArray[Any],
+    delivered: Deliveries,
     count: int,
-    issued: NDArray[Any],
+    issued: Setpoints,
     many: int,
-    devices: NDArray[Any],
-    out: NDArray[Any],
+    devices: DeviceTruths,
+    out: Setpoints,
     first: int,
 ) -> int:
     """A tick of supervisor s: setpoints that act into `out` from index `first` on; the index after the last.
@@ -73,7 +72,7 @@ def supervise(
     return first
 
 
-@inner
+@compiled
 def _hear(
     made: Supervisors, state: SupervisorState, s: int, tick: int, delivered: NDArray[Any], count: int, answered: bool
 ) -> None:
@@ -99,9 +98,10 @@ def _hear(
         row.owed_ns = owed
 
 
-@compiled
-def tell(made: Supervisors, state: SupervisorState, s: int, tick: int, told: Any) -> bool:
-    """What a supervisor tells of itself after a tick, into a record of SUPERVISION; False: it has failed."""
+@entry_point
+def tell(made: Supervisors, state: SupervisorState, s: int, tick: int, out: Supervisions, at: int) -> bool:
+    """What a supervisor tells of itself after a tick, into `out[at]`; False: it has failed."""
+    told = out[at]
     row, own = state.rows[s], made.settings[s]
     if row.tick != tick:
         return False

@@ -12,7 +12,8 @@ from facts_damping.parameters.devices import Sssc
 from facts_damping.plant import devices, sssc
 from facts_damping.plant.dead_time import line
 from facts_damping.plant.dynamics import solve_network
-from facts_damping.plant.model import DEVICE, PORT, PlantState, Site, workspace
+from facts_damping.plant.model import PlantState, workspace
+from facts_damping.plant.site import DEVICE, PORT, Site
 from facts_damping.plant.network import series_devices
 from facts_damping.plant.watchdog import watching
 from tests.independent.dynamics import sssc_voltage

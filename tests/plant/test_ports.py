@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from facts_damping.plant.devices import KINDS
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.laws import law
-from facts_damping.plant.model import DEVICE, LOAD, OTHER_END, SALIENT, copy, workspace
+from facts_damping.plant.model import copy, workspace
+from facts_damping.plant.site import DEVICE, LOAD, OTHER_END, SALIENT
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 from tests.plant.small import SPUR, between_infinite_buses
 from tests.plant.test_properties import branches, everywhere

@@ -1,0 +1,164 @@
+"""Decorators of compiled functions: `compiled` for parts, `entry_point` for what is called from outside.
+
+A part is compiled into each entry point that uses it. An entry point is compiled once, for the types that its
+annotations say, into a C function of pointers and numbers; Python, other entry points and other threads all call that
+one. What is compiled lies in files (`store`), so a process that finds them needs no compiler.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import inspect
+import typing
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.compiling.structs import NUMBERS, Array, array_words, kind_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+C_TYPES: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int64, bool: ctypes.c_uint8, type(None): None}
+ENTRY_POINTS: dict[str, EntryPoint] = {}  # by symbol
+
+
+class Kernel:
+    """A part: a Python function that compiled functions call, and that is compiled into them.
+
+    """
+
+    def __init__(self, function: Callable[..., Any], *, inline: bool = False, cached: bool = True) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func, self.inline, self.cached = function, inline, cached
+
+    @functools.cached_property
+    def _numba_type_(self) -> Any:
+        from facts_damping.compiling import with_numba  # noqa: PLC0415 (only who compiles needs it)
+
+        return with_numba.part(self)
+
+    @functools.cached_property
+    def _alone(self) -> Any:
+        from facts_damping.compiling import with_numba  # noqa: PLC0415
+
+        return with_numba.alone(self)
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """Of numbers alone by Python, with the same bits; else compiled for arguments of these types."""
+        given = (*arguments, *named.values())
+        if all(isinstance(one, int | float | complex) for one in given):
+            return self.py_func(*arguments, **named)
+        return self._alone(*arguments, **named)
+
+
+class Call:
+    """What compiled code calls and Numba has to be told how: the C function at an address, given whole numbers."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    @functools.cached_property
+    def _numba_type_(self) -> Any:
+        from facts_damping.compiling import with_numba  # noqa: PLC0415
+
+        return with_numba.primitive(self.name)
+
+
+call_address: Any = Call("call_address")  # (address, controller, now_ns) -> whole number
+
+
+class EntryPoint:
+    """A compiled function with a C signature."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func = function
+        self.symbol = f"{function.__module__}.{function.__qualname__}"
+        ENTRY_POINTS[self.symbol] = self
+
+    @functools.cached_property
+    def kinds(self) -> list[Any]:
+        """Kinds of the arguments (`structs.kind_of`), by the annotations."""
+        hints = typing.get_type_hints(self.py_func, include_extras=True)
+        return [kind_of(hints[name]) for name in inspect.signature(self.py_func).parameters]
+
+    @functools.cached_property
+    def result(self) -> Any:
+        """Type of what comes back: float, int, bool or none."""
+        found = typing.get_type_hints(self.py_func).get("return")
+        if found not in C_TYPES:
+            raise TypeError(f"{self.symbol}: {found} is returned; allowed: float, int, bool, None")
+        return found
+
+    @functools.cached_property
+    def _numba_type_(self) -> Any:
+        from facts_damping.compiling import with_numba  # noqa: PLC0415
+
+        return with_numba.callee(self)
+
+    @functools.cached_property
+    def _called(self) -> Callable[[tuple[Any, ...]], Any]:
+        """The function of the arguments."""
+        from facts_damping.compiling import store  # noqa: PLC0415 (it imports this module)
+
+        types: list[Any] = []
+        for kind in self.kinds:
+            words = kind.words if isinstance(kind, Array) else 1
+            types += [C_TYPES.get(kind, ctypes.c_int64)] * words
+        function = ctypes.CFUNCTYPE(C_TYPES[self.result], *types)(store.address(self))
+        names = list(inspect.signature(self.py_func).parameters)
+        if not any(isinstance(kind, Array) for kind in self.kinds):
+            structs = [i for i, kind in enumerate(self.kinds) if kind not in NUMBERS]
+
+            def call(given: tuple[Any, ...]) -> Any:
+                flat = list(given)
+                for i in structs:
+                    flat[i] = given[i].pointer
+                return function(*flat)
+
+            return call
+
+        def call_with_arrays(given: tuple[Any, ...]) -> Any:
+            flat: list[Any] = []
+            for kind, name, one in zip(self.kinds, names, given, strict=True):
+                if isinstance(kind, Array):
+                    flat += array_words(one, kind, f"{self.__name__}: {name}")
+                else:
+                    flat.append(one if kind in NUMBERS else one.pointer)
+            return function(*flat)
+
+        return call_with_arrays
+
+    def __call__(self, *arguments: Any) -> Any:
+        found = self._called(arguments)
+        return bool(found) if self.result is bool else found
+
+
+def branching(functions: Sequence[Callable[..., Any]]) -> Any:
+    """A compiled function of a code and arguments, which calls the function at that place with them.
+
+    So a table's rows bring their functions along, and no list of branches stands beside it. The last one is also that
+    of codes beyond.
+    """
+    first, *others = functions
+    if not others:
+
+        def call(code: int, *arguments: Any) -> Any:  # noqa: ARG001 (it is called as the others are)
+            return first(*arguments)
+
+    else:
+        after = branching(others)
+
+        def call(code: int, *arguments: Any) -> Any:
+            return first(*arguments) if code == 0 else after(code - 1, *arguments)
+
+    return Kernel(call, cached=False)
+
+
+if TYPE_CHECKING:  # what the functions take and return
+    import numba
+
+    compiled = entry_point = inlined = numba.njit(cache=True, error_model="numpy")
+else:
+    compiled, entry_point = Kernel, EntryPoint
+    inlined = functools.partial(Kernel, inline=True)

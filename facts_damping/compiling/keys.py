@@ -1,0 +1,178 @@
+"""What compiled code depends on, and a key of it: all functions that an entry point uses, and all constants.
+
+Of a function its instructions and constants count, neither docstring, annotations, comments nor where it stands. Of
+another entry point only its name and its types count, since it is called and not compiled along.
+"""
+
+from __future__ import annotations
+
+import ast
+import dis
+import hashlib
+import platform
+import sys
+import types
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.compiling.kernels import Call, EntryPoint, Kernel
+from facts_damping.compiling.structs import Struct, described, layout
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+PACKAGE = "facts_damping"
+TARGETS = {"x86_64": "x86-64", "aarch64": "generic"}  # processors: each machine of the kind has what these have
+
+
+@cache
+def _compiler() -> str:
+    """What compiles: versions, the target, and how Numba is used."""
+    tree = ast.parse(Path(__file__).with_name("with_numba.py").read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module) and ast.get_docstring(node, clean=False):
+            node.body = node.body[1:]
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    target = f"{sys.platform} {platform.machine()} {TARGETS.get(platform.machine())}"
+    return f"{python} {version('numba')} {version('llvmlite')} {target} {ast.dump(tree)}"
+
+
+def _code(code: types.CodeType, docstring: str | None) -> str:
+    """A function's instructions and constants."""
+    constants = list(code.co_consts)
+    if docstring is not None and constants and constants[0] == docstring:
+        constants[0] = None
+    parts = [_code(c, None) if isinstance(c, types.CodeType) else _constant(c) for c in constants]
+    names = code.co_varnames, code.co_names, code.co_freevars, code.co_argcount, code.co_flags
+    return f"{code.co_code.hex()} {names} {parts}"
+
+
+def _constant(value: Any) -> str:
+    """A constant as text that is the same in every process."""
+    if isinstance(value, frozenset):
+        return f"frozenset{sorted(map(repr, value))}"
+    if isinstance(value, np.dtype):
+        return f"{value.descr}"
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype.descr}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}"
+    if isinstance(value, types.ModuleType | types.FunctionType | types.BuiltinFunctionType | type | np.ufunc):
+        return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', value.__name__)}"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_constant, value))})"
+    return repr(value)
+
+
+def _instructions(code: types.CodeType) -> Iterator[dis.Instruction]:
+    """Those of a function and of all in it."""
+    yield from dis.get_instructions(code)
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            yield from _instructions(constant)
+
+
+@cache
+def _used(function: Any) -> list[tuple[str, Any]]:
+    """What a function refers to by name: globals, attributes of this package's modules, and of enclosing functions."""
+    code, found = function.__code__, []
+    names = set(code.co_names)
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            names |= set(constant.co_names)
+    loaded = {one.argval for one in _instructions(code) if one.opname == "LOAD_GLOBAL"}
+    for name in sorted(loaded & set(function.__globals__)):
+        value = function.__globals__[name]
+        if isinstance(value, types.ModuleType) and value.__name__.startswith(f"{PACKAGE}."):
+            found += [(f"{name}.{n}", vars(value)[n]) for n in sorted(names & set(vars(value)))]
+        else:
+            found.append((name, value))
+    cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
+    return found + [(name, cell.cell_contents) for name, cell in cells]
+
+
+def _signature(entry: EntryPoint) -> str:
+    """Name and types of an entry point."""
+    return f"{entry.symbol}{[described(kind) for kind in entry.kinds]}{entry.result}"
+
+
+def _structs(cls: type[Struct]) -> Iterator[str]:
+    """Fields of a struct."""
+    for name, (kind, at) in layout(cls).items():
+        yield f"{cls.__module__}.{cls.__qualname__}.{name} {at} {described(kind)}"
+
+
+class _Walk:
+    """All that is reached from an entry point: texts that the key is made of, and entry points that are called."""
+
+    def __init__(self, entry: EntryPoint) -> None:
+        self.texts: list[str] = []
+        self.callees: dict[str, EntryPoint] = {}
+        self._seen: set[int] = set()
+        self.texts.append(_signature(entry))
+        for kind in entry.kinds:
+            self._struct(kind)
+        self._function(entry.py_func)
+
+    def _function(self, function: Any, options: str = "") -> None:
+        if id(function) in self._seen:
+            self.texts.append(function.__qualname__)
+            return
+        self._seen.add(id(function))
+        name = f"{function.__module__}.{function.__qualname__}"
+        self.texts.append(f"{name} {options} {_code(function.__code__, function.__doc__)} {function.__defaults__}")
+        for name, value in _used(function):
+            self._value(name, value)
+
+    def _value(self, name: str, value: Any) -> None:
+        if isinstance(value, EntryPoint):
+            self.texts.append(f"{name} {_signature(value)}")
+            self.callees[value.symbol] = value
+        elif isinstance(value, Kernel):
+            self._function(value.py_func, f"{value.inline}")
+        elif isinstance(value, Call):
+            self.texts.append(value.name)
+        elif isinstance(value, type) and issubclass(value, Struct):
+            self._struct(value)
+        elif isinstance(value, type) and hasattr(value, "_fields"):
+            self.texts.append(f"{name} {value.__qualname__} {getattr(value, '_fields', ())}")
+        else:
+            self.texts.append(f"{name} {_constant(value)}")
+
+    def _struct(self, kind: Any) -> None:
+        own = next(
+            (k for k in (kind, *getattr(kind, "__args__", ())) if isinstance(k, type) and issubclass(k, Struct)), None
+        )
+        if own is not None and id(own) not in self._seen:
+            self._seen.add(id(own))
+            self.texts += _structs(own)
+            for inner, _ in layout(own).values():
+                self._struct(inner)
+
+
+@cache
+def _walk(entry: EntryPoint) -> _Walk:
+    return _Walk(entry)
+
+
+def callees(entry: EntryPoint) -> list[EntryPoint]:
+    """Entry points that one calls."""
+    return list(_walk(entry).callees.values())
+
+
+@cache
+def key(entry: EntryPoint) -> str:
+    """Hash of all on which the compiled code of an entry point depends."""
+    return hashlib.sha256("\n".join([_compiler(), *_walk(entry).texts]).encode()).hexdigest()[:20]
+
+
+def of_function(function: Any) -> str:
+    """The same of a part that is compiled by itself, for whatever types."""
+    walk = object.__new__(_Walk)
+    walk.texts, walk.callees, walk._seen = [], {}, set()
+    walk._function(function)
+    for one in walk.callees.values():
+        walk.texts.append(key(one))
+    return hashlib.sha256("\n".join([_compiler(), *walk.texts]).encode()).hexdigest()[:20]

@@ -1,0 +1,142 @@
+"""Files of compiled entry points: found, made by compiler processes where they are missing, loaded.
+
+A file has the name of its function and its key, so it is never stale. Those of a wheel lie in the package, all others
+in the user's cache. Old ones of a function go when a new one comes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from llvmlite import binding
+
+from facts_damping.compiling.keys import TARGETS, callees, key
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from facts_damping.compiling.kernels import EntryPoint
+
+SHIPPED = Path(__file__).parent / "objects"
+KEPT = 4  # files of one function
+_engines: list[Any] = []
+_addresses: dict[str, int] = {}
+
+
+def home() -> Path:
+    """The folder that holds all: NUMBA_CACHE_DIR where it is set, or one in the user's cache."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(given) if given else Path(base) / "facts_damping" / "numba"
+
+
+def file_name(entry: EntryPoint) -> str:
+    """Name of an entry point's file."""
+    return f"{entry.symbol}-{key(entry)}.o"
+
+
+def _found(entry: EntryPoint) -> Path | None:
+    """The file of an entry point, if it is there."""
+    name = file_name(entry)
+    return next((path for folder in (SHIPPED, home()) if (path := folder / name).is_file()), None)
+
+
+def _with_callees(entries: Iterable[EntryPoint]) -> dict[str, EntryPoint]:
+    """Entry points and all that they call, directly or not."""
+    found: dict[str, EntryPoint] = {}
+    todo = list(entries)
+    while todo:
+        one = todo.pop()
+        if one.symbol not in found:
+            found[one.symbol] = one
+            todo += callees(one)
+    return found
+
+
+def prepare(entries: Iterable[EntryPoint]) -> None:
+    """Have entry points and all that they call compiled where they are not, by as many processes as processors."""
+    missing = [one for one in _with_callees(entries).values() if _found(one) is None]
+    if not missing:
+        return
+    home().mkdir(parents=True, exist_ok=True)
+    symbols = sorted(one.symbol for one in missing)
+    if len(missing) > 1:
+        sys.stderr.write(f"compiling {len(missing)} numerical kernels, once on this machine: seconds\n")
+    command = [sys.executable, "-m", "facts_damping.compiling", *symbols]
+    many = min(os.cpu_count() or 1, len(missing))
+    paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
+    surroundings = {**os.environ, "PYTHONPATH": paths, "NUMBA_CPU_NAME": TARGETS.get(platform.machine(), "generic")}
+    surroundings |= {"NUMBA_CPU_FEATURES": "", "NUMBA_OPT": "3", "OPENBLAS_NUM_THREADS": "1"}
+    processes = [subprocess.Popen(command, env=surroundings) for _ in range(many)]
+    if any([process.wait() for process in processes]) or any(_found(one) is None for one in missing):  # noqa: C419
+        left = ", ".join(one.symbol for one in missing if _found(one) is None)
+        raise RuntimeError(f"the compiler of the numerical kernels has failed: {left}")
+
+
+@contextlib.contextmanager
+def _claimed(entry: EntryPoint, *, wait: bool) -> Iterator[bool]:
+    """Whether an entry point is this process's to compile; others that want it wait, or pass on."""
+    with (home() / f"{entry.symbol}.lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            yield False
+            return
+        yield _found(entry) is None
+
+
+def compile_missing(entries: Iterable[EntryPoint]) -> None:
+    """Compile in this process what no other process has in hand, then wait for the others."""
+    from facts_damping.compiling import with_numba  # noqa: PLC0415 (only who compiles needs it)
+
+    for wait in (False, True):
+        for entry in entries:
+            if _found(entry) is not None:
+                continue
+            with _claimed(entry, wait=wait) as mine:
+                if mine:
+                    _keep(entry, with_numba.object_code(entry))
+
+
+def _keep(entry: EntryPoint, code: bytes) -> None:
+    """Write an entry point's file, whole or not at all."""
+    path = home() / file_name(entry)
+    made = path.with_suffix(f".{os.getpid()}")
+    made.write_bytes(code)
+    made.replace(path)
+    for old in sorted(home().glob(f"{entry.symbol}-*.o"), key=lambda one: one.stat().st_mtime)[:-KEPT]:
+        old.unlink(missing_ok=True)
+
+
+def _new_engine() -> Any:
+    """What links object code."""
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    target = binding.Target.from_triple(binding.get_process_triple())
+    machine = target.create_target_machine(reloc="static", codemodel="jitdefault", jit=True)
+    return binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
+
+
+def address(entry: EntryPoint) -> int:
+    """The address of a compiled entry point; what it calls is loaded first."""
+    if entry.symbol not in _addresses:
+        prepare([entry])
+        for one in callees(entry):
+            address(one)
+        if not _engines:
+            _engines.append(_new_engine())
+        path = _found(entry)
+        if path is None:
+            raise RuntimeError(f"{entry.symbol}: its file has gone")
+        _engines[0].add_object_file(binding.ObjectFileRef.from_path(str(path)))
+        _engines[0].finalize_object()
+        _addresses[entry.symbol] = _engines[0].get_function_address(entry.symbol)
+        binding.add_symbol(entry.symbol, _addresses[entry.symbol])
+    return _addresses[entry.symbol]

@@ -1,0 +1,210 @@
+"""Structs: named numbers and arrays of fixed types, which compiled code reads through one pointer.
+
+    class Plant(Struct):
+        omega_0: float
+        x: Float1
+        machines: Annotated[NDArray[Any], Array(MACHINE, 1)]
+        links: Links      # another struct
+        nets: Table[Net]  # several
+
+    class Nets(Struct, each=Net):  # side by side: arrays with a leading axis; `nets.each[i]` is the i-th
+        theta: Float2
+
+An object owns what it names and the block of memory that says where it lies: eight bytes for a number or the address of
+a struct; for an array its size, address, shape and strides. A field that is set is written into the block at once, so
+that the block never points at what has been replaced. Sources of kernels read fields as those of any object: `plant.x`.
+"""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Iterator, Sequence  # noqa: TC003
+from functools import cache
+from typing import Annotated, Any, ClassVar, Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import Self, dataclass_transform
+
+WORD = 8  # bytes
+
+
+class Array(NamedTuple):
+    """Type of an array: that of its elements, and its number of axes; it is contiguous, the last axis the fastest."""
+
+    dtype: Any
+    ndim: int
+
+    @property
+    def words(self) -> int:
+        """What describes one, as Numba has it: owner, parent, elements, bytes of one, address, shape, strides."""
+        return 5 + 2 * self.ndim
+
+
+Float1 = Annotated[NDArray[np.float64], Array(np.float64, 1)]
+Float2 = Annotated[NDArray[np.float64], Array(np.float64, 2)]
+Float3 = Annotated[NDArray[np.float64], Array(np.float64, 3)]
+Float4 = Annotated[NDArray[np.float64], Array(np.float64, 4)]
+Float5 = Annotated[NDArray[np.float64], Array(np.float64, 5)]
+Complex1 = Annotated[NDArray[np.complex128], Array(np.complex128, 1)]
+Complex2 = Annotated[NDArray[np.complex128], Array(np.complex128, 2)]
+Complex3 = Annotated[NDArray[np.complex128], Array(np.complex128, 3)]
+Int1 = Annotated[NDArray[np.int64], Array(np.int64, 1)]
+Int2 = Annotated[NDArray[np.int64], Array(np.int64, 2)]
+Int3 = Annotated[NDArray[np.int64], Array(np.int64, 3)]
+Int4 = Annotated[NDArray[np.int64], Array(np.int64, 4)]
+Int5 = Annotated[NDArray[np.int64], Array(np.int64, 5)]
+Bool1 = Annotated[NDArray[np.bool_], Array(np.bool_, 1)]
+Bool2 = Annotated[NDArray[np.bool_], Array(np.bool_, 2)]
+Bool3 = Annotated[NDArray[np.bool_], Array(np.bool_, 3)]
+
+HOST = "host"  # says of a field that compiled code has no part in it
+NUMBERS = {float: "f8", int: "i8", bool: "i8"}
+
+
+def kind_of(hint: Any) -> Any:
+    """What a field, or an argument, is by its annotation: float, int, bool, an `Array`, a struct, a `Table`."""
+    if typing.get_origin(hint) is Annotated:
+        return next(one for one in hint.__metadata__ if isinstance(one, Array) or one == HOST)
+    if hint in NUMBERS or typing.get_origin(hint) is Table or (isinstance(hint, type) and issubclass(hint, Struct)):
+        return hint
+    raise TypeError(f"{hint}: allowed: float, int, bool, an array with its type, a struct, a table of structs")
+
+
+def array_words(array: NDArray[Any], kind: Array, where: str) -> tuple[int, ...]:
+    """What describes an array. Raises `TypeError` where it is not of its type."""
+    if not isinstance(array, np.ndarray) or array.dtype != kind.dtype or array.ndim != kind.ndim:
+        given = f"{array.dtype}, {array.ndim} axes" if isinstance(array, np.ndarray) else type(array).__name__
+        raise TypeError(f"{where}: {given} given; allowed: an array of {np.dtype(kind.dtype)}, {kind.ndim} axes")
+    if not array.flags.c_contiguous:
+        raise TypeError(f"{where}: an array with gaps given; allowed: contiguous")
+    return (0, 0, array.size, array.itemsize, array.__array_interface__["data"][0], *array.shape, *array.strides)
+
+
+@dataclass_transform()
+class Struct:
+    """Base of structs: see above. Arguments are the fields in their order, or by name."""
+
+    _fields: ClassVar[tuple[str, ...]] = ()
+    _each: ClassVar[type[Struct] | None] = None  # what its rows are
+
+    def __init_subclass__(cls, *, each: type[Struct] | None = None) -> None:
+        """Take the fields from the annotations; a class made of another has its fields first, with types of its own."""
+        cls._fields = tuple(dict.fromkeys((*cls._fields, *cls.__annotations__)))
+        cls._each = each or cls._each
+
+    def __init__(self, *values: Any, **named: Any) -> None:
+        cls = type(self)
+        given = dict(zip(cls._fields, values, strict=False)) | named
+        if len(values) + len(named) != len(cls._fields) or set(given) != set(cls._fields):
+            raise TypeError(f"{cls.__name__}: {', '.join(given)} given; allowed: {', '.join(cls._fields)}")
+        block = np.zeros(size_of(cls), np.int64)
+        self.__dict__["block"], self.__dict__["pointer"] = block, block.__array_interface__["data"][0]
+        self.__dict__["complete"] = False
+        for name in cls._fields:
+            setattr(self, name, given[name])
+        self.__dict__["complete"] = True
+        self._split()
+
+    def _split(self) -> None:
+        """The rows of several side by side, `each`: of every field its part along the first axis."""
+        if self._each is not None and self.complete:
+            rows = Table([self._row(i) for i in range(self._many())])
+            self.__dict__["each"] = rows
+            self.block[layout(type(self))["each"][1]] = rows.pointer
+
+    def _many(self) -> int:
+        """How many rows there are."""
+        return next(len(value) for value in self if isinstance(value, np.ndarray))
+
+    def _row(self, i: int) -> Struct:
+        """A row, as views."""
+        own: Any = self._each
+        parts = ((value[i] if isinstance(value, np.ndarray) else value.each[i]) for value in self)
+        return own(*parts)  # type: ignore[no-any-return]
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Set a field, in the block too. Raises `TypeError` where it is not of its type."""
+        cls = type(self)
+        kind, at = layout(cls)[name]
+        where = f"{cls.__name__}.{name}"
+        if isinstance(kind, Array):
+            words = array_words(value, kind, where)
+            self.block[at : at + len(words)] = words
+        elif kind in NUMBERS:
+            value = kind(value)
+            self.block[at : at + 1].view(NUMBERS[kind])[0] = value
+        elif kind != HOST:
+            if not isinstance(value, typing.get_origin(kind) or kind):
+                raise TypeError(f"{where}: {type(value).__name__} given; allowed: {kind}")
+            self.block[at] = value.pointer
+        self.__dict__[name] = value
+        self._split()
+
+    def __iter__(self) -> Iterator[Any]:
+        """All fields' values, in their order."""
+        return (self.__dict__[name] for name in self._fields)
+
+    def _replace(self, **changes: Any) -> Self:
+        """Another one, with some fields changed."""
+        return type(self)(**{name: self.__dict__[name] for name in self._fields} | changes)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy has a block of its own."""
+        return type(self), tuple(self)
+
+    def __repr__(self) -> str:
+        """Name and fields."""
+        return f"{type(self).__name__}({', '.join(f'{name}={self.__dict__[name]!r}' for name in self._fields)})"
+
+
+S = TypeVar("S", bound=Struct)
+
+
+class Table(Generic[S]):
+    """Several structs of a class; compiled code has their number and each by its index."""
+
+    def __init__(self, rows: Sequence[S]) -> None:
+        self.rows = tuple(rows)
+        self._block = np.array([len(self.rows), *(row.pointer for row in self.rows)], np.int64)
+        self.pointer: int = self._block.__array_interface__["data"][0]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, i: int) -> S:
+        return self.rows[i]
+
+    def __iter__(self) -> Iterator[S]:
+        return iter(self.rows)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy has a block of its own."""
+        return type(self), (self.rows,)
+
+
+@cache
+def layout(cls: type[Struct]) -> dict[str, tuple[Any, int]]:
+    """Kind of each field, and its place in the block, in words."""
+    found, at, hints = {}, 0, typing.get_type_hints(cls, include_extras=True)
+    for name in cls._fields:
+        kind = kind_of(hints[name])
+        found[name] = kind, at
+        at += kind.words if isinstance(kind, Array) else 1
+    return found | ({} if cls._each is None else {"each": (Table[cls._each], at)})  # type: ignore[name-defined]
+
+
+@cache
+def size_of(cls: type[Struct]) -> int:
+    """Words of a block."""
+    return sum(kind.words if isinstance(kind, Array) else 1 for kind, _ in layout(cls).values()) or 1
+
+
+def described(kind: Any) -> Any:
+    """A kind as text that says all on which compiled code depends."""
+    if isinstance(kind, Array):
+        return f"{np.dtype(kind.dtype).descr}{kind.ndim}"
+    if kind in NUMBERS:
+        return kind.__name__
+    own = typing.get_args(kind)
+    return f"{typing.get_origin(kind) or kind}{own}"

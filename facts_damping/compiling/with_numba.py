@@ -1,0 +1,347 @@
+"""The one place that knows Numba's insides: structs and entry points as it sees them, and object code of these.
+
+Numba optimises each function when it is compiled, and again inside each function that calls it, and so on upwards. Here
+functions are linked first, as they are, and optimised once, as a whole.
+"""
+
+from __future__ import annotations
+
+import operator
+import typing
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, codegen, compiler, dispatcher, registry, types
+from numba.core.caching import CompileResultCacheImpl
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.datamodel import models
+from numba.core.typing.templates import (
+    AbstractTemplate,
+    AttributeTemplate,
+    infer_global,
+    make_intrinsic_template,
+    signature,
+)
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    lower_builtin,
+    lower_getattr_generic,
+    register_model,
+    unbox,
+)
+
+from facts_damping.compiling import keys, store
+from facts_damping.compiling.structs import HOST, NUMBERS, Array, Struct, Table, layout
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from facts_damping.compiling.kernels import EntryPoint, Kernel
+
+_dispatchers: list[Any] = []  # kept, as types only refer to them
+POINTER = ir.IntType(8).as_pointer()
+WHOLE = ir.IntType(64)
+# Kernels allocate nothing and keep no array, so references to arrays need not be counted (`_nrt`).
+OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+
+
+class StructType(types.Type):  # type: ignore[misc]
+    """A struct: a pointer to its block."""
+
+    def __init__(self, cls: type[Struct]) -> None:
+        self.cls = cls
+        super().__init__(name=f"Struct({cls.__module__}.{cls.__qualname__})")
+
+
+class TableType(types.Type):  # type: ignore[misc]
+    """Several structs: a pointer to their number and addresses."""
+
+    def __init__(self, cls: type[Struct]) -> None:
+        self.cls = cls
+        super().__init__(name=f"Table({cls.__module__}.{cls.__qualname__})")
+
+
+class _Pointer(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, POINTER)
+
+
+register_model(StructType)(_Pointer)
+register_model(TableType)(_Pointer)
+
+
+@cache
+def type_of(kind: Any) -> Any:
+    """Numba's type of a kind of field or argument."""
+    if isinstance(kind, Array):
+        return types.Array(numba.from_dtype(np.dtype(kind.dtype)), kind.ndim, "C")
+    if kind in NUMBERS:
+        return {float: types.float64, int: types.int64, bool: types.boolean}[kind]
+    if typing.get_origin(kind) is Table:
+        return TableType(*typing.get_args(kind))
+    return StructType(kind)
+
+
+def _word(builder: Any, block: Any, at: int, kind: Any) -> Any:
+    """A number of a block, which nothing changes while compiled code runs."""
+    place = builder.gep(builder.bitcast(block, WHOLE.as_pointer()), [WHOLE(at)])
+    found = builder.load(builder.bitcast(place, kind.as_pointer()))
+    found.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return found
+
+
+def _field(context: Any, builder: Any, block: Any, kind: Any, at: int) -> Any:
+    """A field of a block, as a value."""
+    own = type_of(kind)
+    if not isinstance(kind, Array):
+        if kind is bool:
+            return builder.trunc(_word(builder, block, at, ir.IntType(8)), ir.IntType(1))
+        return _word(builder, block, at, context.get_value_type(own))
+    array = context.make_array(own)(context, builder)
+    data = context.get_data_type(own.dtype).as_pointer()
+    array.meminfo = array.parent = ir.Constant(POINTER, None)
+    array.nitems, array.itemsize = _word(builder, block, at + 2, WHOLE), _word(builder, block, at + 3, WHOLE)
+    array.data = _word(builder, block, at + 4, data)
+    shape = [_word(builder, block, at + 5 + i, WHOLE) for i in range(kind.ndim)]
+    strides = [_word(builder, block, at + 5 + kind.ndim + i, WHOLE) for i in range(kind.ndim)]
+    array.shape, array.strides = cgutils.pack_array(builder, shape), cgutils.pack_array(builder, strides)
+    return array._getvalue()  # noqa: SLF001
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):  # type: ignore[misc]
+    """Types of a struct's fields."""
+
+    key = StructType
+
+    def generic_resolve(self, struct: Any, name: str) -> Any:
+        found = layout(struct.cls).get(name)
+        return None if found is None or found[0] == HOST else type_of(found[0])
+
+
+@lower_getattr_generic(StructType)  # type: ignore[untyped-decorator]
+def _load(context: Any, builder: Any, struct: Any, value: Any, name: str) -> Any:
+    return _field(context, builder, value, *layout(struct.cls)[name])
+
+
+@infer_global(operator.getitem)
+class _Getitem(AbstractTemplate):  # type: ignore[misc]
+    def generic(self, args: Any, kws: Any) -> Any:
+        if isinstance(args[0], TableType) and isinstance(args[1], types.Integer):
+            return signature(StructType(args[0].cls), args[0], types.int64)
+        return None
+
+
+@infer_global(len)
+class _Len(AbstractTemplate):  # type: ignore[misc]
+    def generic(self, args: Any, kws: Any) -> Any:
+        return signature(types.int64, args[0]) if isinstance(args[0], TableType) else None
+
+
+@lower_builtin(operator.getitem, TableType, types.int64)  # type: ignore[untyped-decorator]
+def _row(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+    place = builder.gep(builder.bitcast(given[0], POINTER.as_pointer()), [builder.add(given[1], WHOLE(1))])
+    return builder.load(place)
+
+
+@lower_builtin(len, TableType)  # type: ignore[untyped-decorator]
+def _many(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+    return _word(builder, given[0], 0, WHOLE)
+
+
+@numba.extending.typeof_impl.register(Struct)  # type: ignore[untyped-decorator]
+def _typeof(value: Any, _context: Any) -> Any:
+    return StructType(type(value))
+
+
+@unbox(StructType)  # type: ignore[untyped-decorator]
+def _unbox(_type: Any, value: Any, c: Any) -> Any:
+    address = c.pyapi.object_getattr_string(value, "pointer")
+    found = c.builder.inttoptr(c.pyapi.long_as_longlong(address), POINTER)
+    c.pyapi.decref(address)
+    return NativeValue(found)
+
+
+def _without_literals(compile_: Callable[[Any], Any], given: Any) -> Any:
+    """Compile a function for whole numbers, not once more for each that is written in a call: `f(x, 0)`."""
+    plain: Any = types.unliteral
+    return compile_(tuple(map(plain, given)) if isinstance(given, tuple) else given)
+
+
+def _dispatcher(kernel: Kernel, **options: Any) -> Any:
+    made: Any = numba.njit(**{**OPTIONS, "forceinline": kernel.inline, **options})(kernel.py_func)
+    made.compile = partial(_without_literals, made.compile)
+    return made
+
+
+def part(kernel: Kernel) -> Any:
+    """A part's type: that of a function which callers compile, and which nobody calls from Python."""
+    made = _dispatcher(kernel, no_cpython_wrapper=True)
+    made._insert = lambda *_, **__: None  # noqa: SLF001 (there is nothing that Python could call)
+    _dispatchers.append(made)
+    return types.Dispatcher(made)
+
+
+def alone(kernel: Kernel) -> Any:
+    """A part as a function of its own, in Numba's cache."""
+    return _dispatcher(kernel, cache=kernel.cached)
+
+
+class _Locator:
+    """Tells Numba where it keeps a part that is compiled by itself: in a folder named after what it depends on."""
+
+    def __init__(self, function: Any) -> None:
+        self._path = store.home() / "parts" / f"{function.__module__}.{function.__qualname__}"
+        self._key = keys.of_function(function)
+
+    @classmethod
+    def from_function(cls, function: Any, _path: str) -> _Locator | None:
+        return cls(function) if function.__module__.startswith(f"{keys.PACKAGE}.") else None
+
+    def ensure_cache_path(self) -> None:
+        self._path.mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        return str(self._path)
+
+    def get_source_stamp(self) -> str:
+        return self._key
+
+    def get_disambiguator(self) -> str:
+        return self._key
+
+
+_locators: list[Any] = CompileResultCacheImpl._locator_classes  # noqa: SLF001 (not all versions have a setting for it)
+_locators.insert(0, _Locator)
+
+
+def _signature_of(entry: EntryPoint) -> Any:
+    result = type_of(entry.result) if entry.result is not type(None) else types.void
+    return signature(result, *map(type_of, entry.kinds))
+
+
+def _c_type(context: Any, entry: EntryPoint) -> Any:
+    """The C function's type: numbers, pointers, and what describes arrays, side by side; a bool is a byte."""
+    own = _signature_of(entry)
+    flat = context.get_arg_packer(own.args).argument_types
+    result = {types.void: ir.VoidType(), types.boolean: ir.IntType(8)}.get(own.return_type)
+    result = result or context.get_value_type(own.return_type)
+    return ir.FunctionType(result, [ir.IntType(8) if one == ir.IntType(1) else one for one in flat])
+
+
+def _typed_intrinsic(name: str, define: Any) -> Any:
+    """The type of a function that is defined here, for whatever object stands for it."""
+    return types.Function(make_intrinsic_template(name, define, name))
+
+
+def callee(entry: EntryPoint) -> Any:
+    """An entry point's type where compiled code calls it: by its name, which the linker knows (`store.address`)."""
+    own = _signature_of(entry)
+    if len(own.args) == 0:
+        raise TypeError(f"{entry.symbol}: no arguments; allowed: one or more")
+
+    def generate(context: Any, builder: Any, sig: Any, given: Any) -> Any:
+        flat = list(context.get_arg_packer(sig.args).as_arguments(builder, given))
+        c_type = _c_type(context, entry)
+        flat = [
+            builder.zext(one, to) if one.type == ir.IntType(1) else one
+            for one, to in zip(flat, c_type.args, strict=True)
+        ]
+        function = cgutils.get_or_insert_function(builder.module, c_type, entry.symbol)
+        found = builder.call(function, flat)
+        if sig.return_type == types.boolean:
+            return builder.trunc(found, ir.IntType(1))
+        return context.get_dummy_value() if sig.return_type == types.void else found
+
+    names = ", ".join(f"a{i}" for i in range(len(own.args)))
+    space: dict[str, Any] = {"made": (own, generate)}
+    exec(f"def define(context, {names}):\n    return made\n", space)  # noqa: S102 (Numba asks for the arguments' names)
+    return _typed_intrinsic(entry.symbol, space["define"])
+
+
+def _call_address(_context: Any, _address: Any, _controller: Any, _now_ns: Any) -> Any:
+    function = ir.FunctionType(WHOLE, [WHOLE, WHOLE])
+
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        address, *others = given
+        return builder.call(builder.inttoptr(address, function.as_pointer()), others)
+
+    return types.int64(types.int64, types.int64, types.int64), generate
+
+
+def primitive(name: str) -> Any:
+    """The type of a `kernels.Call`."""
+    return _typed_intrinsic(name, {"call_address": _call_address}[name])
+
+
+class _Unoptimised(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """Functions as they are, linked into what uses them."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout  # noqa: SLF001
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+
+def _add_overload(self: Any, compiled: Any) -> None:
+    """What a dispatcher knows of compiled functions, without what Python would call."""
+    self.overloads[tuple(compiled.signature.args)] = compiled
+
+
+@global_compiler_lock  # type: ignore[untyped-decorator]
+def object_code(entry: EntryPoint) -> bytes:
+    """Object code of an entry point, for the target of this process (NUMBA_CPU_NAME)."""
+    target = registry.cpu_target
+    typing_context, context = target.typing_context, target.target_context
+    generator = context.codegen()
+    generator._library_class = _Unoptimised  # noqa: SLF001
+    context.get_executable = lambda *_: object()  # nothing runs here; each is one of its own
+    dispatcher._DispatcherBase.add_overload = _add_overload  # noqa: SLF001
+    own = _signature_of(entry)
+    flags = compiler.Flags()
+    flags.nrt, flags.no_compile, flags.no_cpython_wrapper, flags.no_cfunc_wrapper = False, True, True, True
+    flags.error_model = "numpy"
+    flags.enable_pyobject = flags.force_pyobject = False
+    made = compiler.compile_extra(typing_context, context, entry.py_func, own.args, own.return_type, flags, {})
+    library = made.library
+    module = library.create_ir_module(entry.symbol)
+    _write_c_function(context, module, made.fndesc, entry)
+    library.add_ir_module(module)
+    if not library._finalized:
+        library.finalize()
+    final = library._final_module  # noqa: SLF001
+    for function in final.functions:
+        if not function.is_declaration and function.name != entry.symbol:
+            function.linkage = "internal"
+    manager, builder = generator._module_pass_manager()  # noqa: SLF001
+    manager.run(final, builder)
+    final.verify()
+    return bytes(generator._tm.emit_object(final))  # noqa: SLF001
+
+
+def _write_c_function(context: Any, module: Any, description: Any, entry: EntryPoint) -> None:
+    """The C function around Numba's."""
+    own, c_type = _signature_of(entry), _c_type(context, entry)
+    function = ir.Function(module, c_type, entry.symbol)
+    builder = ir.IRBuilder(function.append_basic_block())
+    packer = context.get_arg_packer(description.argtypes)
+    given = [
+        builder.trunc(one, to) if to == ir.IntType(1) else one
+        for one, to in zip(function.args, packer.argument_types, strict=True)
+    ]
+    inner = context.declare_function(module, description)
+    _, found = context.call_conv.call_function(
+        builder, inner, description.restype, description.argtypes, packer.from_arguments(builder, given)
+    )
+    if own.return_type == types.void:
+        builder.ret_void()
+    else:
+        builder.ret(builder.zext(found, ir.IntType(8)) if own.return_type == types.boolean else found)
