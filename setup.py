@@ -163,6 +163,7 @@ setup(
             "import-linter>=2,<3",
             "matpowercaseframes==2.1.1",
             "pandas<4",
+            "mpmath>=1.3,<2",  # tests/test_elementary.py
             "playwright>=1.50,<2",  # drives Debian's Chromium, brings no browser of its own
             "mypy==2.4.1",  # exact, as ruff: a new release finds new faults
             "pytest>=8,<9.2",  # from there on pytest-xdist 3.8 knows no groups

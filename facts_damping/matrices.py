@@ -47,13 +47,19 @@ def _multiply(a: NDArray[Any], b: NDArray[Any], out: NDArray[Any]) -> None:
 
 
 @compiled
+def _size(z: complex) -> float:
+    """How large a number counts as a pivot: as for LAPACK, |Re z| + |Im z|."""
+    return abs(z.real) + abs(z.imag)
+
+
+@compiled
 def _eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
     """Solve a x = b by Gauss's elimination with the largest pivots, x into `b`; False where a pivot is zero."""
     n, columns = b.shape
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
-            if abs(a[i, k]) > abs(a[pivot, k]):
+            if _size(a[i, k]) > _size(a[pivot, k]):
                 pivot = i
         if a[pivot, k] == 0.0:
             return False

@@ -1,5 +1,13 @@
 """How the numerical kernels are compiled: parts, entry points, structs; files that cannot be stale."""
 
-from facts_damping.compiling.kernels import branching, call_address, compiled, entry_point, inlined
+from facts_damping.compiling.kernels import (
+    bits_of,
+    branching,
+    call_address,
+    compiled,
+    entry_point,
+    inlined,
+    number_of,
+)
 
-__all__ = ["branching", "call_address", "compiled", "entry_point", "inlined"]
+__all__ = ["bits_of", "branching", "call_address", "compiled", "entry_point", "inlined", "number_of"]

@@ -13,19 +13,20 @@ import inspect
 import typing
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling.structs import NUMBERS, Array, array_words, kind_of
+import numpy as np
+
+from facts_damping.compiling.structs import NUMBERS, Array, array_words, is_numbers, kind_of, words_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 C_TYPES: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int64, bool: ctypes.c_uint8, type(None): None}
+NUMERIC = (int, float, complex, np.number, np.bool_)
 ENTRY_POINTS: dict[str, EntryPoint] = {}  # by symbol
 
 
 class Kernel:
-    """A part: a Python function that compiled functions call, and that is compiled into them.
-
-    """
+    """A part: a Python function that compiled functions call, and that is compiled into them."""
 
     def __init__(self, function: Callable[..., Any], *, inline: bool = False, cached: bool = True) -> None:
         functools.update_wrapper(self, function)
@@ -46,16 +47,17 @@ class Kernel:
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Of numbers alone by Python, with the same bits; else compiled for arguments of these types."""
         given = (*arguments, *named.values())
-        if all(isinstance(one, int | float | complex) for one in given):
+        if all(isinstance(one, NUMERIC) for one in given):
             return self.py_func(*arguments, **named)
         return self._alone(*arguments, **named)
 
 
-class Call:
-    """What compiled code calls and Numba has to be told how: the C function at an address, given whole numbers."""
+class Primitive:
+    """What compiled code does by a few instructions that Numba has to be told; in Python a function of the name."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, function: Callable[..., Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.name = function.__name__
 
     @functools.cached_property
     def _numba_type_(self) -> Any:
@@ -63,8 +65,27 @@ class Call:
 
         return with_numba.primitive(self.name)
 
+    def __call__(self, *arguments: Any) -> Any:
+        return self.__wrapped__(*arguments)  # type: ignore[attr-defined]
 
-call_address: Any = Call("call_address")  # (address, controller, now_ns) -> whole number
+
+@Primitive
+def call_address(address: int, controller: int, now_ns: int) -> int:
+    """What the C function at an address returns."""
+    whole = ctypes.c_int64
+    return int(ctypes.CFUNCTYPE(whole, whole, whole)(address)(controller, now_ns))
+
+
+@Primitive
+def bits_of(number: float) -> int:
+    """The 64 bits of a number, as a whole number with a sign."""
+    return int(np.float64(number).view(np.int64))
+
+
+@Primitive
+def number_of(bits: int) -> float:
+    """The number that has these 64 bits."""
+    return float(np.int64(bits).view(np.float64))
 
 
 class EntryPoint:
@@ -103,11 +124,10 @@ class EntryPoint:
 
         types: list[Any] = []
         for kind in self.kinds:
-            words = kind.words if isinstance(kind, Array) else 1
-            types += [C_TYPES.get(kind, ctypes.c_int64)] * words
+            types += [C_TYPES[word] for word in words_of(kind)]
         function = ctypes.CFUNCTYPE(C_TYPES[self.result], *types)(store.address(self))
         names = list(inspect.signature(self.py_func).parameters)
-        if not any(isinstance(kind, Array) for kind in self.kinds):
+        if not any(isinstance(kind, Array) or is_numbers(kind) for kind in self.kinds):
             structs = [i for i, kind in enumerate(self.kinds) if kind not in NUMBERS]
 
             def call(given: tuple[Any, ...]) -> Any:
@@ -123,6 +143,8 @@ class EntryPoint:
             for kind, name, one in zip(self.kinds, names, given, strict=True):
                 if isinstance(kind, Array):
                     flat += array_words(one, kind, f"{self.__name__}: {name}")
+                elif is_numbers(kind):
+                    flat += one
                 else:
                     flat.append(one if kind in NUMBERS else one.pointer)
             return function(*flat)

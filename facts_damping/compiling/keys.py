@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.compiling.kernels import Call, EntryPoint, Kernel
+from facts_damping.compiling.kernels import EntryPoint, Kernel, Primitive
 from facts_damping.compiling.structs import Struct, described, layout
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ class _Walk:
             self.callees[value.symbol] = value
         elif isinstance(value, Kernel):
             self._function(value.py_func, f"{value.inline}")
-        elif isinstance(value, Call):
+        elif isinstance(value, Primitive):
             self.texts.append(value.name)
         elif isinstance(value, type) and issubclass(value, Struct):
             self._struct(value)

@@ -26,8 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import Self, dataclass_transform
 
-WORD = 8  # bytes
-
 
 class Array(NamedTuple):
     """Type of an array: that of its elements, and its number of axes; it is contiguous, the last axis the fastest."""
@@ -66,9 +64,25 @@ def kind_of(hint: Any) -> Any:
     """What a field, or an argument, is by its annotation: float, int, bool, an `Array`, a struct, a `Table`."""
     if typing.get_origin(hint) is Annotated:
         return next(one for one in hint.__metadata__ if isinstance(one, Array) or one == HOST)
+    if is_numbers(hint):
+        return hint
     if hint in NUMBERS or typing.get_origin(hint) is Table or (isinstance(hint, type) and issubclass(hint, Struct)):
         return hint
     raise TypeError(f"{hint}: allowed: float, int, bool, an array with its type, a struct, a table of structs")
+
+
+def is_numbers(kind: Any) -> bool:
+    """Whether a kind is a named tuple of numbers, which are handed over one by one."""
+    return (
+        isinstance(kind, type) and issubclass(kind, tuple) and set(typing.get_type_hints(kind).values()) <= set(NUMBERS)
+    )
+
+
+def words_of(kind: Any) -> list[Any]:
+    """Types of the numbers that a field or an argument is described by."""
+    if isinstance(kind, Array):
+        return [int] * kind.words
+    return list(typing.get_type_hints(kind).values()) if is_numbers(kind) else [kind if kind in NUMBERS else int]
 
 
 def array_words(array: NDArray[Any], kind: Array, where: str) -> tuple[int, ...]:
@@ -206,5 +220,7 @@ def described(kind: Any) -> Any:
         return f"{np.dtype(kind.dtype).descr}{kind.ndim}"
     if kind in NUMBERS:
         return kind.__name__
+    if is_numbers(kind):
+        return f"{kind.__qualname__}{typing.get_type_hints(kind)}"
     own = typing.get_args(kind)
     return f"{typing.get_origin(kind) or kind}{own}"

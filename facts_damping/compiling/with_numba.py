@@ -35,13 +35,14 @@ from numba.extending import (
 )
 
 from facts_damping.compiling import keys, store
-from facts_damping.compiling.structs import HOST, NUMBERS, Array, Struct, Table, layout
+from facts_damping.compiling.structs import HOST, NUMBERS, Array, Struct, Table, is_numbers, layout, words_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from facts_damping.compiling.kernels import EntryPoint, Kernel
 
+_compiling: list[EntryPoint] = []  # in a process that only compiles
 _dispatchers: list[Any] = []  # kept, as types only refer to them
 POINTER = ir.IntType(8).as_pointer()
 WHOLE = ir.IntType(64)
@@ -81,6 +82,8 @@ def type_of(kind: Any) -> Any:
         return types.Array(numba.from_dtype(np.dtype(kind.dtype)), kind.ndim, "C")
     if kind in NUMBERS:
         return {float: types.float64, int: types.int64, bool: types.boolean}[kind]
+    if is_numbers(kind):
+        return numba.typeof(kind(*(word() for word in words_of(kind))))
     if typing.get_origin(kind) is Table:
         return TableType(*typing.get_args(kind))
     return StructType(kind)
@@ -245,6 +248,8 @@ def callee(entry: EntryPoint) -> Any:
         raise TypeError(f"{entry.symbol}: no arguments; allowed: one or more")
 
     def generate(context: Any, builder: Any, sig: Any, given: Any) -> Any:
+        if not _compiling:
+            store.address(entry)
         flat = list(context.get_arg_packer(sig.args).as_arguments(builder, given))
         c_type = _c_type(context, entry)
         flat = [
@@ -273,9 +278,23 @@ def _call_address(_context: Any, _address: Any, _controller: Any, _now_ns: Any) 
     return types.int64(types.int64, types.int64, types.int64), generate
 
 
+def _reinterpreted(context: Any, builder: Any, found: Any, given: Any) -> Any:
+    """The same 64 bits as a value of another type."""
+    return builder.bitcast(given[0], context.get_value_type(found.return_type))
+
+
+def _bits_of(_context: Any, _number: Any) -> Any:
+    return types.int64(types.float64), _reinterpreted
+
+
+def _number_of(_context: Any, _bits: Any) -> Any:
+    return types.float64(types.int64), _reinterpreted
+
+
 def primitive(name: str) -> Any:
-    """The type of a `kernels.Call`."""
-    return _typed_intrinsic(name, {"call_address": _call_address}[name])
+    """The type of a `kernels.Primitive`."""
+    known = {"call_address": _call_address, "bits_of": _bits_of, "number_of": _number_of}
+    return _typed_intrinsic(name, known[name])
 
 
 class _Unoptimised(codegen.JITCodeLibrary):  # type: ignore[misc]
@@ -299,6 +318,7 @@ def _add_overload(self: Any, compiled: Any) -> None:
 @global_compiler_lock  # type: ignore[untyped-decorator]
 def object_code(entry: EntryPoint) -> bytes:
     """Object code of an entry point, for the target of this process (NUMBA_CPU_NAME)."""
+    _compiling.append(entry)
     target = registry.cpu_target
     typing_context, context = target.typing_context, target.target_context
     generator = context.codegen()

@@ -7,7 +7,6 @@ setpoint stands (zero-order hold).
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,6 +34,7 @@ from facts_damping.control.table import (
     Value,
     kind_of,
 )
+from facts_damping.elementary import cos, phase
 from facts_damping.neurofuzzy.learning import Learners, learners
 from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
@@ -209,7 +209,7 @@ def pull(known: PlantPrior, s: NDArray[Any]) -> NDArray[np.float64]:
     steps = known.mode_shape * change / s["change_scale"]
     phasors = np.column_stack([swing, steps]).ravel()
     aim = phasors[0] + phasors[1]
-    found = [math.cos(cmath.phase(phasor)) for phasor in (phasors / aim).tolist()]
+    found = [cos(phase(phasor)) for phasor in (phasors / aim).tolist()]
     return np.array([1.0, 1.0, *found[2:]])
 
 

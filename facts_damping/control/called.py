@@ -6,21 +6,16 @@ function is given lies in arrays that are the same at every call.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import call_address, compiled
 from facts_damping.compiling.structs import Bool1, Int1, Struct
 from facts_damping.control.sensing import Sensed, look, sensed
 
 if TYPE_CHECKING:
     from facts_damping.control.inputs import Held, Inputs
-
-ARGUMENTS = 2  # controller, time of arrival (ns); all are whole numbers of 64 bits, and so is what comes back
 
 
 class Calls(Struct):
@@ -39,21 +34,6 @@ def calls(controllers: int, signals: int, stations: int) -> Calls:
     return Calls(np.zeros(controllers, np.int64), failed, once, made)
 
 
-def _at(_typing: Any, _address: Any, _controller: Any, _now_ns: Any) -> Any:
-    """Call the C function at an address."""
-    whole = ir.IntType(64)
-    function = ir.FunctionType(whole, [whole] * ARGUMENTS)
-
-    def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        address, *others = values
-        return builder.call(builder.inttoptr(address, function.as_pointer()), others)
-
-    return types.int64(types.int64, types.int64, types.int64), generate
-
-
-call_at: Any = intrinsic(_at)
-
-
 @compiled
 def call(given: Inputs, held: Held, of: Calls, c: int, now_ns: int) -> bool:
     """Have controller c set its setpoints for what it holds at an arrival; False: it has failed."""
@@ -61,5 +41,5 @@ def call(given: Inputs, held: Held, of: Calls, c: int, now_ns: int) -> bool:
         of.failed[c] = True
         return False
     look(given, held, of.sensed, c, now_ns)
-    of.failed[c] = call_at(of.address[c], c, now_ns) != 0
+    of.failed[c] = call_address(of.address[c], c, now_ns) != 0
     return not of.failed[c]

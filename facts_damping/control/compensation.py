@@ -26,6 +26,7 @@ from facts_damping.compiling import compiled
 from facts_damping.compiling.structs import Float1, Float2, Float3, Int1, Struct
 from facts_damping.control.inputs import UNSET
 from facts_damping.control.lead_lag import section
+from facts_damping.elementary import cos, exp, sin, tan
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -102,7 +103,7 @@ def compensate(
             if held and math.isfinite(change) and change != 0.0:
                 state.signal[c, i] += change
         return
-    share = 1.0 if dt <= 0.0 or s.latency_filter <= 0.0 else 1.0 - math.exp(-dt / s.latency_filter)
+    share = 1.0 if dt <= 0.0 or s.latency_filter <= 0.0 else 1.0 - exp(-dt / s.latency_filter)
     state.latency[c] += share * (age - state.latency[c])
     phase = made.omega[c] * max(0.0, state.latency[c] + s.down_delay)
     for i in range(given.size):
@@ -119,14 +120,14 @@ def lead(omega: float, phase: float, state: NDArray[np.float64], y: float, dt: f
     a w = sqrt((1 + sin p) / (1 - sin p)), p the phase of one, at most MOST_LEAD; w is taken as the bilinear transform
     has it, 2 / dt tan(omega dt / 2). At the first frame it is as if the signal had never changed.
     """
-    sine = math.sin(min(phase / SECTIONS, MOST_LEAD))
+    sine = sin(min(phase / SECTIONS, MOST_LEAD))
     ratio = math.sqrt((1.0 + sine) / (1.0 - sine))
     if dt <= 0.0:
         for k in range(SECTIONS):
             state[2 * k] = y
             y = state[2 * k + 1] = y / ratio
         return y
-    w = 2.0 / dt * math.tan(min(omega * dt / 2.0, 1.5))
+    w = 2.0 / dt * tan(min(omega * dt / 2.0, 1.5))
     for k in range(SECTIONS):
         y = section(1.0 / w, 1.0 / ratio, 1.0 / (ratio * w), dt, state, 2 * k, y)
     return y
@@ -145,10 +146,10 @@ def phasor(omega: float, phase: float, rate: float, state: NDArray[np.float64], 
     if dt <= 0.0:
         state[0], state[1], state[2] = y, 0.0, 0.0
         return 0.0
-    c, s = math.cos(omega * dt), math.sin(omega * dt)
+    c, s = cos(omega * dt), sin(omega * dt)
     real, imaginary = c * state[1] - s * state[2], s * state[1] + c * state[2]
-    gain = 1.0 - math.exp(-rate * dt)
+    gain = 1.0 - exp(-rate * dt)
     error = y - state[0] - real
     state[0] += gain * error
     state[1], state[2] = real + 2.0 * gain * error, imaginary
-    return state[1] * math.cos(phase) - state[2] * math.sin(phase)  # type: ignore[no-any-return]
+    return state[1] * cos(phase) - state[2] * sin(phase)  # type: ignore[no-any-return]

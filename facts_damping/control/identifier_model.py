@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
-import math
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 from facts_damping.compiling.structs import Array, Float2, Float3, Int1, Int2, Int3, Struct
 from facts_damping.control.inputs import Held, Inputs
 from facts_damping.control.table import SETTINGS
+from facts_damping.elementary import exp, exp_complex, phase
 from facts_damping.neurofuzzy.learning import Learners
 from facts_damping.neurofuzzy.network import Network, network
 from facts_damping.neurofuzzy.start import Start, initial, slots
@@ -117,7 +116,7 @@ def start(net: Network, row: Identified) -> NDArray[np.float64]:
     spread, shift = np.zeros(net.inputs), np.zeros(net.inputs)
     if IDENTIFIERS[row.kind][1] == "morlet":
         shift[:] = np.pi * DILATION / 10.0  # where cos 5q falls through zero
-        weight = DILATION / 5.0 * math.exp(0.5 * (np.pi / 10.0) ** 2)
+        weight = DILATION / 5.0 * exp(0.5 * (np.pi / 10.0) ** 2)
         shift[len(row.signals) :] = by_u * DILATION**2 / (26.0 * weight)
     else:
         spread[:] = slopes * WIDTH**2 / (2.0 * weight)
@@ -130,7 +129,7 @@ def _ahead(past: NDArray[np.complex128], later: NDArray[np.complex128]) -> NDArr
     Both are turned until real and imaginary part of `past` are at right angles to each other. Then M is the sum of
     later_i past_i^T / |past_i|^2 over the parts i that are more than round-off.
     """
-    turn = cmath.exp(-0.5j * cmath.phase(complex((past * past).sum())))
+    turn = exp_complex(-0.5j * phase(complex((past * past).sum())))
     past, later = past * turn, later * turn
     made = np.zeros((len(later), len(past)))
     for own, to in ((past.real, later.real), (past.imag, later.imag)):

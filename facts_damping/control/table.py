@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from facts_damping.control import lead_lag
+from facts_damping.elementary import log
 from facts_damping.errors import InputError, check_known
 from facts_damping.neurofuzzy.learning import RATES
 from facts_damping.neurofuzzy.table import (
@@ -61,7 +61,7 @@ class Range(NamedTuple):
         """The place of a value, of one outside that of the nearest inside."""
         inside = min(max(value, self.low), self.high)
         if self.logarithmic:
-            return math.log(inside / self.low) / math.log(self.high / self.low)
+            return log(inside / self.low) / log(self.high / self.low)
         return (inside - self.low) / (self.high - self.low)
 
 

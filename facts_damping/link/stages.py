@@ -6,11 +6,11 @@ after the last one. So the link knows at once when an entry arrives, and a node 
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.elementary import exp
 from facts_damping.link import draws
 from facts_damping.parameters.stages import LONGEST_S
 from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
@@ -48,7 +48,7 @@ MODELS = {
     "normal": StageKind(DRAWN, draws.normal, lambda s, so_far: so_far + s.mean),
     "gamma": StageKind(DRAWN, draws.gamma, lambda s, so_far: so_far + (s.delay + s.shape * s.scale)),
     "lognormal": StageKind(
-        DRAWN, draws.lognormal, lambda s, so_far: so_far + (s.delay + s.median * math.exp(s.sigma**2 / 2.0))
+        DRAWN, draws.lognormal, lambda s, so_far: so_far + (s.delay + s.median * exp(s.sigma**2 / 2.0))
     ),
     "trace": StageKind(DRAWN, draws.trace, lambda s, so_far: so_far + draws.trace_mean(s)),
     "bernoulli": StageKind(DRAWN, draws.bernoulli),

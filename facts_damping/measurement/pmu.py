@@ -6,7 +6,6 @@ its samples, and is there a whole number of frames later.
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import Annotated, Any
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from facts_damping.compiling import compiled
 from facts_damping.compiling.structs import Array, Bool2, Complex3, Float1, Float3, Int1, Int2, Struct
+from facts_damping.elementary import cos, magnitude, phase, sin
 from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
 
 # Columns of a frame.
@@ -124,14 +124,14 @@ def _estimate(m: Pmus, state: PmuState, s: int, frame: NDArray[np.float64]) -> N
     voltage = _filtered(m.weights, voltages, middle)
     after = _filtered(m.weights, voltages, middle + 1)
     current = _filtered(m.weights, currents, middle)
-    forward, backward = cmath.phase(after * voltage.conjugate()), cmath.phase(voltage * before.conjugate())
+    forward, backward = phase(after * voltage.conjugate()), phase(voltage * before.conjugate())
     frame[FREQUENCY] = m.nominal + (forward + backward) / (4.0 * math.pi * step)
     frame[ROCOF] = (forward - backward) / (2.0 * math.pi * step * step)
     lift = 1.0
     if m.p_class:
-        lift = math.sin(math.pi * (m.nominal + 1.625 * (frame[FREQUENCY] - m.nominal)) / (2.0 * m.nominal))
-    frame[VM], frame[VA] = abs(voltage) / lift, cmath.phase(voltage)
-    frame[IM], frame[IA] = abs(current) / lift, cmath.phase(current)
+        lift = sin(math.pi * (m.nominal + 1.625 * (frame[FREQUENCY] - m.nominal)) / (2.0 * m.nominal))
+    frame[VM], frame[VA] = magnitude(voltage) / lift, phase(voltage)
+    frame[IM], frame[IA] = magnitude(current) / lift, phase(current)
     frame[SPEED] = math.nan
 
 
@@ -185,7 +185,7 @@ def _spoil(m: Pmus, tick: int, at_ns: int, s: int, error_s: float, frame: NDArra
 def _power(frame: NDArray[np.float64]) -> None:
     """P + j Q = V I*, of the phasors as they are reported."""
     size, angle = frame[VM] * frame[IM], frame[VA] - frame[IA]
-    frame[P], frame[Q] = size * math.cos(angle), size * math.sin(angle)
+    frame[P], frame[Q] = size * cos(angle), size * sin(angle)
 
 
 @compiled

@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
+from facts_damping.elementary import exp
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,7 +25,7 @@ def gaussian(theta: NDArray[np.float64], x: float, slope: NDArray[np.float64]) -
     """exp(-((x - h) / s)^2), (3.9); theta = h, s."""
     h, s = theta[0], theta[1]
     z = (x - h) / s
-    value = math.exp(-z * z)
+    value = exp(-z * z)
     slope[0] = value * 2.0 * z / s
     slope[1] = value * 2.0 * z * z / s
     return value, -slope[0]

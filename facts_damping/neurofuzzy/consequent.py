@@ -12,6 +12,7 @@ import math
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
+from facts_damping.elementary import cos, exp, sin, tanh
 
 HARMONICS = 5  # 1, sin x, cos x, sin 2x, cos 2x
 DEGREES = 4  # of the Legendre polynomials: 0 to 3
@@ -145,7 +146,7 @@ def legendre_wavelet(
 @compiled
 def harmonics(x: float, wave: NDArray[np.float64]) -> None:
     """1, sin x, cos x, sin 2x, cos 2x and their derivatives, as rows of `wave`."""
-    sine, cosine = math.sin(x), math.cos(x)
+    sine, cosine = sin(x), cos(x)
     twice, square = 2.0 * sine * cosine, cosine * cosine - sine * sine
     wave[0, 0], wave[0, 1] = 1.0, 0.0
     wave[1, 0], wave[1, 1] = sine, cosine
@@ -208,10 +209,10 @@ def _wavelets(
     for i in range(x.size):
         tau, nu = theta[1 + 2 * i], theta[2 + 2 * i]
         q = (x[i] - tau) / nu
-        bell = math.exp(-0.5 * q * q)
+        bell = exp(-0.5 * q * q)
         if is_morlet:
-            psi = bell * math.cos(5.0 * q)
-            by_q = -bell * (q * math.cos(5.0 * q) + 5.0 * math.sin(5.0 * q))
+            psi = bell * cos(5.0 * q)
+            by_q = -bell * (q * cos(5.0 * q) + 5.0 * sin(5.0 * q))
             own = 0.0
         else:
             scale = 1.0 / math.sqrt(abs(nu))
@@ -252,7 +253,7 @@ def _legendre(
             slope[DEGREES * i + d] = of_x
             by_input[i] += inside * theta[DEGREES * i + d] * by_x
             xi += theta[DEGREES * i + d] * of_x
-    value = math.tanh(xi)
+    value = tanh(xi)
     damp = 1.0 - value * value
     for k in range(theta.size):
         slope[k] *= damp

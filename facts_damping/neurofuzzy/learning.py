@@ -8,15 +8,16 @@ with ec_p the adaptation error of output p. Momentum is for consequents only (4.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Float1, Float2, Float3, Int1, Int2, Struct
 from facts_damping.neurofuzzy.consequent import dot
 from facts_damping.neurofuzzy.network import Network, Pass, Passes, backward, forward, network, shapes
 from facts_damping.neurofuzzy.start import groups, slots
+from facts_damping.signals import Learnings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -149,13 +150,13 @@ def _rates(net: Network, own: Learner, rule: Rule, curvature: NDArray[np.float64
             own.rate[o, g] = rule.eta / (root * root + REGULAR)
 
 
-@compiled
+@entry_point
 def learn(
     net: Network,
     own: Learner,
     rule: Rule,
-    error: NDArray[np.float64],
-    curvature: NDArray[np.float64],
+    error: Float1,
+    curvature: Float1,
 ) -> None:
     """One step of adaptation by the gradients of the last pass.
 
@@ -209,15 +210,15 @@ def _move(own: Learner, rule: Rule, share: float) -> None:
         own.change[f] = after - before
 
 
-@compiled
+@entry_point
 def write_learning(
     net: Network,
     own: Learner,
-    lyapunov: NDArray[np.float64],
+    lyapunov: Float1,
     tick: int,
     controller: int,
     identifier: int,
-    out: NDArray[Any],
+    out: Learnings,
     first: int,
 ) -> int:
     """Rows of LEARNING into `out` from `first` on; the index after the last. `lyapunov`: the function and its fall."""

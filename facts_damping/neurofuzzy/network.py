@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import branching, compiled
+from facts_damping.compiling import branching, compiled, entry_point
 from facts_damping.compiling.structs import Float1, Float2, Float3, Float4, Struct
 from facts_damping.neurofuzzy.consequent import HARMONICS, fourier, fourier_by_input, fourier_terms, harmonics, sam
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENT_FUNCTIONS, CONSEQUENTS, MEMBERSHIP_FUNCTIONS
@@ -120,8 +120,8 @@ def passes(net: Network) -> Pass:
     return Pass(*(np.zeros(shape) for shape in shapes(net)))
 
 
-@compiled
-def forward(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64], p: Pass) -> None:
+@entry_point
+def forward(net: Network, theta: Float1, x: Float1, p: Pass) -> None:
     """Output of a network at inputs `x`, into `p.output`, with what the gradients need."""
     for j in range(net.rules):
         p.firing[j] = 1.0
@@ -150,7 +150,7 @@ def forward(net: Network, theta: NDArray[np.float64], x: NDArray[np.float64], p:
         p.output[o] = weighted / total if total > FLOOR else 0.0
 
 
-@compiled
+@entry_point
 def backward(net: Network, p: Pass) -> None:
     """Gradients of all outputs by the parameters at the last forward pass, into `p.by_theta`; zero if nothing fires.
 
@@ -190,8 +190,8 @@ def _others(net: Network, p: Pass, i: int, j: int) -> float:
     return product
 
 
-@compiled
-def by_inputs(net: Network, theta: NDArray[np.float64], p: Pass) -> None:
+@entry_point
+def by_inputs(net: Network, theta: Float1, p: Pass) -> None:
     """Derivatives of all outputs by the inputs at the last forward pass, into `p.by_input`; zero if nothing fires."""
     first = net.inputs * net.rules * net.stored
     p.by_input[:] = 0.0

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.elementary import rect
 from facts_damping.errors import InputError
 from facts_damping.parameters.blocks import INPUTS, MODELS, Block
 from facts_damping.plant.blocks import (
@@ -135,7 +135,7 @@ def _plain(block: Block, data: Any) -> _Plain:
         kind, states = LEAD_LAG, int(c[2] > 0.0)
         p = (1.0, c[0] / c[2] if c[2] > 0.0 else 0.0, c[2], 0.0)
     elif kind == SOURCE:
-        turned = cmath.rect(c[0], math.radians(c[1]))
+        turned = rect(c[0], math.radians(c[1]))
         behind = 1j * (c[2] + turned * c[3])
         p = (turned.real, turned.imag, behind.real, behind.imag)
     elif kind == RECTIFIER:

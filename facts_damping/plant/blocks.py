@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.elementary import magnitude
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -97,7 +98,7 @@ def outputs(
             y = s[b.source[0]] * s[b.source[1]]
         elif b.kind == SOURCE:
             voltage, current = complex(s[VD], s[VQ]), complex(s[ID], s[IQ])
-            y = abs(complex(b.p[0], b.p[1]) * voltage + complex(b.p[2], b.p[3]) * current)
+            y = magnitude(complex(b.p[0], b.p[1]) * voltage + complex(b.p[2], b.p[3]) * current)
         elif b.kind == RECTIFIER:
             y = _rectified(s[b.source[0]], b.p[0] * s[b.source[1]])
         elif b.state < 0:

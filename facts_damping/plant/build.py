@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.elementary import exp_complex, phase
 from facts_damping.errors import InputError
 from facts_damping.parameters.blocks import MODELS
 from facts_damping.parameters.devices import Series, Transmission
@@ -205,7 +205,7 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
 
 def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> dict[str, float]:
     """What blocks take of a machine at the start, p.u. of its rating."""
-    turned = cmath.exp(-1j * (start.states[0] - math.pi / 2))
+    turned = exp_complex(-1j * (start.states[0] - math.pi / 2))
     v, i = voltage * turned, current * turned
     power = (v * i.conjugate()).real
     sensed = {"Vt": abs(v), "Pe": power, "Pa": start.power - power, "Ifd": start.field_voltage, "Pm": start.power}
@@ -254,7 +254,7 @@ def _loads(
         voltage = 1.0 if x.at == "nominal" else magnitude[x.bus]
         rows.append(load.row(x, system.base_power, voltage, ports.add(LOAD, i, Place(x.bus)), states.offset))
         if load.depends_on_frequency(x):
-            angle = cmath.phase(flow.voltage[flow.names.index(x.bus)])
+            angle = phase(flow.voltage[flow.names.index(x.bus)])
             states.add(x.name, load.STATE_NAMES, [angle, angle])
     return np.array(rows, load.LOAD)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled
+from facts_damping.elementary import magnitude
 from facts_damping.plant import blocks, excitation, governor, stabiliser
 from facts_damping.plant.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VD, VQ, VREF, VS, VT
 
@@ -68,7 +69,7 @@ def move(
     `voltage`, `current`: of its stator; `saturation`: S of its flux.
     """
     m, s = plant.machines[g], work.signals
-    omega, size, asked = x[m.offset + 1], abs(voltage), plant.mechanical_power[stage, g]
+    omega, size, asked = x[m.offset + 1], magnitude(voltage), plant.mechanical_power[stage, g]
     driven = governor.power(plant.governors[g], x, asked, omega)
     governor.derivatives(plant.governors[g], x, asked, omega, dx)
     added = stabiliser.output(plant.stabilisers[g], x, omega)

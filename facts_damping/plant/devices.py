@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import branching, compiled
+from facts_damping.elementary import expm1
 from facts_damping.plant import hvdc, sssc, statcom, svc
 from facts_damping.plant.watchdog import WATCHDOG
 from facts_damping.signals import to_ns
@@ -122,7 +123,7 @@ def behind(z: float, reference: float, ramp: float, T: float, t: float) -> float
 
     T dz/dt = r - z with r = r0 + k t:  z(t) = z0 + (r0 - k T - z0) (1 - exp(-t/T)) + k t.
     """
-    return z - (reference - ramp * T - z) * math.expm1(-t / T) + ramp * t
+    return z - (reference - ramp * T - z) * expm1(-t / T) + ramp * t
 
 
 @compiled

@@ -5,11 +5,11 @@ The same functions serve the integration, the measurement and the linearisation.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
+from facts_damping.elementary import magnitude, sin_cos
 from facts_damping.plant import controls, devices, load
 from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.ports import solve_ports
@@ -51,7 +51,8 @@ def solve_network(
             emf_d += m.C[1, i] * x[o + 2 + i]
         delta = x[o]
         work.emf[g] = complex(emf_d, emf_q)
-        work.rotation[g] = complex(math.sin(delta), -math.cos(delta))
+        sine, cosine = sin_cos(delta)
+        work.rotation[g] = complex(sine, -cosine)
         work.inputs[g] = m.admittance * work.emf[g] * work.rotation[g] * plant.online[stage, g]
     for i in range(plant.infinite.size):
         work.inputs[machines + i] = plant.infinite[i]
@@ -89,7 +90,7 @@ def saturated(m: Any, emf: complex) -> float:
     """S of a machine's flux, B (psi - A)^2 / psi above A; 0 without saturation."""
     if m.saturation_B == 0.0:
         return 0.0
-    flux = abs(emf)
+    flux = magnitude(emf)
     return m.saturation_B * max(0.0, flux - m.saturation_A) ** 2 / flux  # type: ignore[no-any-return]
 
 
@@ -155,6 +156,6 @@ def derivatives(
             for k in range(d.states):
                 dx[d.offset + k] = 0.0
         else:
-            devices.derivatives(d, x, u, abs(work.response[d.port]), dx)
+            devices.derivatives(d, x, u, magnitude(work.response[d.port]), dx)
             if d.other > 0:
-                devices.other_derivatives(d, x, u, abs(work.response[d.other]), dx)
+                devices.other_derivatives(d, x, u, magnitude(work.response[d.other]), dx)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.elementary import exp
 from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def steady_state(exciter: Exciter | None, offset: int, voltage: float, field_vol
         if exciter.TB > 0:
             present["xb"] = field_voltage / exciter.KA
     else:
-        saturation = exciter.AEX * math.exp(exciter.BEX * field_voltage)
+        saturation = exciter.AEX * exp(exciter.BEX * field_voltage)
         limited = regulator = (exciter.KE + saturation) * field_voltage
         present |= {"VR": regulator, "Efd": field_voltage}
         if exciter.KF > 0:
@@ -141,4 +142,4 @@ def derivatives(
         slope = 0.0
     dx[e.VR] = slope
     limited = min(max(regulator, e.minimum), e.maximum)  # within a step the state may pass its limit
-    dx[e.Efd] = (limited - (e.KE + e.AEX * math.exp(e.BEX * efd)) * efd) / e.TE
+    dx[e.Efd] = (limited - (e.KE + e.AEX * exp(e.BEX * efd)) * efd) / e.TE

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
+from facts_damping.elementary import magnitude
 from facts_damping.plant import devices, load
 from facts_damping.plant.site import DEVICE, OTHER_END, SALIENT
 
@@ -74,16 +75,16 @@ def law(
     if work.blocked[p]:
         work.slope[p, 0, 0] = work.slope[p, 0, 1] = work.slope[p, 1, 0] = work.slope[p, 1, 1] = 0.0
         return 0j
-    magnitude = abs(q)
+    size = magnitude(q)
     direction = 1.0 + 0j
-    if magnitude > SMALL:
-        direction = complex(q.real / magnitude, q.imag / magnitude)
+    if size > SMALL:
+        direction = complex(q.real / size, q.imag / size)
     else:
-        magnitude = SMALL
-    value, by_magnitude = characteristic(plant, x, reference, stage, p, magnitude, work)
-    along = by_magnitude * direction  # by the magnitude, and by the direction
+        size = SMALL
+    value, by_magnitude = characteristic(plant, x, reference, stage, p, size, work)
+    along = by_magnitude * direction  # by the size, and by the direction
     turned = value * direction
-    across = complex(-turned.imag / magnitude, turned.real / magnitude)
+    across = complex(-turned.imag / size, turned.real / size)
     work.slope[p, 0, 0] = along.real * direction.real - across.real * direction.imag
     work.slope[p, 0, 1] = along.real * direction.imag + across.real * direction.real
     work.slope[p, 1, 0] = along.imag * direction.real - across.imag * direction.imag

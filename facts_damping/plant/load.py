@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.elementary import atan2, magnitude
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -86,10 +87,10 @@ def derivatives(d: Any, x: NDArray[np.float64], voltage: complex, dx: NDArray[np
     voltage they stand still.
     """
     o = d.offset
-    if not abs(voltage) > LEAST:
+    if not magnitude(voltage) > LEAST:
         dx[o] = dx[o + 1] = 0.0
         return
-    ahead = math.atan2(voltage.imag, voltage.real) - x[o]
+    ahead = atan2(voltage.imag, voltage.real) - x[o]
     dx[o] = (ahead - TURN * math.floor(ahead / TURN + 0.5)) / d.T_f
     dx[o + 1] = (x[o] - x[o + 1]) / d.T_f
 

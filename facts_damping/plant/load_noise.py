@@ -20,6 +20,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Float2
+from facts_damping.elementary import exp
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: 
         n = random.standard_normal((points, 2))
         n[:, 1] = correlation * n[:, 0] + math.sqrt(1.0 - correlation**2) * n[:, 1]
         found[load.name] = np.zeros((points, 2))
-        _follow(std, math.exp(-1.0 / (RATE * time)), n, found[load.name])
+        _follow(std, exp(-1.0 / (RATE * time)), n, found[load.name])
     return found
 
 

@@ -12,12 +12,12 @@ machine's own rating.
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.elementary import exp_complex, magnitude, phase
 from facts_damping.errors import InputError
 from facts_damping.matrices import product, solve
 
@@ -186,7 +186,7 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
     c = rotor_circuits(m)
     row = _row(m, c, base_power, offset)
     xq = m.Xd1 if m.model == "classical" else m.Xq
-    delta = cmath.phase(voltage + (m.Ra + 1j * float(xq or 0.0)) * current)
+    delta = phase(voltage + (m.Ra + 1j * float(xq or 0.0)) * current)
     if row["saturation_B"] > 0:
         low, high = delta - 0.5, delta + 0.5  # rad, far more than saturation turns the axis
         ends = [_at(row, c, angle, voltage, current).mismatch for angle in (low, high)]
@@ -218,10 +218,10 @@ class _Trial(NamedTuple):
 
 def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, current: complex) -> _Trial:
     """A machine at an angle: what its stator asks for, and what its circuits give."""
-    turn = cmath.exp(-1j * (delta - np.pi / 2))
+    turn = exp_complex(-1j * (delta - np.pi / 2))
     v, i = voltage * turn, current * turn
     emf = complex(v + row["Ra"] * i + complex(-row["Xq"] * i.imag, row["Xd"] * i.real))
-    psi, at = abs(emf), float(row["saturation_A"])
+    psi, at = magnitude(emf), float(row["saturation_A"])
     s = float(row["saturation_B"]) * max(0.0, psi - at) ** 2 / psi
     drive = product(c.B[:, :2], np.array([i.real, i.imag])) - s * product(c.W, np.array([emf.imag, emf.real]))
     z = -solve(c.A, drive)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Float2
+from facts_damping.elementary import atan2, magnitude, phase
 from facts_damping.plant import controls
 from facts_damping.plant import devices as facts
 from facts_damping.plant.dynamics import derivatives, row_times, saturated, solve_network, stator
@@ -36,7 +36,7 @@ def _machine(plant: Plant, state: PlantState, stage: int, g: int, out: Any, work
     out.electrical_power = power * m.ratio
     out.mechanical_power = driven * plant.online[stage, g] * m.ratio
     out.field_voltage = efd
-    out.terminal_voltage = abs(voltage)
+    out.terminal_voltage = magnitude(voltage)
 
 
 @compiled
@@ -48,7 +48,7 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
     out.setpoint = state.target[d]
     out.reference = state.reference[d]
     out.injected_voltage = out.active_voltage = out.dc_voltage = math.nan
-    out.current = abs(given)
+    out.current = magnitude(given)
     out.active_power = flow.real
     out.reactive_power = flow.imag
     out.blocked = 1.0 if blocked else 0.0
@@ -59,7 +59,7 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
         watch.refused_stamp,
         watch.refused_order,
     )
-    facts.truth(row, state.x, state.reference[d], abs(response), blocked, out)
+    facts.truth(row, state.x, state.reference[d], magnitude(response), blocked, out)
 
 
 @compiled
@@ -71,7 +71,7 @@ def _in_synchronism(plant: Plant, x: NDArray[np.float64], stage: int) -> bool:
             delta = x[plant.machines[g].offset]
             low, high = min(low, delta), max(high, delta)
     for i in range(plant.infinite.size):
-        angle = cmath.phase(plant.infinite[i])
+        angle = phase(plant.infinite[i])
         low, high = min(low, angle), max(high, angle)
     return not high - low > math.pi
 
@@ -144,13 +144,13 @@ def measure(
         g = plant.station_machine[s]
         flow = voltage * current.conjugate()
         later = row_times(plant, stage, first + s, work.inputs)
-        frame[s, 0] = abs(voltage)
-        frame[s, 1] = math.atan2(voltage.imag, voltage.real)
+        frame[s, 0] = magnitude(voltage)
+        frame[s, 1] = atan2(voltage.imag, voltage.real)
         frame[s, 2] = math.nan if g < 0 else x[plant.machines[g].offset + 1]
         frame[s, 3] = flow.real
         frame[s, 4] = flow.imag
-        frame[s, 5] = (plant.omega_0 + cmath.phase(later * voltage.conjugate()) / MOMENT) / (2.0 * math.pi)
+        frame[s, 5] = (plant.omega_0 + phase(later * voltage.conjugate()) / MOMENT) / (2.0 * math.pi)
         frame[s, 6] = math.nan
-        frame[s, 7] = abs(current)
-        frame[s, 8] = cmath.phase(current)
+        frame[s, 7] = magnitude(current)
+        frame[s, 8] = phase(current)
     return sound

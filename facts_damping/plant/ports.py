@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
+from facts_damping.elementary import magnitude
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.site import DEVICE, LOAD, OTHER_END, SALIENT
 
@@ -153,7 +154,7 @@ def _newton_single_port(
     h = plant.network[stage, plant.machines.size, plant.machines.size + plant.infinite.size]
     q0 = work.given[0]
     square = q0.real * q0.real + q0.imag * q0.imag
-    m = abs(q0 + h * source[0])
+    m = magnitude(q0 + h * source[0])
     least = max(plant.ports[0].least, SMALL)
     for _ in range(MAX_ITERATIONS):
         if not m > least:
@@ -181,7 +182,7 @@ def _block(plant: Plant, work: Work) -> bool:
     """Block the devices that have too little current or voltage, or too much current; whether there is one more."""
     more = False
     for p in range(plant.ports.size):
-        size = abs(work.response[p])
+        size = magnitude(work.response[p])
         if not work.blocked[p] and (size < plant.ports[p].least or size > plant.ports[p].most):
             work.blocked[p] = more = True
     return more
@@ -197,7 +198,7 @@ def _release(plant: Plant, source: NDArray[np.complex128], work: Work) -> bool:
     for p in range(plant.ports.size):
         if work.low[p]:
             d = plant.loads[plant.ports[p].row]
-            above = abs(work.response[p]) / (d.V0 * d.V_min)
+            above = magnitude(work.response[p]) / (d.V0 * d.V_min)
             if above > most:
                 furthest, most = p, above
     if furthest >= 0:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.compiling import compiled
 from facts_damping.control.compensation import phasor
 from facts_damping.control.inputs import TURN, UNSET
+from facts_damping.elementary import exp, hypot, log
 from facts_damping.monitors import ARMED, BAD, FALL_BACK, FALLBACK
 from facts_damping.signals import CHANNELS
 from facts_damping.supervision.model import CONTROLLER, CYCLES_KEPT
@@ -61,7 +62,7 @@ def look(made: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
         station.angle = station.angle_at_start = values[_ANGLE]
         return
     dt = (entry.measured_ns - before_ns) * 1e-9
-    share = 1.0 - math.exp(-dt / SMOOTHING)
+    share = 1.0 - exp(-dt / SMOOTHING)
     if math.isfinite(off) and math.isfinite(values[_ANGLE]):
         turn = values[_ANGLE] - station.angle - TURN * off * dt
         turn -= TURN * math.floor(turn / TURN + 0.5)
@@ -79,7 +80,7 @@ def sense(made: Supervisors, state: SupervisorState, s: int, since_ns: int, arri
     latency = (arrival_ns - state.held.newest_ns[s]) * 1e-9
     if row.arrived_ns == UNSET:
         row.latency = latency
-    share = 1.0 - math.exp(-dt / LATENCY)
+    share = 1.0 - exp(-dt / LATENCY)
     row.latency += share * (latency - row.latency)
     row.jitter += share * (abs(latency - row.latency) - row.jitter)
     row.arrived_ns = arrival_ns
@@ -248,7 +249,7 @@ def _harm(made: Supervisors, state: SupervisorState, s: int) -> float:
     acts, total = False, 0.0
     for d in range(made.devices.shape[1]):
         if made.devices[s, d].place != UNSET:
-            size = math.hypot(state.phasors[s, 1 + d, 1], state.phasors[s, 1 + d, 2])
+            size = hypot(state.phasors[s, 1 + d, 1], state.phasors[s, 1 + d, 2])
             acts = acts or size > ACTS * made.devices[s, d].limit
             total += (made.devices[s, d].residue * gain_of(made, state, s, d)).real
     return total if acts else 0.0
@@ -278,4 +279,4 @@ def _growth(made: Supervisors, state: SupervisorState, s: int) -> float:
         later = high - low
     if not 0.0 < least < math.inf:
         return 0.0
-    return float(math.log(least) * own.frame_rate / cycle - own.sigma)
+    return float(log(least) * own.frame_rate / cycle - own.sigma)

@@ -9,12 +9,11 @@ coherence is the share of what is left without z that z explains.
 
 from __future__ import annotations
 
-import cmath
-import math
 from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
 from facts_damping.control.inputs import UNSET
+from facts_damping.elementary import cos, exp, exp_complex, magnitude, phase, sin
 from facts_damping.signals import NANOSECONDS
 from facts_damping.supervision.model import UNKNOWNS
 
@@ -34,7 +33,7 @@ def tones(made: Supervisors, state: SupervisorState, s: int, d: int, at_ns: int)
     if row.probe_ns == UNSET or d != row.probed:
         return 0.0
     t, w = (at_ns - row.probe_ns) * 1e-9, own.omega
-    both = math.sin(w * (1.0 - own.apart) * t) + math.sin(w * (1.0 + own.apart) * t)
+    both = sin(w * (1.0 - own.apart) * t) + sin(w * (1.0 + own.apart) * t)
     return own.amplitude * made.devices[s, d].limit * both  # type: ignore[no-any-return]
 
 
@@ -44,7 +43,7 @@ def expect(made: Supervisors, state: SupervisorState, s: int, tick: int, u: floa
     row, own = state.rows[s], made.settings[s]
     size = state.expected.shape[1]
     eigenvalue = complex(own.sigma, own.omega)
-    step = cmath.exp(eigenvalue / own.frame_rate)
+    step = exp_complex(eigenvalue / own.frame_rate)
     before = state.expected[s, tick % size]
     held = made.devices[s, row.probed].residue * (step - 1.0) / eigenvalue
     state.expected[s, (tick + 1) % size] = step * before + held * u
@@ -59,11 +58,11 @@ def hear(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
     if measured < row.probe_ns or at > tick or tick - at >= size - 1:
         return
     z, t = state.expected[s, at % size], (measured - row.probe_ns) * 1e-9
-    fading = math.exp(own.sigma * t)
+    fading = exp(own.sigma * t)
     sums = state.sums[s, 0]
     v = sums[UNKNOWNS]  # room: filled anew each time
     v[0], v[1] = 2.0 * z.real, -2.0 * z.imag
-    v[2], v[3] = fading * math.cos(own.omega * t), fading * math.sin(own.omega * t)
+    v[2], v[3] = fading * cos(own.omega * t), fading * sin(own.omega * t)
     v[4], v[5], v[6] = 1.0, t / own.probe_s, state.held.signal[s, 0]
     for i in range(UNKNOWNS):
         for j in range(i, UNKNOWNS + 1):
@@ -107,7 +106,7 @@ def conclude(made: Supervisors, state: SupervisorState, s: int) -> None:
     without = fit(sums, row.squares, work, 2)
     left = fit(sums, row.squares, work, 0)
     g = complex(work[0, UNKNOWNS], work[1, UNKNOWNS])
-    found.gain, found.phase = abs(g), cmath.phase(g)
+    found.gain, found.phase = magnitude(g), phase(g)
     found.coherence = max(0.0, 1.0 - left / without) if without > 0.0 else 0.0
     found.added = made.devices[s, d].residue * g * gain_of(made, state, s, d)
     forget(state, s)
@@ -127,8 +126,8 @@ def gain_of(made: Supervisors, state: SupervisorState, s: int, d: int) -> comple
     The signal's phasor is that of its time of measurement, turned on to now.
     """
     y = complex(state.phasors[s, 0, 1], state.phasors[s, 0, 2])
-    if not abs(y) > 0.0:
+    if not magnitude(y) > 0.0:
         return 0j
     since = (state.rows[s].now_ns - state.held.newest_ns[s]) * 1e-9
-    y *= cmath.exp(complex(0.0, made.settings[s].omega * since))
+    y *= exp_complex(complex(0.0, made.settings[s].omega * since))
     return complex(state.phasors[s, 1 + d, 1], state.phasors[s, 1 + d, 2]) / y

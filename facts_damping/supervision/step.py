@@ -7,12 +7,12 @@ fallback, act, its setpoints are theirs, at their times. Otherwise it says zero 
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.control.inputs import UNSET, form, take
+from facts_damping.elementary import log, magnitude, phase
 from facts_damping.monitors import ARMED, FALLBACK
 from facts_damping.signals import Deliveries, DeviceTruths, Setpoints, Supervisions
 from facts_damping.supervision import monitors, probe
@@ -116,13 +116,13 @@ def tell(made: Supervisors, state: SupervisorState, s: int, tick: int, out: Supe
         found = state.commanded[s, d]
         if made.devices[s, d].place == UNSET or math.isnan(found.gain):
             continue
-        apart = abs(math.log(max(found.gain, 1e-9))) + abs(found.phase)
+        apart = abs(log(max(found.gain, 1e-9))) + abs(found.phase)
         added += found.added
         if apart > worst:
             worst = apart
             told.probe_gain, told.probe_phase, told.probe_coherence = found.gain, found.phase, found.coherence
     if worst >= 0.0:
         told.added_damping = -added.real
-        told.phase_margin = math.pi / 2.0 - abs(cmath.phase(-added)) if abs(added) > 0.0 else math.nan
+        told.phase_margin = math.pi / 2.0 - abs(phase(-added)) if magnitude(added) > 0.0 else math.nan
         told.gain_margin = -own.sigma / added.real if added.real * own.sigma < 0.0 else math.nan
     return True
