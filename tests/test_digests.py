@@ -55,6 +55,11 @@ def result() -> fd.Result:
     return fd.simulate("two_area_centralised", duration=0.5)
 
 
+def with_array(result: fd.Result, name: str, array: Any) -> fd.Result:
+    changed: dict[str, Any] = {name: array}
+    return replace(result, **changed)
+
+
 ARRAYS = [one.name for one in fields(fd.Result) if "NDArray" in str(one.type)]
 
 
@@ -72,15 +77,15 @@ def test_each_bit_enters(result: fd.Result, name: str) -> None:
     if before.size:
         bits = before.copy().view(np.uint8).reshape(-1)
         bits[-1] ^= 1
-        assert digest(replace(result, **{name: bits.view(before.dtype).reshape(before.shape)})) != result.digest
-    assert digest(replace(result, **{name: np.zeros((7, *before.shape[1:]), before.dtype)})) != result.digest
+        assert with_array(result, name, bits.view(before.dtype).reshape(before.shape)).digest != result.digest
+    assert with_array(result, name, np.zeros((7, *before.shape[1:]), before.dtype)).digest != result.digest
 
 
 def test_names_and_signs_enter_but_not_how_a_computer_writes_numbers(result: fd.Result) -> None:
     assert digest(replace(result, device_names=["statcom", "sssc"])) != result.digest
     for name in ARRAYS:
-        table_ = getattr(result, name)
-        assert digest(replace(result, **{name: table_.astype(table_.dtype.newbyteorder(">"))})) == result.digest
+        array = getattr(result, name)
+        assert with_array(result, name, array.astype(array.dtype.newbyteorder(">"))).digest == result.digest
     frames: Any = np.zeros_like(result.frames)
     assert digest(replace(result, frames=frames)) != digest(replace(result, frames=-frames))
     others = np.array([0x7FF8000000000000, 0xFFF8000000000000, 0x7FF0000000000001], np.uint64).view(np.float64)

@@ -193,7 +193,7 @@ class Played(NamedTuple):
     estimates: NDArray[Any]  # ESTIMATE
     supervised: NDArray[Any]  # SETPOINT
     supervision: NDArray[Any]  # SUPERVISION
-    learning: NDArray[Any]  # LEARNING
+    learning: NDArray[Any]  # LEARNING, also of nodes that were not there
 
 
 def acted(of: Record | Played) -> NDArray[Any]:
@@ -234,15 +234,12 @@ def play(case: Case, record: Record, progress: Callable[[int, int], None] = lamb
             progress(at + 1, len(ticks))
     issued_rows, estimates = kept.issued[: kept.used[2]], kept.estimates[: kept.used[4]]
     passed, told = kept.supervised[: kept.used[6]], kept.supervision[: kept.used[7]]
-    learning = kept.learning[: kept.used[5]]
-    for role, identifier in (("controller", 0), ("identifier", 1)):
-        learning = changed.said(role, learning, learning["identifier"] == identifier)
     return Played(
         changed.said("controller", issued_rows),
         changed.said("identifier", estimates),
         changed.said("supervisor", passed),
         changed.said("supervisor", told),
-        learning,
+        kept.learning[: kept.used[5]],
     )
 
 
@@ -301,8 +298,11 @@ def first_estimate(record: Record, estimates: NDArray[Any]) -> int | None:
 
 
 def first_learning(record: Record, learning: NDArray[Any]) -> int | None:
-    """The first tick in which networks do not learn as recorded, to the bit; none: identical."""
-    return _first_tick(record, record.learning, learning)
+    """The first tick in which networks do not learn as recorded, to the bit; none: identical, as far as is recorded."""
+    there, again = (
+        2 * (rows["tick"] << 16) + 2 * rows["controller"] + rows["identifier"] for rows in (record.learning, learning)
+    )
+    return _first_tick(record, record.learning, learning[np.isin(again, there)])
 
 
 def _first_tick(record: Record, one: NDArray[Any], other: NDArray[Any]) -> int | None:

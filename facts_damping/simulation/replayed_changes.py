@@ -64,12 +64,12 @@ class ReplayedChanges:
         for array, before in self._kept:
             array[:] = before
 
-    def said(self, role: str, rows: NDArray[Any], own: Any = True) -> NDArray[Any]:
-        """Rows without those that were not said; `own`: which of them are of the role, all by default."""
+    def said(self, role: str, rows: NDArray[Any]) -> NDArray[Any]:
+        """Rows, of controllers or of identifiers, without those that were not said."""
         keep = np.ones(len(rows), np.bool_)
         for one in self._silent:
             if one["role"] == role:
-                keep &= ~(own & _within(one, rows["tick"]) & (rows["controller"] == one["index"]))
+                keep &= ~(_within(one, rows["tick"]) & (rows["controller"] == one["index"]))
         return np.asarray(rows[keep])
 
     def _oversee(self, change: dict[str, Any]) -> None:
