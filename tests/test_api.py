@@ -15,6 +15,7 @@ import facts_damping as fd
 from facts_damping import api
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.digest import digest
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def test_simulate_is_the_run_of_the_commands_bit_for_bit(capfd: pytest.CaptureFi
     sets = ["link=delay_100ms", "duration=2", "controllers.0.parameters.gain=12"]
     theirs = loop.run(load_case("two_area_large", sets))
     assert ours.frames.tobytes() == theirs.frames.tobytes()
+    assert ours.digest == digest(theirs)
     assert ours.indices == fd.summarise(theirs)["indices"] == ours.summary["indices"]
     assert capfd.readouterr() == ("", "")
 

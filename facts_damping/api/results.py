@@ -11,6 +11,7 @@ from facts_damping.analysis import plots
 from facts_damping.analysis.summary import summarise, table
 from facts_damping.api.cases import case_of
 from facts_damping.case.names import asked_label
+from facts_damping.digest import digest
 from facts_damping.extras import library
 from facts_damping.recording import reader
 from facts_damping.signals import Record
@@ -41,6 +42,11 @@ class Result(Record):
         """ITAE, IAE, ITSE, ISE of the speed differences (4.108); None of a run that has lost synchronism."""
         found: dict[str, float] | None = self.summary["indices"]
         return found
+
+    @property
+    def digest(self) -> str:
+        """The same digits for the same signals, to the last bit (docs/determinism.md)."""
+        return digest(self)
 
     def to_pandas(self) -> Any:
         """All of `arrays` as a DataFrame over `time_s`; units in `.attrs["units"]`. Needs pandas."""

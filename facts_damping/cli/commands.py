@@ -9,6 +9,7 @@ from facts_damping.cli.options import (
     between,
     check_step,
     common,
+    digested,
     jobs,
     named,
     pair,
@@ -64,11 +65,13 @@ def _runs(add: Add) -> None:
         "simulate two_area_large --set controllers=[] --json -",
         "simulate two_area_large --set controllers.0.name=HBsWC --set controllers.0.scheme=indirect",
         "simulate two_area_large --supervised",
+        "simulate two_area_large --digest",
     )
     named(command, "run", "runs", "; none: the defaults", nargs="?")
     supervised(command)
     common(command)
     check_step(command)
+    digested(command)
     command = add(
         "run",
         "runs.run",
@@ -85,6 +88,7 @@ def _runs(add: Add) -> None:
     command.add_argument("--foxglove", nargs="?", const=8765, type=whole(1, 65535), metavar="PORT", help=text)
     supervised(command)
     common(command)
+    digested(command)
 
 
 def _recordings(add: Add) -> None:
@@ -108,6 +112,7 @@ def _recordings(add: Add) -> None:
     )
     command.add_argument("--report", metavar="FILE.html", help="also write one page with everything, for a browser")
     common(command, sets=False)
+    digested(command)
     command = add(
         "views",
         "runs.views",

@@ -13,7 +13,7 @@ from facts_damping.case import loading
 from facts_damping.cli import runs
 from facts_damping.errors import FactsDampingError
 from facts_damping.nodes import graph
-from facts_damping.recording.reader import load
+from facts_damping.recording import seal
 from facts_damping.terminal import Progress
 
 RUN = "two_area_deployment"
@@ -35,7 +35,7 @@ def run_all(folder: Path) -> None:
             outcome = graph.run(case, "lockstep", place, progress)
         finally:
             progress.close()
-        record = load(outcome.recording)
+        record = seal(outcome.recording)
         named.append((name, record))
         print(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
     print(

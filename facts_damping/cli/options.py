@@ -105,6 +105,12 @@ def supervised(command: argparse.ArgumentParser) -> None:
     command.add_argument("--supervised", nargs="?", const="", metavar="PRESET", help=text)
 
 
+def digested(command: argparse.ArgumentParser) -> None:
+    """The number that tells whether two runs are the same."""
+    text = "also print the digest: the same number for the same signals, to the last bit, on any processor"
+    command.add_argument("--digest", action="store_true", help=text)
+
+
 def jobs(command: argparse.ArgumentParser) -> None:
     """How many runs at once."""
     command.add_argument(

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.cli.runs import out_folder, say
+from facts_damping.digest import digest
 from facts_damping.errors import InputError, RunError
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.simulation import replay as again
 from facts_damping.terminal import Progress, table, write_json, write_whole
+from facts_damping.version import versions
 
 if TYPE_CHECKING:
     import argparse
@@ -36,7 +38,7 @@ def replay(arguments: argparse.Namespace) -> None:
     said, recording = (_by_nodes if arguments.nodes else _in_process)(arguments, case, played, folder)
     issued = again.acted(said)
     found, estimated = again.first_difference(played, said.issued), again.first_estimate(played, said.estimates)
-    overseen = again.first_supervised(played, said)
+    overseen, learnt = again.first_supervised(played, said), again.first_learning(played, said.learning)
     result = {
         "recording": str(arguments.recording),
         "controllers": [controller.model_dump() for controller in case.controllers],
@@ -44,7 +46,9 @@ def replay(arguments: argparse.Namespace) -> None:
         "setpoints": len(said.issued),
         "estimates": len(said.estimates),
         "supervised": len(said.supervised),
-        "identical": found is None and estimated is None and overseen is None,
+        "identical": found is None and estimated is None and overseen is None and learnt is None,
+        "digest": digest(played),
+        "versions": {"recorded": record.versions, "replayed": versions()},
         "first_difference": None if found is None else found._asdict(),
         "devices": again.beside(case, played, issued),
         "watchdogs": {
@@ -64,6 +68,8 @@ def replay(arguments: argparse.Namespace) -> None:
         raise RunError(f"the setpoints are not those recorded, from {found}")
     if estimated is not None and not arguments.set:
         raise RunError(f"the setpoints are those recorded, but the estimates are not, from tick {estimated}")
+    if learnt is not None and not arguments.set:
+        raise RunError(f"the setpoints are those recorded, but the learning is not, from tick {learnt}")
     if overseen is not None and not arguments.set:
         raise RunError(f"the setpoints are those recorded, but supervision is not, from tick {overseen}")
 
@@ -78,17 +84,26 @@ def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str
     counted = ", ".join(f"{result[what]} {what}" for what in kinds if result[what])
     if result["identical"]:
         say(arguments, f"{counted}: identical, bit for bit")
+        lines = [f"exact: digest {result['digest']}", *lines]
     else:
         say(arguments, shadow.table(result["devices"]))
         first = result["first_difference"]
         others = "the same setpoints, otherwise others" if first is None else f"others from tick {first['tick']} on"
         say(arguments, f"{counted}: {others}")
+        lines = [*([] if arguments.set else _other_versions(**result["versions"])), *lines]
     watchdogs = result["watchdogs"]
     if watchdogs["recorded"] != watchdogs["replayed"]:
         rows = releases.rows(list(watchdogs.values())) or [("released, refused", ["-", "-"])]
         lines = [*table(["watchdogs", *watchdogs], [[label, *cells] for label, cells in rows]), *lines]
     for line in lines:
         say(arguments, line)
+
+
+def _other_versions(recorded: dict[str, str], replayed: dict[str, str]) -> list[str]:
+    """In what the software differs that recorded, where that is known: a line."""
+    other = [(name, recorded[name], now) for name, now in replayed.items() if recorded.get(name, now) != now]
+    told = ", ".join(f"{name} {before}, here {now}" for name, before, now in other)
+    return [f"recorded with {told}"] if other else []
 
 
 def _in_process(
@@ -107,7 +122,7 @@ def _by_nodes(
 ) -> tuple[again.Played, str]:
     """What the nodes say, and the recording of the graph."""
     from facts_damping.nodes import graph
-    from facts_damping.recording.reader import load
+    from facts_damping.recording import seal
 
     if played.ticks[0] > 0:
         raise InputError(f"--nodes: a recording from tick {played.ticks[0]} on given; allowed: one from tick 0 on")
@@ -119,8 +134,8 @@ def _by_nodes(
         )
     finally:
         progress.close()
-    told = load(outcome.recording)
-    return again.Played(told.issued, told.estimates, told.supervised, told.supervision), str(outcome.recording)
+    told = seal(outcome.recording)
+    return again.Played(*(getattr(told, name) for name in again.Played._fields)), str(outcome.recording)
 
 
 def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], folder: Path) -> Path:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
 from facts_damping.case.names import asked_label, label
+from facts_damping.digest import digest
 from facts_damping.errors import DegradedError, InputError, RunError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
@@ -45,7 +46,8 @@ def summarise(record: Record, wall_s: float | None, recording: str | None, metho
     """The JSON of a run (docs/results_json.md)."""
     from facts_damping.analysis import summary
 
-    return {**summary.summarise(record, method=method), "wall_s": wall_s, "recording": recording}
+    told = {"digest": digest(record), "versions": record.versions, "wall_s": wall_s, "recording": recording}
+    return {**summary.summarise(record, method=method), **told}
 
 
 def plot(records: Sequence[tuple[str, Record]], folder: Path) -> list[Path]:
@@ -74,8 +76,20 @@ def _report(
         for note in record.notes:
             sys.stderr.write(f"{name}: {note}\n")
     say(arguments, table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
-    for line in (*(f"plot: {path}" for path in pictures), *more):
+    for line in (*(f"plot: {path}" for path in pictures), *more, *_digest_lines(arguments, named, results)):
         say(arguments, line)
+
+
+def _digest_lines(
+    arguments: argparse.Namespace, named: list[tuple[str, Record]], results: list[dict[str, Any]]
+) -> list[str]:
+    """The digest of each run, where it is asked for."""
+    if not getattr(arguments, "digest", False):
+        return []
+    several = len(named) > 1
+    return [
+        f"digest: {result['digest']}" + f", {name}" * several for (name, _), result in zip(named, results, strict=True)
+    ]
 
 
 def _told_steps(took: Mapping[str, StepTimes]) -> dict[str, Any]:
@@ -159,9 +173,9 @@ def tell_graph(
     more: Callable[[Record], tuple[dict[str, Any], list[str]]] | None = None,
 ) -> None:
     """What a graph left: JSON, table, pictures; `more`: to be told of its record, and lines of it."""
-    from facts_damping.recording.reader import load
+    from facts_damping.recording import seal
 
-    record = load(outcome.recording)
+    record = seal(outcome.recording)
     result = summarise(record, outcome.wall_s, str(outcome.recording))
     result |= {"deadline_misses": outcome.deadline_misses, "messages_lost": outcome.messages_lost}
     result["nodes_ended"] = outcome.fallen

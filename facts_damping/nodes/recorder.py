@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from contextlib import suppress
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import facts_damping_msgs.msg as messages
@@ -31,7 +29,7 @@ from facts_damping.nodes.spinning import HEARD_S, BeginAgain, told_to_stop
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.simulated import stamp_ns
 from facts_damping.recording.writer import RecordingWriter
-from facts_damping.version import __version__
+from facts_damping.version import versions
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -94,17 +92,6 @@ def message_type(kind: Any) -> str:
     return f"{package}/{module.split('.')[0]}/{kind.__name__}"
 
 
-def versions() -> dict[str, str]:
-    """What a recording was made with."""
-    found = {"facts_damping": __version__, "python": platform.python_version()}
-    for package in ("numpy", "scipy", "numba", "mcap", "rclpy"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not a pip package"
-    return found
-
-
 class Recorder:
     """Subscribes to everything and writes it."""
 
@@ -131,7 +118,7 @@ class Recorder:
     def ready(self) -> None:
         """Open the recording."""
         endless = {"duration": None} if self.options.free and self.case.run.duration is None else {}
-        self.writer = RecordingWriter(self.folder, dump(self.case.document() | endless), versions())
+        self.writer = RecordingWriter(self.folder, dump(self.case.document() | endless), versions("mcap", "rclpy"))
         for name, kind in self.topics.items():
             self.writer.add_topic(name, kind)
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.case.names import controller_addresses, link_addresses, supervisor_addresses
 from facts_damping.errors import RunError
 from facts_damping.nodes import graph
-from facts_damping.recording.reader import load
+from facts_damping.recording import seal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -142,7 +142,7 @@ def strike(
         outcome = graph.run(case, mode, out, _quiet, timeout, look=look, environment=environment)
     finally:
         forged = striker.end()
-    return Struck(outcome, load(outcome.recording), striker.struck_s, striker.back_s, forged)
+    return Struck(outcome, seal(outcome.recording), striker.struck_s, striker.back_s, forged)
 
 
 def _quiet(_done: int, _of: int) -> None:

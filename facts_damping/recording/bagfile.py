@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 VERSION = 9
 FILE_NAME = "metadata.yaml"
+INFORMATION, CUSTOM, DIGEST = "rosbag2_bagfile_information", "custom_data", "digest"  # keys in it
 
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
@@ -68,7 +69,7 @@ def bag_information(
         "compression_mode": "",
         "relative_file_paths": [file_name],
         "files": [{"path": file_name, "starting_time": start, "duration": duration, "message_count": total}],
-        "custom_data": dict(custom),
+        CUSTOM: dict(custom),
         "ros_distro": os.environ.get("ROS_DISTRO", "unknown"),
     }
 

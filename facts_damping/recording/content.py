@@ -29,6 +29,7 @@ class Content:
     versions: dict[str, str] = field(default_factory=dict)
     lost: dict[str, int] = field(default_factory=dict)
     publishers: dict[str, str] = field(default_factory=dict)  # nodes, by `topic identity`
+    digest: str = ""  # as it was stored when the recording was made; none: not stored
     complete: bool = True
     notes: list[str] = field(default_factory=list)
 

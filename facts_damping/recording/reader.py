@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.digest import digest
 from facts_damping.errors import InputError, RecordingError, one_line
 from facts_damping.parameters.run import Run
 from facts_damping.parameters.system import System
@@ -81,6 +82,9 @@ def load(path: Path | str) -> Record:
         raise RecordingError(content.refusal(said)) from error
     except RecordingError as error:
         raise RecordingError(content.refusal(f"{path}: {error}")) from error
+    if content.digest and content.digest != (found := digest(record)):
+        stored = f"not {content.digest} as stored when it was made"
+        record.notes.append(f"digest {found}, {stored}: the recording was changed or is damaged")
     return record
 
 
@@ -155,6 +159,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         changes=changes,
         absences=[dict(zip(("role", "index", "first", "end"), one, strict=True)) for one in away],
         publishers=content.publishers,
+        versions=content.versions,
         notes=notes,
         gap_tick=absences.first_missing(found, away, ticks),
     )

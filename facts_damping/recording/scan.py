@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import re
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 from mcap.records import Attachment, Channel, Chunk, DataEnd, McapRecord, Message, Metadata, Schema, Statistics
@@ -14,7 +15,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from facts_damping.errors import RecordingError
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.recording.bagfile import FILE_NAME, TopicInfo
+from facts_damping.recording.bagfile import CUSTOM, DIGEST, FILE_NAME, INFORMATION, TopicInfo
 from facts_damping.recording.chunks import Room, unpack
 from facts_damping.recording.content import Content, RawMessage
 from facts_damping.recording.database import SQLITE, read_database
@@ -34,7 +35,7 @@ def scan(path: Path | str) -> Content:
     file everything up to the damage is read, and what lies behind a damaged chunk. Raises RecordingError if there is
     no such file or no message in it.
     """
-    content = Content()
+    content = Content(digest=_stored_digest(Path(path) / FILE_NAME))
     for file in bag_files(Path(path)):
         try:
             if file.suffix == SQLITE:
@@ -60,18 +61,26 @@ def bag_files(path: Path) -> list[Path]:
         packed = ", ".join(sorted(file.name for file in path.glob("*.zstd")))
         why = f"; {packed}: unpack with zstd -d" if packed else ""
         raise RecordingError(f"{path} holds no .mcap file (nor {SQLITE}){why}")
-    listed = _listed_files(path / FILE_NAME)
+    told = metadata(path / FILE_NAME).get("relative_file_paths")
+    listed = [Path(str(name)).name for name in told] if isinstance(told, list) else []
     return sorted(files, key=lambda file: listed.index(file.name) if file.name in listed else len(listed))
 
 
-def _listed_files(metadata: Path) -> list[str]:
-    """File names in metadata.yaml; none if it is missing or damaged, for the files tell the same."""
+def metadata(file: Path) -> dict[str, Any]:
+    """What metadata.yaml says; nothing if it is missing or damaged, for the files tell the same."""
     try:
-        with metadata.open(encoding="utf-8") as stream:
-            content = parse(stream.read(MOST_METADATA))
-        return [Path(str(name)).name for name in content["rosbag2_bagfile_information"]["relative_file_paths"]]
+        with file.open(encoding="utf-8") as stream:
+            return dict(parse(stream.read(MOST_METADATA))[INFORMATION])
     except (OSError, *UNREADABLE):
-        return []
+        return {}
+
+
+def _stored_digest(file: Path) -> str:
+    """The digest in metadata.yaml; none if there is none that is a text."""
+    try:
+        return str(json.loads(metadata(file)[CUSTOM][DIGEST]))
+    except (LookupError, TypeError, ValueError):
+        return ""
 
 
 def _scan_file(file: Path, content: Content) -> None:

@@ -11,6 +11,7 @@ from mcap.writer import CompressionType, Writer
 from facts_damping.errors import RecordingError
 from facts_damping.recording.bagfile import (
     FILE_NAME,
+    INFORMATION,
     RELIABLE,
     TopicInfo,
     bag_information,
@@ -130,7 +131,7 @@ class RecordingWriter:
                 self._mcap.add_metadata(PUBLISHERS, dict(publishers or {}))
                 self._mcap.add_metadata("rosbag2", {"serialized_metadata": dump(information)})
                 self._mcap.finish()  # type: ignore[no-untyped-call]
-            write_whole(self.folder / FILE_NAME, dump({"rosbag2_bagfile_information": information}))
+            write_whole(self.folder / FILE_NAME, dump({INFORMATION: information}))
         except OSError as error:
             raise _write_error(self.file, error) from error
 

@@ -12,6 +12,7 @@ from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.ringdown import COVERED
 from facts_damping.analysis.summary import ROWS, find, more_rows, row_text
 from facts_damping.analysis.supervision import cause_text, probe_text
+from facts_damping.digest import digest
 from facts_damping.monitors import STATES
 from facts_damping.report.contents import Cell, ReportTable
 
@@ -191,8 +192,14 @@ def conditions(runs: Sequence[ReportedRun]) -> ReportTable:
         [Cell(field.replace("_", " ")), *(Cell(_said(run.record.asked.get(field))) for run in runs)] for field in fields
     ]
     rows.append([Cell("recording"), *(Cell(run.path) for run in runs)])
+    rows.append([Cell("digest"), *(Cell(digest(run.record)) for run in runs)])
+    rows.append([Cell("versions"), *(Cell(_versions(run.record.versions)) for run in runs)])
     sentence = "The runs by the names in their files; what stands inline without a name is called custom."
     return ReportTable("conditions", "Conditions", sentence, ["", *(run.name for run in runs)], rows, runs=True)
+
+
+def _versions(found: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {version}" for name, version in found.items()) or NONE
 
 
 def _said(value: Any) -> str:

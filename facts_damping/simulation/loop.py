@@ -40,6 +40,7 @@ from facts_damping.simulation.build import (
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.restarts import Restarts
 from facts_damping.simulation.tick import Loop, Signals, halves
+from facts_damping.version import versions
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -185,4 +186,5 @@ def record(case: Case, loop: Loop) -> Record:
         supervision=kept.supervision[:told],
         links=len(case.links),
         events=[event for event in grid_events(case) if event["time_ns"] <= kept.time_ns[ticks - 1]],
+        versions=versions(),
     )

@@ -17,6 +17,7 @@ from facts_damping.case.changes import change
 from facts_damping.case.loading import load_case, make_case
 from facts_damping.case.names import controller_names
 from facts_damping.control.table import OWN, RUN
+from facts_damping.digest import canonical
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import each_path, parse_set, read_value
 from facts_damping.plant.integration import watch
@@ -154,6 +155,7 @@ def fitted(record: Record, case: Case) -> Record:
         devices=_ordered(record.devices[kept], record.device_names, case.run.devices),
         in_synchronism=record.in_synchronism[kept],
         estimates=record.estimates[record.estimates["tick"] < end],
+        learning=record.learning[record.learning["tick"] < end],
     )
 
 
@@ -190,6 +192,7 @@ class Played(NamedTuple):
     estimates: NDArray[Any]  # ESTIMATE
     supervised: NDArray[Any]  # SETPOINT
     supervision: NDArray[Any]  # SUPERVISION
+    learning: NDArray[Any]  # LEARNING, also of nodes that were not there
 
 
 def acted(of: Record | Played) -> NDArray[Any]:
@@ -228,13 +231,13 @@ def play(case: Case, record: Record, progress: Callable[[int, int], None] = lamb
         if at % record.frame_rate == 0 or at + 1 == len(ticks):
             progress(at + 1, len(ticks))
     issued_rows, estimates = kept.issued[: kept.used[2]], kept.estimates[: kept.used[4]]
-    said = changed.said("controller", issued_rows), changed.said("identifier", estimates)
+    passed, told = kept.supervised[: kept.used[6]], kept.supervision[: kept.used[7]]
     return Played(
-        *said,
-        *(
-            changed.said("supervisor", table[: kept.used[i]])
-            for i, table in ((6, kept.supervised), (7, kept.supervision))
-        ),
+        changed.said("controller", issued_rows),
+        changed.said("identifier", estimates),
+        changed.said("supervisor", passed),
+        changed.said("supervisor", told),
+        kept.learning[: kept.used[5]],
     )
 
 
@@ -267,7 +270,7 @@ def _by_tick(rows: NDArray[Any], ticks: NDArray[np.int64]) -> list[NDArray[Any]]
 
 def first_difference(record: Record, issued: NDArray[Any]) -> Difference | None:
     """Where replayed setpoints are first not the recorded ones, to the bit, times included; none: identical."""
-    one, other = record.issued, issued
+    one, other = canonical(record.issued), canonical(issued)
     if one.tobytes() == other.tobytes():
         return None
     both = min(len(one), len(other))
@@ -292,8 +295,17 @@ def first_estimate(record: Record, estimates: NDArray[Any]) -> int | None:
     return _first_tick(record, record.estimates, estimates)
 
 
+def first_learning(record: Record, learning: NDArray[Any]) -> int | None:
+    """The first tick in which networks do not learn as recorded, to the bit; none: identical, as far as is recorded."""
+    there, again = (
+        2 * (rows["tick"] << 16) + 2 * rows["controller"] + rows["identifier"] for rows in (record.learning, learning)
+    )
+    return _first_tick(record, record.learning, learning[np.isin(again, there)])
+
+
 def _first_tick(record: Record, one: NDArray[Any], other: NDArray[Any]) -> int | None:
     """The first tick of which rows of two tables are not the same, to the bit."""
+    one, other = canonical(one), canonical(other)
     if one.tobytes() == other.tobytes():
         return None
     ticks = record.ticks.tolist()

@@ -37,7 +37,7 @@ class Filtered(NamedTuple):
     def gain(self, s: complex) -> NDArray[np.complex128]:
         """Transfer functions sum_j g_j exp(-s j / rate) at a complex frequency (1/s), (signals,)."""
         powers = np.exp(-s / self.rate * np.arange(self.taps.shape[1]))
-        return np.asarray(self.taps @ powers)
+        return product(self.taps, powers)
 
     def of(self, signals: Sequence[int]) -> Filtered:
         """The same of some signals."""

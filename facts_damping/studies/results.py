@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import platform
 import shutil
 import subprocess
-from importlib.metadata import version
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +16,7 @@ from facts_damping.analysis.convergence import MARK
 from facts_damping.parameters.files import share_folder
 from facts_damping.studies.margins import share
 from facts_damping.terminal import write_whole
-from facts_damping.version import __version__
+from facts_damping.version import versions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +25,6 @@ if TYPE_CHECKING:
     Rows = Sequence[dict[str, Any]]
 
 MOST_LINES = 40  # of a table on the terminal; a longer one is in its file alone
-LIBRARIES = ("numpy", "numba", "scipy", "joblib", "pyarrow")
 
 
 def table(rows: Rows) -> pa.Table:
@@ -45,12 +42,6 @@ def _column(values: list[Any]) -> pa.Array:
     if len(kinds) == 1 and kinds <= {bool, int, float, str}:
         return pa.array(values)
     return pa.array([value if value is None or isinstance(value, str) else json.dumps(value) for value in values])
-
-
-def versions() -> dict[str, str | None]:
-    """What the rows were made with; `git`: the commit, in a checkout."""
-    found: dict[str, str | None] = {"facts_damping": __version__, "python": platform.python_version()}
-    return {**found, **{name: version(name) for name in LIBRARIES}, "git": _commit()}
 
 
 def _commit() -> str | None:
@@ -72,7 +63,9 @@ def write(folder: Path, rows: Rows, margins: Rows, shares: Rows) -> list[Path]:
         if some:
             csv.write_csv(table(some), folder / f"{name}.csv")
             made.append(folder / f"{name}.csv")
-    write_whole(folder / "versions.json", json.dumps(versions(), indent=2) + "\n")
+    write_whole(
+        folder / "versions.json", json.dumps({**versions("joblib", "pyarrow"), "git": _commit()}, indent=2) + "\n"
+    )
     return [*made, folder / "versions.json"]
 
 

@@ -18,6 +18,7 @@ from hypothesis.extra.numpy import arrays
 from facts_damping import report
 from facts_damping.analysis import details, summarise
 from facts_damping.cli.main import BAD_INPUT, main
+from facts_damping.digest import digest
 from facts_damping.errors import InputError
 from facts_damping.report.build import build
 from facts_damping.report.contents import Chart, Maps, ReportedRun, ReportTable
@@ -169,6 +170,9 @@ def test_every_item_explains_itself_and_has_axes_with_units(swing_record: Callab
         "summary", "differences", "tie_power", "speeds", "injected_voltage", "indices", "mode_table", "modes", "spwvd",
         "effort", "links", "latency", "conditions",
     }  # fmt: skip
+    rows = {row[0].text: [cell.text for cell in row[1:]] for row in named["conditions"].rows}
+    assert rows["digest"] == [digest(swing_record()), digest(swing_record(damping=0.1))]
+    assert rows["versions"] == ["-", "-"]
     for item in named.values():
         assert re.fullmatch(r"[A-Z].*\.", item.sentence)
         if isinstance(item, Chart):

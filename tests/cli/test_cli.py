@@ -45,6 +45,18 @@ def json_of(*arguments: str) -> Any:
     return json.loads(done.stdout)
 
 
+def test_the_digest_is_the_last_line_where_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told, run = [], ["simulate", "two_area_small", "--json", str(tmp_path / "result.json"), "--set"]
+    for more in (["duration=2", "--digest"], ["duration=1", "--digest"], ["duration=2"]):
+        assert main([*run, *more]) == 0
+        told.append(capsys.readouterr().out.splitlines()[-1])
+    digest = json.loads((tmp_path / "result.json").read_text())["digest"]
+    assert told[0] == f"digest: {digest}"
+    assert told[1].startswith("digest: ")
+    assert told[1] != told[0]
+    assert not told[2].startswith("digest")
+
+
 def test_simulate_gives_the_promised_fields() -> None:
     result = json_of("simulate", "two_area_small", "--set", "link=delay_100ms")
     assert set(result["indices"]) == {"ITAE", "IAE", "ITSE", "ISE"}
@@ -56,6 +68,8 @@ def test_simulate_gives_the_promised_fields() -> None:
     assert result["recording"] is None
     assert result["duration_s"] == 20.0
     assert result["run"]["link"] == "delay_100ms"
+    assert len(result["digest"]) == 16
+    assert {"facts_damping", "python", "processor", "numpy", "scipy", "numba", "llvmlite"} == result["versions"].keys()
     assert {"smoothness", "settling_time_s", "max_injected_voltage_pu", "modes", "wall_s"} <= set(result)
 
 

@@ -17,6 +17,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 from facts_damping.case.loading import load_case
+from facts_damping.digest import digest
 from facts_damping.errors import RunError
 from facts_damping.nodes import graph
 from facts_damping.recording.reader import load
@@ -53,6 +54,7 @@ def assert_same(recorded: Record, computed: Record) -> None:
         assert a.dtype == b.dtype
         assert a.shape == b.shape, name
         assert a.tobytes() == b.tobytes(), name
+    assert digest(recorded) == digest(computed)
     assert recorded.notes == []
     assert str(recorded.events) == str(computed.events)
     for name in ("stations", "machine_names", "device_names", "controller_names", "configuration"):

@@ -286,8 +286,10 @@ def test_json_of_run_and_simulate_agree(domain: int, tmp_path: Path) -> None:
     recorded, computed = results
     assert recorded["recording"] == str(tmp_path / "out" / "recording")
     assert computed["recording"] is None
-    for key in computed.keys() - {"wall_s", "recording"}:
+    for key in computed.keys() - {"wall_s", "recording", "versions"}:
         assert recorded[key] == computed[key], key
+    assert f"digest: '\"{computed['digest']}\"'" in (tmp_path / "out/recording/metadata.yaml").read_text()
+    assert load(tmp_path / "out/recording").notes == []
 
 
 def test_two_graphs_in_the_same_domain_are_kept_apart(command: subprocess.Popen[str], tmp_path: Path) -> None:

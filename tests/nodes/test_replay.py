@@ -21,6 +21,7 @@ from rosbags.highlevel import AnyReader
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
+from facts_damping.digest import digest
 from facts_damping.errors import RecordingError, RunError
 from facts_damping.nodes import forked, graph
 from facts_damping.nodes.controller import ControllerNode
@@ -86,7 +87,7 @@ def test_in_process_it_is_identical_and_says_so(graphs: dict[str, Path], capsys:
     assert np.count_nonzero(record.issued["value"]) > 30
     assert (status, errors) == (0, "")
     counted = f"{len(record.time_ns)} ticks, {len(record.issued)} setpoints, {len(record.estimates)} estimates"
-    assert out == f"{counted}: identical, bit for bit\n"
+    assert out == f"{counted}: identical, bit for bit\nexact: digest {digest(record)}\n"
 
 
 @pytest.mark.parametrize("name", ["decentralised", "centralised"])
@@ -258,7 +259,7 @@ def test_recordings_cut_short_are_replayed_as_far_as_they_go(
             assert f"cut.mcap: cut or damaged at byte {border} of {length}" in errors
             if ticks:
                 assert (status, out.startswith(f"{ticks} ticks, ")) == (0, True), (out, errors)
-                assert out.endswith(": identical, bit for bit\n")
+                assert ": identical, bit for bit\nexact: digest " in out
                 assert f"the end is missing: the record ends with tick {ticks - 1} at " in errors
                 continue
             assert (status, errors.count("\n")) == (2, 1)

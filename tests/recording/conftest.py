@@ -107,6 +107,7 @@ def make_record(seed: int, ticks: int = 30) -> Record:
         devices=devices,
         in_synchronism=np.ones(ticks, np.bool_),
         events=[{"time_ns": 10**8, "kind": "load_step", "element": "load_1", "value": -0.1, "location": 0.5}],
+        versions={"facts_damping": "1"},
     )
 
 

@@ -44,22 +44,31 @@ def recorded(run: str | None, sets: list[str]) -> Record:
     return loop.run(load_case(run, [*(text for text in common if text.split("=")[0] not in given), *sets]))
 
 
-def played(record: Record, *sets: str) -> tuple[Record, Any, Any]:
+def played(record: Record, *sets: str) -> tuple[Record, Any, Any, replay.Played]:
     case = replay.case_of(record, "recording", None, list(sets))
     part = replay.fitted(record, case)
-    return part, *replay.play(case, part)[:2]
+    said = replay.play(case, part)
+    return part, said.issued, said.estimates, said
 
 
 @pytest.mark.parametrize("name", RUNS)
 def test_the_same_controllers_give_the_same_bits(name: str) -> None:
     record = recorded(*RUNS[name])
-    part, issued, estimates = played(record)
+    part, issued, estimates, said = played(record)
     assert np.count_nonzero(record.issued["value"]) > 30
     assert (len(record.estimates) > 0) == ("indirect" in str(record.configuration["controllers"]))
     assert issued.tobytes() == record.issued.tobytes()
     assert estimates.tobytes() == record.estimates.tobytes()
     assert replay.first_difference(part, issued) is None
     assert replay.first_estimate(part, estimates) is None
+    assert replay.first_learning(part, said.learning) is None
+    assert said.learning.tobytes() == record.learning.tobytes()
+    if len(record.learning):
+        half = record.learning[: len(record.learning) // 2]  # the topic was not recorded to the end
+        assert replay.first_learning(dataclasses.replace(part, learning=half), said.learning) is None
+        other = said.learning.copy()
+        other["rate"][-1] = -1.0
+        assert replay.first_learning(part, other) == other["tick"][-1]
 
 
 def test_an_entry_that_is_changed_by_one_bit_shows_where() -> None:
@@ -68,7 +77,7 @@ def test_an_entry_that_is_changed_by_one_bit_shows_where() -> None:
     station, row = record.stations.index("G1"), 0
     row = int(np.flatnonzero((changed["tick"] == 150) & (changed["station"] == station))[0])
     changed["values"][row, 2] = np.nextafter(changed["values"][row, 2], 1.0)
-    part, issued, estimates = played(dataclasses.replace(record, delivered=changed))
+    part, issued, estimates, _ = played(dataclasses.replace(record, delivered=changed))
     difference = replay.first_difference(part, issued)
     assert difference is not None
     assert difference.tick in range(150, 170)  # a difference of the last bit may vanish in sums for a while
@@ -79,7 +88,7 @@ def test_an_entry_that_is_changed_by_one_bit_shows_where() -> None:
 
 def test_setpoints_that_lack_or_are_too_many_are_a_difference() -> None:
     record = recorded(None, ["duration=1"])
-    part, issued, _ = played(record)
+    part, issued, *_ = played(record)
     tick = int(part.issued["tick"][20])
     shorter = dataclasses.replace(part, issued=np.delete(part.issued, 20))
     assert replay.first_difference(shorter, issued) is not None
@@ -92,7 +101,7 @@ def test_setpoints_that_lack_or_are_too_many_are_a_difference() -> None:
 def test_a_shadow_with_twice_the_gain_commands_twice_as_much() -> None:
     """A lead-lag is linear, and a factor of two exact: where it is not limited, to the bit."""
     record = recorded(None, ["scenario=small", "controllers.0.parameters.gain=4"])
-    part, issued, _ = played(record, "controllers.0.parameters.gain=8")
+    part, issued, *_ = played(record, "controllers.0.parameters.gain=8")
     assert np.abs(issued["value"]).max() < 0.1
     assert np.array_equal(issued["value"], 2.0 * record.issued["value"])
     case = replay.case_of(record, "recording", None, [])
@@ -106,7 +115,7 @@ def test_a_shadow_with_twice_the_gain_commands_twice_as_much() -> None:
 def test_a_shadow_hears_what_the_plant_answered_to_the_recorded_setpoints() -> None:
     """Its identifier, given the recorded setpoints, estimates what it does beside them: here of the same controller."""
     record = recorded(None, ["controllers.0.name=ANFTSC"])
-    _, issued, estimates = played(record, "controllers.0.parameters.eta=0.02")
+    _, issued, estimates, _ = played(record, "controllers.0.parameters.eta=0.02")
     assert issued.tobytes() != record.issued.tobytes()
     assert estimates.tobytes() == record.estimates.tobytes()
 
@@ -127,7 +136,7 @@ def case_parameters(record: Record) -> dict[str, Any]:
 
 def test_saturation_duty_counts_ticks_at_the_limit() -> None:
     record = recorded(None, ["duration=3"])
-    part, issued, _ = played(record, "controllers.0.parameters.gain=1000")
+    part, issued, *_ = played(record, "controllers.0.parameters.gain=1000")
     (row,) = replay.beside(replay.case_of(record, "recording", None, []), part, issued)
     grid = record.arrays["issued.controller_0_LLC.sssc_pu"]
     limit = record.configuration["system"]["devices"][0]["v_max"]
@@ -139,7 +148,7 @@ def test_an_uncontrolled_run_has_shadows_too() -> None:
     record = recorded(None, ["controllers=[]", "duration=2"])
     with pytest.raises(InputError, match="controllers: none given"):
         played(record)
-    part, issued, _ = played(record, "controllers.0.name=LLC")
+    part, issued, *_ = played(record, "controllers.0.name=LLC")
     assert len(issued) > 30
     (row,) = replay.beside(replay.case_of(record, "", None, ["controllers.0.name=LLC"]), part, issued)
     assert row["correlation"] is None
@@ -148,7 +157,7 @@ def test_an_uncontrolled_run_has_shadows_too() -> None:
 
 def test_a_gap_ends_the_replay_and_is_said() -> None:
     record = dataclasses.replace(recorded(None, ["controllers.0.name=ANFTSC"]), gap_tick=101)
-    part, issued, estimates = played(record)
+    part, issued, estimates, _ = played(record)
     assert part.ticks.tolist() == list(range(101))
     assert issued.tobytes() == record.issued[record.issued["tick"] < 101].tobytes()
     assert estimates.tobytes() == record.estimates[record.estimates["tick"] < 101].tobytes()
@@ -158,7 +167,7 @@ def test_a_gap_ends_the_replay_and_is_said() -> None:
 def test_devices_in_another_order_are_told_by_name() -> None:
     record = recorded(None, [*centralised("LLC", None), "duration=2"])
     turned = json.dumps(record.configuration["controllers"][0] | {"weights": None})
-    part, issued, _ = played(record, "devices=[statcom, sssc]", f"controllers=[{turned}]")
+    part, issued, *_ = played(record, "devices=[statcom, sssc]", f"controllers=[{turned}]")
     for name in ("sssc", "statcom"):
         grids = [replay.on_grid(part, rows, part.device_names.index(name)) for rows in (part.issued, issued)]
         assert np.ptp(grids[0]) > 0.0
@@ -183,7 +192,7 @@ def test_links_count_that_have_not_delivered_yet() -> None:
     delays = [f"controllers.{i}.link={link}" for i, link in enumerate(("pdci_100ms", "delay_100ms"))]
     record = recorded("two_area_decentralised", ["scenario=large", "duration=0.05", *delays])
     assert (len(record.delivered), record.links) == (0, 2)
-    part, issued, _ = played(record)
+    part, issued, *_ = played(record)
     assert len(part.ticks) == 3
     assert replay.first_difference(part, issued) is None
 

@@ -1,0 +1,96 @@
+"""Digests: what enters them; and those of a table of runs, which hold whatever the processor chooses.
+
+That is kernels of OpenBLAS, how many threads they have, and what LLVM makes of our functions.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import facts_damping as fd
+from facts_damping.digest import canonical, digest
+from tests.data import digests as table
+
+ROWS = {row["name"]: row for row in table.rows()}
+# Kinds of kernels: the flag of a processor that can run them, and what OpenBLAS then says that it runs.
+KINDS = {"Prescott": ("pni", "Katmai"), "Haswell": ("avx2", "Haswell"), "SkylakeX": ("avx512bw", "SkylakeX")}
+FLAGS = Path("/proc/cpuinfo").read_text(encoding="utf-8").split()
+ENVIRONMENTS: list[dict[str, str]] = [
+    {},
+    *({"OPENBLAS_CORETYPE": kind} for kind, (flag, _) in KINDS.items() if flag in FLAGS),
+    {"OPENBLAS_NUM_THREADS": "4"},
+    # Each compiles everything anew, which takes two minutes.
+    *({"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": ""} for name in os.environ.get("PROCESSORS", "").split()),
+]
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_a_run_has_the_digest_of_the_table(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(table.ROOT)
+    assert table.computed(ROWS[name]) == ROWS[name]["digest"]
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS, ids=str)
+def test_the_digests_hold_in_other_environments(environment: dict[str, str]) -> None:
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("OPENBLAS")}
+    path = {"PYTHONPATH": str(table.ROOT)}
+    command = [sys.executable, table.__file__, "--print"]
+    made = subprocess.run(command, env={**clean, **path, **environment}, capture_output=True, text=True, check=True)
+    kernels, *lines = made.stdout.splitlines()
+    if "OPENBLAS_CORETYPE" in environment:
+        assert kernels.endswith(f": {KINDS[environment['OPENBLAS_CORETYPE']][1]}")
+    assert lines == [f"{row['digest']} {name}" for name, row in ROWS.items()]
+
+
+@pytest.fixture(scope="module")
+def result() -> fd.Result:
+    return fd.simulate("two_area_centralised", duration=0.5)
+
+
+def with_array(result: fd.Result, name: str, array: Any) -> fd.Result:
+    changed: dict[str, Any] = {name: array}
+    return replace(result, **changed)
+
+
+ARRAYS = [one.name for one in fields(fd.Result) if "NDArray" in str(one.type)]
+
+
+def test_a_digest_is_that_of_its_signals(result: fd.Result) -> None:
+    assert len(result.digest) == 16
+    int(result.digest, 16)
+    assert result.digest == digest(replace(result, notes=["cut"], versions={}, publishers={"/a 1": "b"}))
+    assert result.digest == digest(replace(result, configuration={}))
+    assert len(ARRAYS) == 14
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_each_bit_enters(result: fd.Result, name: str) -> None:
+    before = getattr(result, name)
+    if before.size:
+        bits = before.copy().view(np.uint8).reshape(-1)
+        bits[-1] ^= 1
+        assert with_array(result, name, bits.view(before.dtype).reshape(before.shape)).digest != result.digest
+    assert with_array(result, name, np.zeros((7, *before.shape[1:]), before.dtype)).digest != result.digest
+
+
+def test_names_and_signs_enter_but_not_how_a_computer_writes_numbers(result: fd.Result) -> None:
+    assert digest(replace(result, device_names=["statcom", "sssc"])) != result.digest
+    for name in ARRAYS:
+        array = getattr(result, name)
+        assert with_array(result, name, array.astype(array.dtype.newbyteorder(">"))).digest == result.digest
+    frames: Any = np.zeros_like(result.frames)
+    assert digest(replace(result, frames=frames)) != digest(replace(result, frames=-frames))
+    others = np.array([0x7FF8000000000000, 0xFFF8000000000000, 0x7FF0000000000001], np.uint64).view(np.float64)
+    assert len(set(canonical(others).view(np.uint64).tolist())) == 1
+    rows = np.zeros(3, [("tick", "i8"), ("value", "f8")])
+    rows["value"] = others
+    assert len(set(canonical(rows).tolist()[0][:1])) == 1
+    assert canonical(rows)[0].tobytes() == canonical(rows)[2].tobytes()
