@@ -180,7 +180,10 @@ def branching(functions: Sequence[Callable[..., Any]]) -> Any:
 if TYPE_CHECKING:  # what the functions take and return
     import numba
 
-    compiled = entry_point = inlined = numba.njit(cache=True, error_model="numpy")
+    compiled = inlined = numba.njit(cache=True, error_model="numpy")
+
+    def entry_point(function: Callable[..., Any]) -> Any:
+        """Have a function compiled for the types that its annotations say."""
 else:
     compiled, entry_point = Kernel, EntryPoint
     inlined = functools.partial(Kernel, inline=True)

@@ -101,6 +101,7 @@ class Struct:
 
     _fields: ClassVar[tuple[str, ...]] = ()
     _each: ClassVar[type[Struct] | None] = None  # what its rows are
+    each: ClassVar[Any]  # these, a `Table`
 
     def __init_subclass__(cls, *, each: type[Struct] | None = None) -> None:
         """Take the fields from the annotations; a class made of another has its fields first, with types of its own."""

@@ -50,7 +50,7 @@ WHOLE = ir.IntType(64)
 OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 
 
-class StructType(types.Type):  # type: ignore[misc]
+class StructType(types.Type):
     """A struct: a pointer to its block."""
 
     def __init__(self, cls: type[Struct]) -> None:
@@ -58,7 +58,7 @@ class StructType(types.Type):  # type: ignore[misc]
         super().__init__(name=f"Struct({cls.__module__}.{cls.__qualname__})")
 
 
-class TableType(types.Type):  # type: ignore[misc]
+class TableType(types.Type):
     """Several structs: a pointer to their number and addresses."""
 
     def __init__(self, cls: type[Struct]) -> None:
@@ -66,7 +66,7 @@ class TableType(types.Type):  # type: ignore[misc]
         super().__init__(name=f"Table({cls.__module__}.{cls.__qualname__})")
 
 
-class _Pointer(models.PrimitiveModel):  # type: ignore[misc]
+class _Pointer(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, POINTER)
 
@@ -116,7 +116,7 @@ def _field(context: Any, builder: Any, block: Any, kind: Any, at: int) -> Any:
 
 
 @infer_getattr
-class _Fields(AttributeTemplate):  # type: ignore[misc]
+class _Fields(AttributeTemplate):
     """Types of a struct's fields."""
 
     key = StructType
@@ -126,13 +126,13 @@ class _Fields(AttributeTemplate):  # type: ignore[misc]
         return None if found is None or found[0] == HOST else type_of(found[0])
 
 
-@lower_getattr_generic(StructType)  # type: ignore[untyped-decorator]
+@lower_getattr_generic(StructType)
 def _load(context: Any, builder: Any, struct: Any, value: Any, name: str) -> Any:
     return _field(context, builder, value, *layout(struct.cls)[name])
 
 
 @infer_global(operator.getitem)
-class _Getitem(AbstractTemplate):  # type: ignore[misc]
+class _Getitem(AbstractTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
         if isinstance(args[0], TableType) and isinstance(args[1], types.Integer):
             return signature(StructType(args[0].cls), args[0], types.int64)
@@ -140,28 +140,28 @@ class _Getitem(AbstractTemplate):  # type: ignore[misc]
 
 
 @infer_global(len)
-class _Len(AbstractTemplate):  # type: ignore[misc]
+class _Len(AbstractTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
         return signature(types.int64, args[0]) if isinstance(args[0], TableType) else None
 
 
-@lower_builtin(operator.getitem, TableType, types.int64)  # type: ignore[untyped-decorator]
+@lower_builtin(operator.getitem, TableType, types.int64)
 def _row(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
     place = builder.gep(builder.bitcast(given[0], POINTER.as_pointer()), [builder.add(given[1], WHOLE(1))])
     return builder.load(place)
 
 
-@lower_builtin(len, TableType)  # type: ignore[untyped-decorator]
+@lower_builtin(len, TableType)
 def _many(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
     return _word(builder, given[0], 0, WHOLE)
 
 
-@numba.extending.typeof_impl.register(Struct)  # type: ignore[untyped-decorator]
+@numba.extending.typeof_impl.register(Struct)
 def _typeof(value: Any, _context: Any) -> Any:
     return StructType(type(value))
 
 
-@unbox(StructType)  # type: ignore[untyped-decorator]
+@unbox(StructType)
 def _unbox(_type: Any, value: Any, c: Any) -> Any:
     address = c.pyapi.object_getattr_string(value, "pointer")
     found = c.builder.inttoptr(c.pyapi.long_as_longlong(address), POINTER)
@@ -297,7 +297,7 @@ def primitive(name: str) -> Any:
     return _typed_intrinsic(name, known[name])
 
 
-class _Unoptimised(codegen.JITCodeLibrary):  # type: ignore[misc]
+class _Unoptimised(codegen.JITCodeLibrary):
     """Functions as they are, linked into what uses them."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
@@ -315,7 +315,7 @@ def _add_overload(self: Any, compiled: Any) -> None:
     self.overloads[tuple(compiled.signature.args)] = compiled
 
 
-@global_compiler_lock  # type: ignore[untyped-decorator]
+@global_compiler_lock
 def object_code(entry: EntryPoint) -> bytes:
     """Object code of an entry point, for the target of this process (NUMBA_CPU_NAME)."""
     _compiling.append(entry)

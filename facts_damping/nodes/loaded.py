@@ -33,7 +33,7 @@ from facts_damping.nodes import (
     supervisor,
     wan_link,
 )
-from facts_damping.nodes.warmup import PARTS, compile_part
+from facts_damping.nodes.warmup import load
 from facts_damping.recording.schemas import schema_text, type_hash
 
 NODES = (c37118_client, controller, identifier, plant_sim, recorder, replay_source, supervisor, wan_link)
@@ -52,8 +52,7 @@ for name in map(recorder.message_type, MESSAGES):
     type_hash(name, schema_text(name))
 
 # The kernels, out of their cache into this process.
-for part in PARTS:
-    compile_part(part)
+load()
 
 # This process ends last, also where the one that asked for it was killed and could not remove its folder.
 if forked.FOLDER in os.environ:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 
 from facts_damping.compiling.kernels import ENTRY_POINTS
-from facts_damping.compiling.store import prepare
+from facts_damping.compiling.store import address, prepare
 
 ROOMS = ("facts_damping.simulation.loop", "facts_damping.nodes.packing")  # they import all others
 
@@ -18,6 +18,13 @@ def compile_once() -> None:
     for room in ROOMS:
         importlib.import_module(room)
     prepare(ENTRY_POINTS.values())
+
+
+def load() -> None:
+    """Load all kernels into this process."""
+    compile_once()
+    for entry in ENTRY_POINTS.values():
+        address(entry)
 
 
 if __name__ == "__main__":

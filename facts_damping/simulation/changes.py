@@ -23,9 +23,10 @@ from facts_damping.parameters.files import read_value
 from facts_damping.plant.watchdog import let_go, rearm, watching
 from facts_damping.signals import NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_plant, build_pmus, commands, grid_events, ways
-from facts_damping.simulation.loop import Loop, build_loop, record, setpoint_buffer, signals_for, step
+from facts_damping.simulation.loop import build_loop, record, setpoint_buffer, signals_for, step
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.restarts import Restarts
+from facts_damping.simulation.tick import Loop
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.control.bank import BankState
     from facts_damping.control.identifier_model import IdentifierState
-    from facts_damping.simulation.loop import Loop
+    from facts_damping.simulation.tick import Loop
 
 
 def adapted(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.simulation.loop import Loop
+    from facts_damping.simulation.tick import Loop
 
 
 class Delivered(NamedTuple):

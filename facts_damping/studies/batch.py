@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.plant.build import Built
     from facts_damping.signals import Record
+    from facts_damping.simulation.tick import Loop
     from facts_damping.small_signal.residues import Residues
 
 T = TypeVar("T")
@@ -130,7 +131,7 @@ def closed_loop(case: Case) -> Record:
     return loop.finish(case, fresh_loop(case))
 
 
-def fresh_loop(case: Case, *, outside: bool = False) -> loop.Loop:
+def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
     """`loop.build_loop(case)`, with plant and residues shared between runs."""
     # By content, not by name: a worker of a cluster may outlive a file.
     system = f"{case.run.devices} {case.system.model_dump_json()}"

@@ -16,7 +16,7 @@ from facts_damping.nodes import packing
 from facts_damping.nodes.cdr import Refused
 from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates, PlantStateMessage
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
-from facts_damping.nodes.warmup import PARTS, compile_part
+from facts_damping.nodes.warmup import load
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, ESTIMATE, MACHINE_TRUTH, NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_control
 
@@ -197,8 +197,7 @@ def test_a_message_cut_short_is_not_taken_for_a_whole_one(case: Case, rows: Any,
 
 
 def test_warm_up_compiles_what_messages_use(case: Case) -> None:
-    for part in PARTS:
-        compile_part(part)
+    load()
     rows, given = np.zeros(2, DELIVERY), np.zeros(1, SETPOINT)
     FramesMessage(case).read(FramesMessage(case).fill(0, 0, rows, 2))
     SetpointsMessage(case).read(SetpointsMessage(case).fill(0, 0, given, ""))
