@@ -2,6 +2,7 @@
 # make test    the same set-up, then all checks and tests
 # make explore tests with random examples for MINUTES=10
 # make pages   all tables and pictures that follow from runs, into results/pages, and those that docs quote (an hour)
+# make wheel   wheels of the package, with compiled kernels inside, and of the messages, into dist
 # make clean   remove .venv and what builds and tools have left; recordings stay
 # PYTHON=python3.12 make demo   chooses the interpreter (3.10 to 3.13) for a new .venv
 # make demo ROS=jazzy           chooses the distribution of ROS 2 (kilted, jazzy) for a new .venv
@@ -22,6 +23,11 @@ SAY := @printf '%s\n'
 
 MESSAGES := msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/pyproject.toml \
     $(wildcard msg_defs/msg/*.msg msg_defs/srv/*.srv msg_defs/packaging/*)
+# The messages' wheel in dist, if it is of these messages, this Python and this distribution of ROS 2.
+TAG := $(shell $(PYTHON) -c 'import sys; print("cp%d%d" % sys.version_info[:2])' 2>/dev/null)
+FITTING = $(if $(filter $(shell cat $(MESSAGES) | sha256sum | cut -c1-64) $(ROS),$(shell cat dist/messages.sha256 2>/dev/null)),\
+    $(if $(filter $(ROS),$(lastword $(shell cat dist/messages.sha256 2>/dev/null))),\
+        $(wildcard dist/facts_damping_msgs-*-$(TAG)-$(TAG)-*.whl)))
 METADATA := setup.py setup.cfg package.xml
 SOURCES := $(shell find facts_damping -name '*.py')
 
@@ -34,7 +40,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHE
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: demo test explore pages setup test-setup prerequisites clean
+.PHONY: demo test explore pages wheel setup test-setup prerequisites clean
 
 demo: setup
 	@$(BIN)/python -m facts_damping.cli.demo
@@ -87,6 +93,16 @@ pages: demo
 	cp $(PAGES)/deployment/what_holds_all.md docs
 	cd docs/images && for picture in */*; do cp ../../$(PAGES)/$$picture $$picture || exit 1; done
 
+# Both are for this Python, this kind of processor and this distribution of ROS 2. `make demo` takes the messages' wheel
+# where it fits, and then needs no compiler.
+wheel: setup
+	@$(BIN)/python -m facts_damping.nodes.warmup --ship
+	@rm -rf dist build && mkdir dist
+	@$(INSTALL:install=wheel) --no-deps --wheel-dir dist . ; status=$$?; rm -rf facts_damping/compiling/objects build; exit $$status
+	@$(INSTALL:install=wheel) --no-build-isolation --no-deps --wheel-dir dist ./msg_defs
+	@cat $(MESSAGES) | sha256sum > dist/messages.sha256 && echo "$(ROS)" >> dist/messages.sha256
+	@ls dist/*.whl
+
 # Kernels and messages are compiled side by side.
 setup: prerequisites
 	@$(MAKE) --no-print-directory -j2 $(VENV)/.warm $(VENV)/.messages
@@ -107,7 +123,7 @@ prerequisites:
 	    missing "the venv module of $(PYTHON) is missing ($(APT) python3-venv)"; \
 	asks 'import os, sys, sysconfig; sys.exit(not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")))' || \
 	    missing "the header Python.h of $(PYTHON) is missing ($(APT) python3-dev)"; \
-	for compiler in gcc g++; do \
+	[ "$(FITTING)" ] || for compiler in gcc g++; do \
 	    command -v $$compiler >/dev/null || missing "the compiler $$compiler is missing ($(APT) gcc g++)"; \
 	done; \
 	[ ! -x $(BIN)/python ] || [ "$(origin PYTHON)" = file ] || \
@@ -128,8 +144,8 @@ $(VENV)/.package: $(METADATA) $(VENV)/.python
 	@touch $@
 
 $(VENV)/.messages: $(MESSAGES) setup.py | $(VENV)/.package
-	$(SAY) "set-up: messages (compiled here)"
-	@$(INSTALL) --no-build-isolation ./msg_defs
+	$(SAY) "set-up: messages ($(if $(FITTING),$(FITTING),compiled here))"
+	@$(INSTALL) $(if $(FITTING),--no-deps --force-reinstall $(FITTING),--no-build-isolation ./msg_defs)
 	@touch $@
 
 $(VENV)/.warm: $(SOURCES) $(VENV)/.package

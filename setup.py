@@ -6,7 +6,7 @@ It is here and not in a [project] table of pyproject.toml because colcon reads s
 import re
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import Distribution, find_packages, setup
 
 ROOT = Path(__file__).parent
 NAME = "facts_damping"
@@ -77,6 +77,14 @@ def shared(*folders: str) -> list[tuple[str, list[str]]]:
     return list(found.items())
 
 
+class Platform(Distribution):
+    """A wheel with compiled kernels in it is one for this Python and this processor."""
+
+    def has_ext_modules(self) -> bool:
+        """Whether there are any."""
+        return any((ROOT / NAME / "compiling" / "objects").glob("*.o"))
+
+
 DOCS = [  # for `mkdocs serve`
     "mkdocs>=1.6,<2",
     "mkdocs-jupyter>=0.25,<1",
@@ -85,6 +93,7 @@ DOCS = [  # for `mkdocs serve`
 ]
 
 setup(
+    distclass=Platform,
     name=NAME,
     version=version(),
     description="Wide-area damping of power systems with FACTS devices, as a ROS 2 node graph.",
@@ -96,6 +105,7 @@ setup(
     package_data={
         "": ["py.typed"],
         NAME: ["templates/*/*.txt"],
+        f"{NAME}.compiling": ["objects/*.o"],  # where `make wheel` has put them
         f"{NAME}.nodes": ["fast*.xml"],
         f"{NAME}.report": ["page.*"],
         f"{NAME}.reproduction": ["*.md", "page.html"],

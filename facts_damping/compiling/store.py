@@ -10,6 +10,7 @@ import contextlib
 import fcntl
 import os
 import platform
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -113,6 +114,16 @@ def _keep(entry: EntryPoint, code: bytes) -> None:
     made.replace(path)
     for old in sorted(home().glob(f"{entry.symbol}-*.o"), key=lambda one: one.stat().st_mtime)[:-KEPT]:
         old.unlink(missing_ok=True)
+
+
+def ship(entries: Iterable[EntryPoint]) -> None:
+    """Put the files of entry points, and of all that they call, into the package, from where a wheel takes them."""
+    chosen = _with_callees(entries).values()
+    prepare(chosen)
+    shutil.rmtree(SHIPPED, ignore_errors=True)
+    SHIPPED.mkdir()
+    for entry in chosen:
+        shutil.copy(home() / file_name(entry), SHIPPED)
 
 
 def _new_engine() -> Any:

@@ -1,14 +1,19 @@
 """Has every kernel compiled that nodes call, so that nothing waits later: `python -m facts_damping.nodes.warmup`.
 
+With `--ship` they go into the package, for a wheel (`make wheel`).
+
+With `--ship` they go into the package, for a wheel (`make wheel`).
+
 A node that is started on a machine where that has not been done has it done (`compile_once`).
 """
 
 from __future__ import annotations
 
 import importlib
+import sys
 
 from facts_damping.compiling.kernels import ENTRY_POINTS
-from facts_damping.compiling.store import address, prepare
+from facts_damping.compiling.store import address, prepare, ship
 
 ROOMS = ("facts_damping.simulation.loop", "facts_damping.nodes.packing")  # they import all others
 
@@ -28,4 +33,9 @@ def load() -> None:
 
 
 if __name__ == "__main__":
-    compile_once()
+    if sys.argv[1:] == ["--ship"]:
+        for module in (*ROOMS, "facts_damping.environment.many"):
+            importlib.import_module(module)
+        ship(ENTRY_POINTS.values())
+    else:
+        compile_once()
