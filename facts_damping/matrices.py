@@ -140,7 +140,7 @@ def product(first: NDArray[Any], *others: NDArray[Any]) -> NDArray[Any]:
     for other in others:
         kind = np.result_type(first, other)
         out = np.zeros((1 if first.ndim == 1 else len(first), 1 if other.ndim == 1 else other.shape[1]), kind)
-        multiply = _multiply_complex if kind == complex else _multiply_real
+        multiply = _multiply_complex if kind == np.complex128 else _multiply_real
         multiply(_plain(np.atleast_2d(first), kind), _plain(other, kind), out)
         first = out.reshape(first.shape[:-1] + other.shape[1:])
     return first
@@ -150,7 +150,7 @@ def solve(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
     """The x of a x = b, for a vector or a matrix b. Raises `LinAlgError` where a is singular."""
     kind = np.result_type(a, b, float)
     x = _plain(b, kind)
-    eliminate = _eliminate_complex if kind == complex else _eliminate_real
+    eliminate = _eliminate_complex if kind == np.complex128 else _eliminate_real
     if not eliminate(_plain(a, kind), x):
         raise np.linalg.LinAlgError("singular matrix")
     return x.reshape(b.shape)

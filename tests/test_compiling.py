@@ -1,117 +1,268 @@
-"""The kernels' cache: a change recompiles what depends on it, and no more."""
+"""Compiled code: structs own what they point at, keys say what code depends on, nothing is compiled twice."""
 
 from __future__ import annotations
 
-import ast
+import gc
+import importlib
 import os
+import struct
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from facts_damping import compiling
 from facts_damping.case.loading import load_case
-from facts_damping.control import bank
+from facts_damping.compiling import compiled, entry_point, keys, store
+from facts_damping.compiling.kernels import ENTRY_POINTS
+from facts_damping.compiling.structs import Float1, Struct, Table
+from facts_damping.signals import SETPOINT
 from facts_damping.simulation import loop
+from facts_damping.simulation.tick import Loop, halves
 
-PACKAGE = Path(compiling.__file__).parent
-ROOMS = [room.replace(".", "/") for room in compiling.ROOMS]
-NAMES = [
-    f"facts_damping.{'.'.join(path.relative_to(PACKAGE).with_suffix('').parts)}"
-    for room in ROOMS
-    for path in sorted([*(PACKAGE / room).rglob("[!_]*.py"), *PACKAGE.glob(f"{room}.py")])
-]
+if TYPE_CHECKING:
+    from pathlib import Path
+    from types import FunctionType
+
+    from numpy.typing import NDArray
+
+ROOMS = ("facts_damping.nodes.packing", "facts_damping.environment.many", "facts_damping.simulation.loop")
+# What the C library may do for kernels: one IEEE operation, or moving memory.
+EXACT = {"ceil", "floor", "memcpy", "memmove", "memset", "rint", "trunc"}
+# Compiled for more than one combination of types, on purpose: real and complex matrices, frames and setpoints.
+SEVERAL = {
+    *("facts_damping.matrices._multiply", "facts_damping.matrices._eliminate", "facts_damping.matrices._size"),
+    *(f"facts_damping.link.transfer.{name}" for name in ("_push", "_first_before", "_count_delivered")),
+    "facts_damping.simulation.tick._append",
+}
+SHORT = ["duration=0.5", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
 
 
-def imported(tree: ast.Module) -> dict[str, str]:
-    """Where each name comes from that a file imports from this package: a module."""
-    found = {}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("facts_damping"):
-            for name in node.names:
-                below = f"{node.module}.{name.name}"
-                is_module = PACKAGE.parent.joinpath(*below.split(".")).with_suffix(".py").is_file()
-                found[name.asname or name.name] = below if is_module else str(node.module)
+class Point(Struct):
+    x: Float1
+    weight: float
+    count: int
+
+
+class Points(Struct):
+    first: Point
+    others: Table[Point]
+    on: bool
+
+
+class Bare(Struct):
+    x: Float1
+
+
+@pytest.fixture(scope="module", autouse=True)
+def rooms() -> None:
+    for room in ROOMS:
+        importlib.import_module(room)
+
+
+def replaced(part: Any) -> None:
+    """Every array of a struct by a copy; what it was goes, or is filled with what would be noticed."""
+    for name in type(part)._fields:
+        value = getattr(part, name)
+        if isinstance(value, Struct):
+            replaced(value)
+        elif isinstance(value, np.ndarray):
+            setattr(part, name, value.copy())
+            value.view(np.uint8).reshape(-1)[:] = 0xA5 if value.flags.writeable else 0
+    gc.collect()
+
+
+@cache
+def expected() -> list[NDArray[Any]]:
+    made = loop.build_loop(load_case(None, SHORT))
+    halves(made, 0, 2 * 30)
+    return [made.signals.frames, made.signals.issued, made.plant_state.x]
+
+
+@given(ticks=st.lists(st.integers(1, 29), unique=True, max_size=4).map(sorted))
+@settings(deadline=None, max_examples=15)
+def test_arrays_may_be_replaced_between_any_two_ticks(ticks: list[int]) -> None:
+    made = loop.build_loop(load_case(None, SHORT))
+    for first, until in zip([0, *ticks], [*ticks, 30], strict=True):
+        halves(made, 2 * first, 2 * until)
+        if until < 30:
+            for part in made:
+                if isinstance(part, Struct) and part is not made.signals:
+                    replaced(part)
+            made = Loop(*made)
+    for found, value in zip([made.signals.frames, made.signals.issued, made.plant_state.x], expected(), strict=True):
+        assert found.tobytes() == value.tobytes()
+
+
+def test_a_struct_takes_its_types_alone() -> None:
+    point = Point(np.zeros(2), 1, 2)
+    for wrong, said in (
+        (np.zeros(2, np.float32), "float32, 1 axes given; allowed: an array of float64, 1 axes"),
+        (np.zeros((2, 2)), "float64, 2 axes given"),
+        (np.zeros(4)[::2], "with gaps"),
+        ([1.0], "list given"),
+    ):
+        with pytest.raises(TypeError, match=rf"Point\.x: .*{said}"):
+            point.x = wrong
+    with pytest.raises(TypeError, match=r"Points\.first: Bare given"):
+        Points(Bare(np.zeros(1)), Table([]), True)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="Point: x, weight given; allowed: x, weight, count"):
+        Point(np.zeros(1), 1.0)
+    with pytest.raises(TypeError, match=r"halves: .* given; allowed: a Loop"):
+        halves(point, 0, 1)
+    with pytest.raises(TypeError, match="3 arguments"):
+        halves(point, 0)
+
+
+def variant(source: str, name: str = "step", **names: Any) -> Any:
+    space: dict[str, Any] = {"__name__": "facts_damping.variant", **names}
+    exec(source, space)
+    found: FunctionType = space[name]
     return found
 
 
-def kernels(tree: ast.Module) -> list[ast.FunctionDef]:
-    """The compiled functions of a file."""
-    return [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.decorator_list]
+def inner(a: float) -> float:
+    return 2.0 * a
 
 
-def test_every_file_with_compiled_functions_is_in_a_room_of_theirs() -> None:
-    having = [path for path in PACKAGE.rglob("*.py") if "@compiled" in path.read_text() or "@inner" in path.read_text()]
-    modules = {f"facts_damping.{'.'.join(path.relative_to(PACKAGE).with_suffix('').parts)}" for path in having}
-    assert modules - {"facts_damping.compiling"} <= set(NAMES)
+def other(a: float) -> float:
+    return 3.0 * a
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_all_that_kernels_name_of_other_files_counts(name: str) -> None:
-    """Functions that they call, constants, and the types of what they are given."""
-    tree = ast.parse(PACKAGE.parent.joinpath(*name.split(".")).with_suffix(".py").read_text())
-    origins, sources = imported(tree), compiling.sources(name)
-    for kernel in kernels(tree):
-        names = {node.id for node in ast.walk(kernel) if isinstance(node, ast.Name)}
-        assert {origins[one] for one in names & origins.keys()} <= set(sources), kernel.name
+PLAIN = "def step(a):\n    return part(a) + LIMIT"
+SAME = [
+    "def step(a):\n    # a comment\n\n    return part(a) + LIMIT",
+    "def step(a: float) -> float:\n    return part(a) + LIMIT",
+    "def step(a):\n    'What it is.'\n    return part(a) + LIMIT",
+    "X = 1\n\n\ndef step(a):\n    return (part(a)\n            + LIMIT)",
+]
+ANOTHER = [
+    "def step(a):\n    return part(a) - LIMIT",
+    "def step(a):\n    return part(a) + LIMIT + 0.0",
+    "def step(a, b=1):\n    return part(a) + LIMIT",
+]
+
+
+def key_of(source: str, part: Any = inner, limit: Any = 1.0) -> str:
+    return keys.of_function(variant(source, part=compiled(part), LIMIT=limit))
+
+
+@pytest.mark.parametrize("source", SAME)
+def test_comments_docstrings_and_annotations_compile_nothing(source: str) -> None:
+    assert key_of(source) == key_of(PLAIN)
+
+
+def test_all_that_a_function_uses_is_in_its_key() -> None:
+    others = [*map(key_of, ANOTHER), key_of(PLAIN, other), key_of(PLAIN, limit=2.0)]
+    others += [key_of(PLAIN, limit=np.dtype([("a", "f8")])), key_of(PLAIN, limit=np.ones(3)), key_of(PLAIN, limit=True)]
+    assert len({key_of(PLAIN), *others}) == len(others) + 1
+
+
+def test_of_an_entry_point_that_is_called_types_count_alone() -> None:
+    def called(x: float, y: float) -> float:
+        return x
+
+    def changed(x: float, y: float) -> float:
+        return y
+
+    changed.__qualname__ = called.__qualname__
+    source = "def step(a):\n    return part(a, a)"
+    first, second = (keys.of_function(variant(source, part=part)) for part in (inner, other))
+    assert first == second or inner.__qualname__ != other.__qualname__
+    one, two = entry_point(called), entry_point(changed)
+    assert keys._signature(one) == keys._signature(two)
+    assert keys.key(one) != keys.key(two)
+    ENTRY_POINTS.pop(one.symbol)
 
 
 @pytest.mark.parametrize(
-    ("changed", "concerned", "others"),
+    ("changed", "concerned"),
     [
-        (
-            "link.draws",
-            {"link.chain", "link.transfer", "simulation.tick"},
-            {"plant.integration", "control.bank", "signals"},
-        ),
-        (
-            "plant.governor",
-            {"plant.dynamics", "plant.measurement", "simulation.tick"},
-            {"link.transfer", "control.identifier"},
-        ),
-        (
-            "neurofuzzy.consequent",
-            {"neurofuzzy.network", "control.bank", "simulation.tick"},
-            {"plant.ports", "link.transfer"},
-        ),
-        (
-            "simulation.tick",
-            {"simulation.tick"},
-            {"plant.integration", "control.bank", "control.identifier", "link.transfer"},
-        ),
-        ("compiling", {"plant.model", "control.bank", "link.chain", "neurofuzzy.network", "simulation.tick"}, set()),
-        ("cli.runs", set(), {"plant.integration", "control.bank", "link.transfer", "simulation.tick"}),
+        ("facts_damping.plant.governor", {"derivatives", "measure"}),
+        ("facts_damping.link.chain", {"uplink", "downlink"}),
+        ("facts_damping.neurofuzzy.consequent", {"forward", "by_inputs"}),
+        ("facts_damping.supervision.monitors", {"supervise"}),
     ],
 )
-def test_a_change_concerns_what_depends_on_it(changed: str, concerned: set[str], others: set[str]) -> None:
-    for name in concerned | others:
-        assert (f"facts_damping.{changed}" in compiling.sources(f"facts_damping.{name}")) is (name in concerned), name
+def test_a_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]) -> None:
+    """Entry points that a function of a module is compiled into."""
+    found = set()
+    for symbol, entry in ENTRY_POINTS.items():
+        if any(name.startswith(f"{changed}.") for name in keys._walk(entry).functions):
+            found.add(symbol.rpartition(".")[2])
+    assert concerned <= found
+    assert not found & {"halves", "control_step", "advance", "observe", "go_on"}
 
 
-@pytest.mark.parametrize("where", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
-def test_old_folders_of_a_file_go_and_those_of_others_stay(tmp_path: Path, where: str) -> None:
-    home = tmp_path if where == "NUMBA_CACHE_DIR" else tmp_path / "facts_damping" / "numba"
+def test_nothing_is_compiled_twice_for_types_that_differ_by_accident(tmp_path: Path) -> None:
+    """A compiler process tells of each part for how many combinations of types it was compiled; of the whole graph."""
+    code = f"""
+import importlib
+for room in {ROOMS}: importlib.import_module(room)
+from facts_damping.compiling import with_numba
+from facts_damping.compiling.kernels import ENTRY_POINTS
+for entry in ENTRY_POINTS.values():
+    with_numba.object_code(entry)
+for one in with_numba._dispatchers:
+    print(f"{{one.py_func.__module__}}.{{one.py_func.__qualname__}}", len(one.overloads))
+"""
+    told = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_OPT": "0"},
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    counts = {name: int(many) for name, many in (line.split() for line in told.splitlines())}
+    assert len(counts) > 100
+    assert {name for name, many in counts.items() if many > 1} <= SEVERAL
+
+
+def undefined(code: bytes) -> set[str]:
+    """Names that an ELF object file needs from elsewhere."""
+    (sections_at,) = struct.unpack_from("<Q", code, 40)
+    size, many = struct.unpack_from("<HH", code, 58)
+    headers = [struct.unpack_from("<IIQQQQIIQQ", code, sections_at + i * size) for i in range(many)]
+    found = set()
+    for header in headers:
+        if header[1] == 2:  # the table of symbols
+            names_at = headers[header[6]][4]
+            for at in range(header[4], header[4] + header[5], 24):
+                name, _, _, section = struct.unpack_from("<IBBH", code, at)
+                if section == 0 and name:
+                    end = code.index(b"\0", names_at + name)
+                    found.add(code[names_at + name : end].decode())
+    return found
+
+
+def test_kernels_call_no_function_whose_bits_a_processor_chooses() -> None:
+    store.prepare(ENTRY_POINTS.values())
+    for entry in list(ENTRY_POINTS.values()):
+        path = store._found(entry)
+        assert path is not None
+        assert undefined(path.read_bytes()) <= EXACT | set(ENTRY_POINTS), entry.symbol
+
+
+def test_old_files_of_a_function_go_and_those_of_others_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     for i in range(6):
-        for name in ("facts_damping.simulation.tick", "facts_damping.link.chain"):
-            (home / f"{name}-{i}").mkdir(parents=True)
-            os.utime(home / f"{name}-{i}", (i, i))
-    environment = {**os.environ, where: str(tmp_path)}
-    if where == "XDG_CACHE_HOME":
-        environment.pop("NUMBA_CACHE_DIR", None)
-    code = "from facts_damping import compiling; print(compiling._folder('facts_damping.simulation.tick').name)"
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert {p.name for p in home.glob("facts_damping.simulation.tick-*")} == {
-        done.stdout.strip(),
-        *(f"facts_damping.simulation.tick-{i}" for i in (3, 4, 5)),
-    }
-    assert len(list(home.glob("facts_damping.link.chain-*"))) == 6
+        for name in (halves.symbol, "facts_damping.link.chain.other"):
+            (tmp_path / f"{name}-{i}.o").write_bytes(b"")
+            os.utime(tmp_path / f"{name}-{i}.o", (i, i))
+    store._keep(halves, b"code")
+    kept = {path.name for path in tmp_path.glob(f"{halves.symbol}-*")}
+    assert kept == {store.file_name(halves), *(f"{halves.symbol}-{i}.o" for i in (3, 4, 5))}
+    assert len(list(tmp_path.glob("facts_damping.link.chain.other-*"))) == 6
 
 
-def test_a_function_for_compiled_callers_alone_says_so() -> None:
-    limit: Any = bank._limit
-    for _ in range(2):
-        with pytest.raises(TypeError, match=r"bank\._limit: for compiled callers alone"):
-            limit(None, None, 0, 0)
-        loop.run(load_case(None, ["duration=0.1"]))  # compiled by then, and known to its callers
+def test_setpoints_go_as_they_are() -> None:
+    """An array of the wrong type is refused by the name of the argument."""
+    made = loop.build_loop(load_case(None, SHORT))
+    merge = ENTRY_POINTS["facts_damping.link.transfer.merge"]
+    with pytest.raises(TypeError, match="merge: setpoints: float64, 1 axes given"):
+        merge(made.applied, 0, np.zeros(3), 0)
+    assert merge(made.applied, 0, np.zeros(0, SETPOINT), 0) == 0

@@ -5,19 +5,17 @@ from __future__ import annotations
 import hashlib
 import itertools
 import math
-import re
 from functools import cache
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mpmath
-import numba
 import numpy as np
 import pytest
 from mpmath import mpf
 
 from facts_damping import elementary
-from facts_damping.compiling import bits_of, number_of
+from facts_damping.compiling import bits_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -235,32 +233,3 @@ def test_bits_are_those_of_every_other_processor() -> None:
             if not any(map(math.isnan, arguments)):
                 digest.update(f"{name} {bits(case.function(*arguments))}".encode())
     assert digest.hexdigest()[:16] == "d40c0657bd75351f"
-
-
-def test_they_call_nothing_and_no_product_is_added_in_one_step() -> None:
-    """What is declared and not defined comes from elsewhere: all of it is one instruction of every processor."""
-    instructions = {"copysign.f64", "fabs.f64", "is.fpclass.f64", "lifetime.end.p0", "lifetime.start.p0"}
-    instructions |= {"memset.p0.i64", "sqrt.f64"}
-
-    def all_of_them(x: float, y: float) -> Any:
-        z = elementary.rect(x, y) + elementary.exp_complex(complex(x, y))
-        total = elementary.sin(x) + elementary.cos(x) + elementary.tan(x) + elementary.sin_cos(x)[0]
-        total += elementary.exp(x) + elementary.expm1(x) + elementary.tanh(x) + elementary.log(x) + elementary.log1p(x)
-        total += elementary.power(x, y) + elementary.atan2(x, y) + elementary.hypot(x, y)
-        return total + elementary.phase(z) + elementary.magnitude(z)
-
-    assert set(elementary.__all__) == {name for name in all_of_them.__code__.co_names if name in elementary.__all__}
-    compiler: Any = numba.njit
-    made = compiler(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False)(all_of_them)
-    made.compile((numba.float64, numba.float64))
-    (text,), (assembly,) = made.inspect_llvm().values(), made.inspect_asm().values()
-    assert set(re.findall(r"declare [^@]*@([\w.]+)", text)) <= {f"llvm.{name}" for name in instructions}
-    assert not re.search(r"fmuladd|llvm\.fma", text)
-    assert not re.search(r"\b(vfn?m(add|sub)\w*|fn?m(add|sub|la|ls))\b", assembly)  # of x86-64, of aarch64
-
-
-@pytest.mark.parametrize("x", [0.0, -0.0, 1.5, -INF, LEAST])
-def test_bits_of_numbers_and_back(x: float) -> None:
-    there = numba.njit(lambda x: (bits_of(x), number_of(bits_of(x))))
-    assert there(x) == (bits_of(x), x)
-    assert math.copysign(1.0, number_of(bits_of(x))) == math.copysign(1.0, x)

@@ -48,7 +48,8 @@ class Kernel:
         """Of numbers alone by Python, with the same bits; else compiled for arguments of these types."""
         given = (*arguments, *named.values())
         if all(isinstance(one, NUMERIC) for one in given):
-            return self.py_func(*arguments, **named)
+            with np.errstate(all="ignore"):  # as compiled code, which knows no warnings
+                return self.py_func(*arguments, **named)
         return self._alone(*arguments, **named)
 
 
@@ -66,6 +67,7 @@ class Primitive:
         return with_numba.primitive(self.name)
 
     def __call__(self, *arguments: Any) -> Any:
+        """As Python has it."""
         return self.__wrapped__(*arguments)  # type: ignore[attr-defined]
 
 
@@ -118,41 +120,37 @@ class EntryPoint:
         return with_numba.callee(self)
 
     @functools.cached_property
-    def _called(self) -> Callable[[tuple[Any, ...]], Any]:
-        """The function of the arguments."""
+    def _arguments(self) -> list[tuple[str, Any]]:
+        """Name and kind of each argument; the kind of a struct is a class that it must be of."""
+        names = inspect.signature(self.py_func).parameters
+        return [(name, typing.get_origin(kind) or kind) for name, kind in zip(names, self.kinds, strict=True)]
+
+    @functools.cached_property
+    def _function(self) -> Any:
+        """The C function."""
         from facts_damping.compiling import store  # noqa: PLC0415 (it imports this module)
 
-        types: list[Any] = []
-        for kind in self.kinds:
-            types += [C_TYPES[word] for word in words_of(kind)]
-        function = ctypes.CFUNCTYPE(C_TYPES[self.result], *types)(store.address(self))
-        names = list(inspect.signature(self.py_func).parameters)
-        if not any(isinstance(kind, Array) or is_numbers(kind) for kind in self.kinds):
-            structs = [i for i, kind in enumerate(self.kinds) if kind not in NUMBERS]
-
-            def call(given: tuple[Any, ...]) -> Any:
-                flat = list(given)
-                for i in structs:
-                    flat[i] = given[i].pointer
-                return function(*flat)
-
-            return call
-
-        def call_with_arrays(given: tuple[Any, ...]) -> Any:
-            flat: list[Any] = []
-            for kind, name, one in zip(self.kinds, names, given, strict=True):
-                if isinstance(kind, Array):
-                    flat += array_words(one, kind, f"{self.__name__}: {name}")
-                elif is_numbers(kind):
-                    flat += one
-                else:
-                    flat.append(one if kind in NUMBERS else one.pointer)
-            return function(*flat)
-
-        return call_with_arrays
+        types = [C_TYPES[word] for kind in self.kinds for word in words_of(kind)]
+        return ctypes.CFUNCTYPE(C_TYPES[self.result], *types)(store.address(self))
 
     def __call__(self, *arguments: Any) -> Any:
-        found = self._called(arguments)
+        """Call it. Raises `TypeError` where arguments are not of their types."""
+        if len(arguments) != len(self._arguments):
+            raise TypeError(f"{self.__name__}: {len(arguments)} given; allowed: {len(self._arguments)} arguments")
+        flat: list[Any] = []
+        for (name, kind), one in zip(self._arguments, arguments, strict=True):
+            if kind in NUMBERS:
+                flat.append(one)
+            elif isinstance(kind, Array):
+                flat += array_words(one, kind, f"{self.__name__}: {name}")
+            elif is_numbers(kind):
+                flat += one
+            elif isinstance(one, kind):
+                flat.append(one.pointer)
+            else:
+                given = type(one).__name__
+                raise TypeError(f"{self.__name__}: {name}: {given} given; allowed: a {kind.__name__}")
+        found = self._function(*flat)
         return bool(found) if self.result is bool else found
 
 

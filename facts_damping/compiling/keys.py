@@ -110,6 +110,7 @@ class _Walk:
     def __init__(self, entry: EntryPoint) -> None:
         self.texts: list[str] = []
         self.callees: dict[str, EntryPoint] = {}
+        self.functions: set[str] = set()  # that are compiled into it
         self._seen: set[int] = set()
         self.texts.append(_signature(entry))
         for kind in entry.kinds:
@@ -122,6 +123,7 @@ class _Walk:
             return
         self._seen.add(id(function))
         name = f"{function.__module__}.{function.__qualname__}"
+        self.functions.add(name)
         self.texts.append(f"{name} {options} {_code(function.__code__, function.__doc__)} {function.__defaults__}")
         for name, value in _used(function):
             self._value(name, value)
@@ -171,7 +173,7 @@ def key(entry: EntryPoint) -> str:
 def of_function(function: Any) -> str:
     """The same of a part that is compiled by itself, for whatever types."""
     walk = object.__new__(_Walk)
-    walk.texts, walk.callees, walk._seen = [], {}, set()
+    walk.texts, walk.callees, walk.functions, walk._seen = [], {}, set(), set()
     walk._function(function)
     for one in walk.callees.values():
         walk.texts.append(key(one))

@@ -72,7 +72,7 @@ def prepare(entries: Iterable[EntryPoint]) -> None:
         sys.stderr.write(f"compiling {len(missing)} numerical kernels, once on this machine: seconds\n")
     command = [sys.executable, "-m", "facts_damping.compiling", *symbols]
     many = min(os.cpu_count() or 1, len(missing))
-    paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
+    paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
     surroundings = {**os.environ, "PYTHONPATH": paths, "NUMBA_CPU_NAME": TARGETS.get(platform.machine(), "generic")}
     surroundings |= {"NUMBA_CPU_FEATURES": "", "NUMBA_OPT": "3", "OPENBLAS_NUM_THREADS": "1"}
     processes = [subprocess.Popen(command, env=surroundings) for _ in range(many)]

@@ -71,6 +71,7 @@ def kind_of(hint: Any) -> Any:
     raise TypeError(f"{hint}: allowed: float, int, bool, an array with its type, a struct, a table of structs")
 
 
+@cache
 def is_numbers(kind: Any) -> bool:
     """Whether a kind is a named tuple of numbers, which are handed over one by one."""
     return (
@@ -124,7 +125,13 @@ class Struct:
     def _split(self) -> None:
         """The rows of several side by side, `each`: of every field its part along the first axis."""
         if self._each is not None and self.complete:
-            rows = Table([self._row(i) for i in range(self._many())])
+            made = [self._row(i) for i in range(self._many())]
+            if "each" in self.__dict__ and len(self.each) == len(made):  # others may point at these
+                for row, new in zip(self.each, made, strict=True):
+                    for name in new._fields:
+                        setattr(row, name, getattr(new, name))
+                return
+            rows = Table(made)
             self.__dict__["each"] = rows
             self.block[layout(type(self))["each"][1]] = rows.pointer
 
@@ -169,8 +176,8 @@ class Struct:
         return type(self), tuple(self)
 
     def __repr__(self) -> str:
-        """Name and fields."""
-        return f"{type(self).__name__}({', '.join(f'{name}={self.__dict__[name]!r}' for name in self._fields)})"
+        """Name and fields' names: the arrays would fill screens."""
+        return f"{type(self).__name__}({', '.join(self._fields)})"
 
 
 S = TypeVar("S", bound=Struct)

@@ -133,7 +133,7 @@ def _load(context: Any, builder: Any, struct: Any, value: Any, name: str) -> Any
 
 @infer_global(operator.getitem)
 class _Getitem(AbstractTemplate):
-    def generic(self, args: Any, kws: Any) -> Any:
+    def generic(self, args: Any, _kws: Any) -> Any:
         if isinstance(args[0], TableType) and isinstance(args[1], types.Integer):
             return signature(StructType(args[0].cls), args[0], types.int64)
         return None
@@ -141,7 +141,7 @@ class _Getitem(AbstractTemplate):
 
 @infer_global(len)
 class _Len(AbstractTemplate):
-    def generic(self, args: Any, kws: Any) -> Any:
+    def generic(self, args: Any, _kws: Any) -> Any:
         return signature(types.int64, args[0]) if isinstance(args[0], TableType) else None
 
 
@@ -335,8 +335,7 @@ def object_code(entry: EntryPoint) -> bytes:
     module = library.create_ir_module(entry.symbol)
     _write_c_function(context, module, made.fndesc, entry)
     library.add_ir_module(module)
-    if not library._finalized:
-        library.finalize()
+    library.finalize()
     final = library._final_module  # noqa: SLF001
     for function in final.functions:
         if not function.is_declaration and function.name != entry.symbol:

@@ -26,7 +26,6 @@ from facts_damping.simulation.build import build_plant, build_pmus, commands, gr
 from facts_damping.simulation.loop import build_loop, record, setpoint_buffer, signals_for, step
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.restarts import Restarts
-from facts_damping.simulation.tick import Loop
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.link import Link
     from facts_damping.plant.build import Built
     from facts_damping.signals import Record
+    from facts_damping.simulation.tick import Loop
     from facts_damping.supervision.model import Supervisors, SupervisorState
 
 SOURCE = "change"  # what an error names

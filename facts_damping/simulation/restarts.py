@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.compiling.structs import Struct
 from facts_damping.control.faults import DEAD
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ NEVER = np.iinfo(np.int64).max
 def restore(state: Any, fresh: Any, place: int) -> None:
     """One of several, whose axis is the first of all arrays, as it was."""
     for own, before in zip(state, fresh, strict=True):
-        if isinstance(own, tuple):
+        if isinstance(own, Struct):
             restore(own, before, place)
         else:
             own[place] = before[place]

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.link.chain import Chain, DirectionSpec, Packets, longest_delay_ns
-from facts_damping.link.transfer import Direction, Links, downlink, links, merge, uplink
+from facts_damping.link.chain import DirectionSpec, longest_delay_ns
+from facts_damping.link.transfer import Links, downlink, links, merge, uplink
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.stages import Constant, Wait
 from facts_damping.signals import CHANNELS, DELIVERY, LOST, SETPOINT, to_ns
@@ -41,7 +41,7 @@ def ways(rate: int, commands: int) -> tuple[DirectionSpec, DirectionSpec]:
 class Sent(NamedTuple):
     """What a direction was given, and what it delivered, each entry with the number of its tick."""
 
-    way: Direction
+    way: Any
     given: NDArray[Any]
     delivered: NDArray[Any]
     ticks: int
@@ -52,17 +52,10 @@ def alone(up: Sequence[Any], down: Sequence[Any], per_tick: int, rate: int) -> L
     return links([Link(up=list(up), down=list(down))], [0], *ways(rate, per_tick))
 
 
-def first(several: Direction) -> Direction:
-    """The first of several, as views."""
-    chain, packets, *rest = several
-    own = Chain(*(part[0] for part in chain)), Packets(*(part[0] for part in packets))
-    return Direction(*own, *(part[0] for part in rest))
-
-
 def send_up(delays_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
     """Frames through a chain; each value says tick, station and channel."""
     link = alone(stages(*delays_ns), [], 1, rate)
-    way = first(link.up)
+    way = link.up.each[0]
     given, out = [], []
     for k in range(ticks):
         start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
@@ -81,7 +74,7 @@ def send_up(delays_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
 def send_down(delays_ns: Sequence[int], issued_ns: Sequence[int], rate: int, ticks: int = TICKS) -> Sent:
     """Setpoints, each issued at its own instant, in the tick that holds it; values count them."""
     link = alone([], stages(*delays_ns), len(issued_ns), rate)
-    way = first(link.down)
+    way = link.down.each[0]
     given = np.zeros(len(issued_ns), SETPOINT)
     given["issued_ns"] = given["effective_ns"] = np.sort(issued_ns)
     given["device"], given["value"] = np.arange(len(given)) % DEVICES, np.arange(len(given))
@@ -197,7 +190,7 @@ def test_the_ring_goes_round_many_times() -> None:
 def test_what_finds_no_room_is_counted_as_lost() -> None:
     """Sent = delivered + under way + lost, and those that are there arrive."""
     link = alone([], stages(to_ns(1.0)), 1, 10)
-    way = first(link.down)
+    way = link.down.each[0]
     room = len(way.entries)
     given = np.zeros(room + 7, SETPOINT)
     given["value"] = np.arange(len(given))
@@ -213,7 +206,7 @@ def test_what_finds_no_room_is_counted_as_lost() -> None:
 def test_directions_have_room_for_the_longest_delay(delay: float) -> None:
     """Every tick full, for as long as entries are under way."""
     made = links([Link(up=[Constant(delay=delay)], down=[Constant(delay=delay)])], [0], *ways(30, 2))
-    up, down = first(made.up), first(made.down)
+    up, down = made.up.each[0], made.down.each[0]
     frame, given = np.zeros((STATIONS, len(CHANNELS))), np.zeros(4, SETPOINT)
     for k in range(round(delay * 30) + 60):
         start, end = tick_ns(k, 30), tick_ns(k + 1, 30)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from facts_damping.compiling import compiled
-from facts_damping.neurofuzzy.learning import FIXED, Learner, Rule, infer, learn, learners, view
+from facts_damping.neurofuzzy.learning import FIXED, Learners, Rule, infer, learn, learners
 from facts_damping.neurofuzzy.network import Network, Pass, backward, by_inputs, forward, network, passes
 from tests.neurofuzzy.test_network import PAIRS, output, random_theta, smooth
 
@@ -20,10 +20,10 @@ every_pair = pytest.mark.parametrize(("antecedent", "consequent"), PAIRS)
 
 @compiled
 def adapt(
-    net: Network, several: Learner, i: int, rule: Rule, error: NDArray[np.float64], curvature: NDArray[np.float64]
+    net: Network, several: Learners, i: int, rule: Rule, error: NDArray[np.float64], curvature: NDArray[np.float64]
 ) -> None:
     """A pass and a step of adaptation of the i-th of several learners."""
-    own = view(several, i, net)
+    own = several.each[i]
     infer(net, own)
     learn(net, own, rule, error, curvature)
 

@@ -13,8 +13,8 @@ from facts_damping.plant import devices, sssc
 from facts_damping.plant.dead_time import line
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.model import PlantState, workspace
-from facts_damping.plant.site import DEVICE, PORT, Site
 from facts_damping.plant.network import series_devices
+from facts_damping.plant.site import DEVICE, PORT, Site
 from facts_damping.plant.watchdog import watching
 from tests.independent.dynamics import sssc_voltage
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.compiling import specialised
 from facts_damping.monitors import COMMANDS, MONITORS, STATES, cause_name
 from facts_damping.parameters.run import Controller
 from facts_damping.parameters.stations import Signal
@@ -63,9 +62,6 @@ class Guarded:
         self.row["finite"] = 1
         self.truth = np.zeros(len(LIMITS), DEVICE_TRUTH)
         self._entry, self._out, self._told = np.zeros(1, DELIVERY), np.zeros(64, SETPOINT), np.zeros(1, SUPERVISION)
-        table, parts = np.zeros(0, SETPOINT), (self.made, self.state, 0)
-        self._supervise = specialised(supervise, *parts, 0, 0, 0, self._entry, 0, table, 0, self.truth, table, 0)
-        self._tell = specialised(tell, *parts, 0, self._told[0])
 
     @property
     def limits(self) -> NDArray[np.float64]:
@@ -112,8 +108,8 @@ class Guarded:
         self.truth["blocked"] = float(blocked)
         told = self.made, self.state, 0, self.tick
         frames = int(speed is not None)
-        end_of = self._supervise(*told, start, end, self._entry, frames, issued, len(issued), self.truth, self._out, 0)
-        assert self._tell(*told, self._told[0])
+        end_of = supervise(*told, start, end, self._entry, frames, issued, len(issued), self.truth, self._out, 0)
+        assert tell(*told, self._told, 0)
         self.tick += 1
         row = self._told[0]
         values = dict(zip(MONITORS, row["values"].tolist(), strict=True))
