@@ -31,6 +31,7 @@ ROOT = Path(__file__).parent
 ROOMS = (
     "compiling",
     "control",
+    "elementary",
     "environment.many",
     "environment.pinning",
     "environment.watching",
@@ -41,10 +42,12 @@ ROOMS = (
     "neurofuzzy",
     "nodes.packing",
     "plant",
+    "random_numbers",
     "signals",
     "simulation.measured_plant",
     "simulation.tick",
     "supervision",
+    "ziggurat",
 )
 KEPT = 4  # folders of one file: those of other versions of it
 _IMPORT = re.compile(rf"^[ ]*from ({PACKAGE}[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping import random_numbers
 from facts_damping.compiling import compiled, inner
 from facts_damping.link.stages import (
     BIAS,
@@ -154,7 +155,7 @@ def put(made: Chain, link: int, s: int, stage: Any, way: DirectionSpec) -> None:
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(link, direction, s)))
     if code == NOISE:
         own = made.kept[link, s, : row[s]["window"]]
-        own[:] = random.standard_normal(own.shape)
+        own[:] = random_numbers.standard_normal(random, own.shape)
     if code in CHANCE:
         made.drawn[link, s] = draw(stage, made.drawn.shape[2:], way.channels, random)
 
