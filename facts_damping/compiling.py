@@ -41,6 +41,7 @@ ROOMS = (
     "matrices",
     "neurofuzzy",
     "nodes.packing",
+    "phasors",
     "plant",
     "random_numbers",
     "signals",

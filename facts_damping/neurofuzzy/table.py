@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from facts_damping.elementary import exp
 from facts_damping.neurofuzzy import antecedent, consequent
 from facts_damping.neurofuzzy.antecedent import POINTS
 from facts_damping.neurofuzzy.consequent import DEGREES, HARMONICS, WAVELETS
@@ -65,7 +66,7 @@ class Consequent(NamedTuple):
 def _degrees(h: float, s: float) -> list[float]:
     """A spline's degrees as those of a gaussian."""
     points = [2.0 * i / (POINTS - 1) - 1.0 for i in range(POINTS)]
-    return [min(max(math.exp(-(((point - h) / s) ** 2)), DEGREE.low), DEGREE.high) for point in points]
+    return [min(max(exp(-((point - h) / s) * ((point - h) / s)), DEGREE.low), DEGREE.high) for point in points]
 
 
 def _weight(w: float, *_: Any) -> list[float]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping.elementary import rect
 from facts_damping.errors import InputError
+from facts_damping.matrices import least_squares
 from facts_damping.parameters.blocks import INPUTS, MODELS, Block
 from facts_damping.plant.blocks import (
     BLOCK,
@@ -135,7 +136,7 @@ def _plain(block: Block, data: Any) -> _Plain:
         kind, states = LEAD_LAG, int(c[2] > 0.0)
         p = (1.0, c[0] / c[2] if c[2] > 0.0 else 0.0, c[2], 0.0)
     elif kind == SOURCE:
-        turned = cmath.rect(c[0], math.radians(c[1]))
+        turned = rect(c[0], math.radians(c[1]))
         behind = 1j * (c[2] + turned * c[3])
         p = (turned.real, turned.imag, behind.real, behind.imag)
     elif kind == RECTIFIER:
@@ -253,7 +254,7 @@ def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float 
         if np.abs(left).max(initial=0.0) < TOLERANCE:
             break
         slopes = [(moves(z + step) - moves(z - step)) / (2.0 * step.max()) for step in 1e-6 * np.eye(len(z))]
-        z = z - np.linalg.lstsq(np.array(slopes).T, left, rcond=None)[0]
+        z = z - least_squares(np.array(slopes).T, left)
     else:
         raise InputError(f"{data.model} of {data.machine}: no state of rest found at the start")
     return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _strains(made, data, s))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.compiling import compiled
+from facts_damping.elementary import exp
 from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def steady_state(exciter: Exciter | None, offset: int, voltage: float, field_vol
         if exciter.TB > 0:
             present["xb"] = field_voltage / exciter.KA
     else:
-        saturation = exciter.AEX * math.exp(exciter.BEX * field_voltage)
+        saturation = exciter.AEX * exp(exciter.BEX * field_voltage)
         limited = regulator = (exciter.KE + saturation) * field_voltage
         present |= {"VR": regulator, "Efd": field_voltage}
         if exciter.KF > 0:

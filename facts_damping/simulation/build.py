@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import importlib
 import math
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ from facts_damping.control.identifier_model import Identified, Identifiers, Iden
 from facts_damping.control.inputs import TURN, UNSET
 from facts_damping.control.plant_prior import PlantPrior
 from facts_damping.control.table import kind_of
+from facts_damping.elementary import exp_complex
 from facts_damping.errors import InputError
 from facts_damping.link.chain import DirectionSpec
 from facts_damping.link.stages import mean_delay
@@ -26,6 +26,7 @@ from facts_damping.measurement.build import pmus
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.parameters.supervision import Supervision
+from facts_damping.phasors import times
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
 from facts_damping.plant.load_noise import draw as draw_noise
@@ -227,7 +228,9 @@ def _watched(case: Case, c: int, reserve: int, plant: Residues | None) -> Watche
         ahead = 0.0 if filtered is None else filtered.delay
         for d, device in enumerate(controller.devices):
             down = mean_delay(case.links[used].down, [device])
-            residue[d] = complex(plant.residue[row, plant.devices.index(device)] * cmath.exp(mode * (ahead - down)))
+            residue[d] = complex(
+                times(plant.residue[row, plant.devices.index(device)], exp_complex(mode * (ahead - down)))
+            )
     return Watched(c, reserve, used, case.run.arm_at, mode, residue)
 
 
@@ -262,7 +265,7 @@ def _known(case: Case, i: int, plant: Residues | None) -> PlantPrior | None:
                 f"controllers.{i}.signals: '{signal}' given, which does not swing at the least damped mode "
                 f"({plant.frequency_hz:.2f} Hz); allowed: signals that do"
             )
-    z_pole = cmath.exp(plant.eigenvalue / case.run.frame_rate)
+    z_pole = exp_complex(plant.eigenvalue / case.run.frame_rate)
     return PlantPrior(np.sign(jacobian) if c.scheme == "indirect" else sign, jacobian, mode_shape, z_pole)
 
 
