@@ -23,6 +23,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex2, Float2
+from facts_damping.phasors import magnitudes, over
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,9 +48,9 @@ def _multiply(a: NDArray[Any], b: NDArray[Any], out: NDArray[Any]) -> None:
 
 
 @compiled
-def _size(z: complex) -> float:
-    """How large a number counts as a pivot: as for LAPACK, |Re z| + |Im z|."""
-    return abs(z.real) + abs(z.imag)
+def _size(z: Any) -> float:
+    """|Re z| + |Im z|, by which pivots are chosen: a magnitude would be rounded."""
+    return abs(z.real) + abs(z.imag)  # type: ignore[no-any-return]
 
 
 @compiled
@@ -160,7 +161,7 @@ def exponential(a: NDArray[np.float64]) -> NDArray[np.float64]:
     """exp(a), by Taylor's series of a / 2^s, then squared s times."""
     norm = np.abs(a).sum(axis=1).max(initial=0.0)
     halved = max(0, math.frexp(norm)[1] + 1)
-    one, small = np.eye(len(a)), a / 2.0**halved
+    one, small = np.eye(len(a)), a / math.ldexp(1.0, halved)
     found = one
     for k in range(TERMS, 0, -1):
         found = one + product(small, found) / k
@@ -223,6 +224,13 @@ def singular(a: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.fl
     return (u / np.where(s > 0.0, s, 1.0)[:, None]).T, s, v.T
 
 
+def least_squares(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The smallest x, a vector, for which |a x - b| is least; singular values that are round-off count as none."""
+    u, s, v = singular(a)
+    kept = s > np.finfo(float).eps * max(a.shape) * s.max(initial=0.0)
+    return product(v[:, kept], product(u[:, kept].T, b) / s[kept])
+
+
 def eigenvalue_near(
     a: NDArray[np.float64], guess: complex
 ) -> tuple[complex, NDArray[np.complex128], NDArray[np.complex128]]:
@@ -236,8 +244,8 @@ def eigenvalue_near(
     shifted = a - shift * np.eye(len(a))
     right = left = np.array(1.0 / np.arange(1.0, len(a) + 1), np.complex128)
     for _ in range(STEPS):
-        right, left = (v / v[np.argmax(np.abs(v))] for v in (solve(shifted, right), solve(shifted.T, left)))
-    return complex(product(left, a, right) / product(left, right)), right, left
+        right, left = (over(v, v[np.argmax(magnitudes(v))]) for v in (solve(shifted, right), solve(shifted.T, left)))
+    return complex(over(product(left, a, right), product(left, right))), right, left
 
 
 def root(gramian: NDArray[np.float64]) -> NDArray[np.float64]:

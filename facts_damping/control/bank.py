@@ -34,11 +34,12 @@ from facts_damping.control.table import (
     Value,
     kind_of,
 )
-from facts_damping.elementary import cos, phase
+from facts_damping.elementary import cos
 from facts_damping.neurofuzzy.learning import Learners, learners
 from facts_damping.neurofuzzy.network import Network, network, shape_of
 from facts_damping.neurofuzzy.start import Start, initial
 from facts_damping.parameters.run import Weights
+from facts_damping.phasors import angles, magnitudes, over, times
 from facts_damping.signals import NANOSECONDS, Deliveries, Setpoints
 
 if TYPE_CHECKING:
@@ -136,7 +137,7 @@ def bank(
             made.actuators.limit[c, d], made.actuators.rate[c, d] = limits[device]
         own = known[c]
         if own is not None:
-            made.mode_shape[c, : len(controller.signals)] = np.abs(own.mode_shape)
+            made.mode_shape[c, : len(controller.signals)] = magnitudes(own.mode_shape)
         settings(controller, made.settings[c], made.mode_shape[c])
         if own is not None:
             made.sensitivity[c, : len(controller.signals), : len(controller.devices)] = own.sign
@@ -204,12 +205,11 @@ def pull(known: PlantPrior, s: NDArray[Any]) -> NDArray[np.float64]:
 
     1 for those; for the others the cosine of the angle, at the least damped mode, between an input and their sum.
     """
-    change = 1.0 - 1.0 / known.z_pole
-    swing = known.mode_shape / s["scale"]
-    steps = known.mode_shape * change / s["change_scale"]
+    change = 1.0 - over(1.0, known.z_pole)
+    swing = over(known.mode_shape, s["scale"])
+    steps = over(times(known.mode_shape, change), s["change_scale"])
     phasors = np.column_stack([swing, steps]).ravel()
-    aim = phasors[0] + phasors[1]
-    found = [cos(phase(phasor)) for phasor in (phasors / aim).tolist()]
+    found = [cos(angle) for angle in angles(over(phasors, phasors[0] + phasors[1])).tolist()]
     return np.array([1.0, 1.0, *found[2:]])
 
 

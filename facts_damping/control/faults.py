@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from facts_damping import random_numbers
 from facts_damping.compiling import compiled
 from facts_damping.compiling.structs import Array, Float2, Struct
 from facts_damping.parameters.faults import SIZED
@@ -40,7 +41,7 @@ def faults(given: Sequence[Sequence[ControllerFault]], frame_rate: int, seed: in
             row["first"] = math.ceil(one.start * frame_rate)
             over = np.inf if one.duration is None else math.ceil((one.start + one.duration) * frame_rate)
             row["end"] = min(over, np.iinfo(np.int64).max)
-    drawn = np.random.default_rng((seed, 4)).standard_normal((len(given), CHANCES if most else 0))
+    drawn = random_numbers.standard_normal(np.random.default_rng((seed, 4)), (len(given), CHANCES if most else 0))
     return Faults(rows, drawn)
 
 

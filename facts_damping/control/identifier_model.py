@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
@@ -10,11 +11,12 @@ from numpy.typing import NDArray
 from facts_damping.compiling.structs import Array, Float2, Float3, Int1, Int2, Int3, Struct
 from facts_damping.control.inputs import Held, Inputs
 from facts_damping.control.table import SETTINGS
-from facts_damping.elementary import exp, exp_complex, phase
+from facts_damping.elementary import exp, phase, rect
 from facts_damping.neurofuzzy.learning import Learners
 from facts_damping.neurofuzzy.network import Network, network
 from facts_damping.neurofuzzy.start import Start, initial, slots
 from facts_damping.neurofuzzy.table import IDENTIFIERS, MIMO_FORM
+from facts_damping.phasors import over, power, times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -107,8 +109,9 @@ def start(net: Network, row: Identified) -> NDArray[np.float64]:
     order = (net.inputs - len(row.devices)) // net.outputs
     if net.outputs * len(row.devices) * order > 1:
         horizon, span = (int(row.settings[f"identifier_{name}"][0]) for name in ("horizon", "span"))
-        past = np.concatenate([row.known.mode_shape / scale / row.known.z_pole ** (span * j) for j in range(order)])
-        later = row.known.mode_shape / scale * row.known.z_pole**horizon
+        now = over(row.known.mode_shape, scale)
+        past = np.concatenate([over(now, power(row.known.z_pole, span * j)) for j in range(order)])
+        later = times(now, power(row.known.z_pole, horizon))
         return _linear_start(net, np.hstack([_ahead(past, later), by_u]))
     weight, by_u = float(row.settings["identifier_weight"][0]), by_u[0]
     slopes = np.concatenate([np.ones(len(row.signals)), by_u])
@@ -116,7 +119,7 @@ def start(net: Network, row: Identified) -> NDArray[np.float64]:
     spread, shift = np.zeros(net.inputs), np.zeros(net.inputs)
     if IDENTIFIERS[row.kind][1] == "morlet":
         shift[:] = np.pi * DILATION / 10.0  # where cos 5q falls through zero
-        weight = DILATION / 5.0 * exp(0.5 * (np.pi / 10.0) ** 2)
+        weight = DILATION / 5.0 * exp(0.5 * (math.pi / 10.0) * (math.pi / 10.0))
         shift[len(row.signals) :] = by_u * DILATION**2 / (26.0 * weight)
     else:
         spread[:] = slopes * WIDTH**2 / (2.0 * weight)
@@ -129,8 +132,8 @@ def _ahead(past: NDArray[np.complex128], later: NDArray[np.complex128]) -> NDArr
     Both are turned until real and imaginary part of `past` are at right angles to each other. Then M is the sum of
     later_i past_i^T / |past_i|^2 over the parts i that are more than round-off.
     """
-    turn = exp_complex(-0.5j * phase(complex((past * past).sum())))
-    past, later = past * turn, later * turn
+    turn = rect(1.0, -0.5 * phase(complex(times(past, past).sum())))
+    past, later = times(past, turn), times(later, turn)
     made = np.zeros((len(later), len(past)))
     for own, to in ((past.real, later.real), (past.imag, later.imag)):
         size = (own * own).sum()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import InputError
+from facts_damping.phasors import times
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -109,7 +110,10 @@ def _polynomial(name: str, given: list[float | str]) -> list[float]:
         raise InputError(f"{name}: {given} given; allowed: numbers, complex ones as text such as '-1+2j'") from error
     if not np.allclose(np.sort_complex(found), np.sort_complex(found.conj())):
         raise InputError(f"{name}: {given} given; allowed: complex ones in conjugate pairs")
-    return [float(one) for one in np.atleast_1d(np.poly(found)).real]
+    made = np.ones(1, complex)
+    for root in found:
+        made = np.append(made, 0.0) - np.append(0.0, times(root, made))
+    return [float(one) for one in made.real]
 
 
 def _realised(num: list[float], den: list[float]) -> Matrices:

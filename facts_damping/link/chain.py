@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from facts_damping import random_numbers
 from facts_damping.compiling import compiled
 from facts_damping.compiling.structs import (
     Array,
@@ -192,7 +193,7 @@ def put(made: Chains, link: int, s: int, stage: Any, way: DirectionSpec) -> None
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(link, direction, s)))
     if code == NOISE:
         own = made.kept[link, s, : row[s]["window"]]
-        own[:] = random.standard_normal(own.shape)
+        own[:] = random_numbers.standard_normal(random, own.shape)
     if code in CHANCE:
         made.drawn[link, s] = draw(stage, made.drawn.shape[2:], way.channels, random)
 

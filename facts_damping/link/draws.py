@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping import random_numbers
 from facts_damping.compiling import entry_point
 from facts_damping.compiling.structs import Bool2, Float2
 
@@ -24,33 +25,33 @@ if TYPE_CHECKING:
 
 def uniform(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
     """Equally likely between two bounds."""
-    return random.uniform(stage.low, stage.high, size)
+    return random_numbers.uniform(random, stage.low, stage.high, size)
 
 
 def normal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
     """By rejection: at least a half of the draws about a mean within the bounds is good, or std is next to them."""
-    found = random.normal(stage.mean, stage.std, size)
+    found = random_numbers.normal(random, stage.mean, stage.std, size)
     for _ in range(200):
         bad = (found < stage.low) | (found > stage.high)
         if not bad.any():
             return found
-        found[bad] = random.normal(stage.mean, stage.std, int(bad.sum()))
+        found[bad] = random_numbers.normal(random, stage.mean, stage.std, int(bad.sum()))
     return np.clip(found, stage.low, stage.high)
 
 
 def gamma(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
     """A constant delay and a gamma distribution."""
-    return np.asarray(stage.delay + random.gamma(stage.shape, stage.scale, size))
+    return stage.delay + random_numbers.gamma(random, stage.shape, stage.scale, size)
 
 
 def lognormal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
     """A constant delay and a lognormal distribution."""
-    return np.asarray(stage.delay + stage.median * random.lognormal(0.0, stage.sigma, size))
+    return stage.delay + stage.median * random_numbers.lognormal(random, 0.0, stage.sigma, size)
 
 
 def bernoulli(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
     """Each entry is lost or not, by itself."""
-    return np.where(random.random(size) < stage.loss, math.nan, 0.0)
+    return np.where(random_numbers.random(random, size) < stage.loss, math.nan, 0.0)
 
 
 def gilbert_elliott(
@@ -58,8 +59,10 @@ def gilbert_elliott(
 ) -> NDArray[np.float64]:
     """Losses of a channel that is good or bad by turns (Gilbert 1960, Elliott 1963)."""
     bad = np.zeros((size[0], size[2]), np.bool_)
-    _turns(stage.p_GB, stage.p_BG, random.random(bad.shape), bad)
-    return np.where(random.random(size) < np.where(bad, stage.loss_B, stage.loss_G)[:, None, :], math.nan, 0.0)
+    _turns(stage.p_GB, stage.p_BG, random_numbers.random(random, bad.shape), bad)
+    return np.where(
+        random_numbers.random(random, size) < np.where(bad, stage.loss_B, stage.loss_G)[:, None, :], math.nan, 0.0
+    )
 
 
 @entry_point

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from facts_damping import random_numbers
 from facts_damping.elementary import exp
 from facts_damping.link import draws
 from facts_damping.parameters.stages import LONGEST_S
@@ -48,7 +49,7 @@ MODELS = {
     "normal": StageKind(DRAWN, draws.normal, lambda s, so_far: so_far + s.mean),
     "gamma": StageKind(DRAWN, draws.gamma, lambda s, so_far: so_far + (s.delay + s.shape * s.scale)),
     "lognormal": StageKind(
-        DRAWN, draws.lognormal, lambda s, so_far: so_far + (s.delay + s.median * exp(s.sigma**2 / 2.0))
+        DRAWN, draws.lognormal, lambda s, so_far: so_far + (s.delay + s.median * exp(s.sigma * s.sigma / 2.0))
     ),
     "trace": StageKind(DRAWN, draws.trace, lambda s, so_far: so_far + draws.trace_mean(s)),
     "bernoulli": StageKind(DRAWN, draws.bernoulli),
@@ -75,10 +76,11 @@ def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Gen
     """
     drawn = MODELS[stage.model].draw
     if stage.model == "flip":
-        turned, bit = random.random(size) < stage.probability, random.integers(0, BITS * MOST_VALUES, size)
+        turned = random_numbers.random(random, size) < stage.probability
+        bit = random_numbers.integers(random, BITS * MOST_VALUES, size)
         return np.asarray(np.where(turned, 1 + bit, 0), np.int64)
     if drawn is None:
-        return np.asarray(random.random(size) < stage.probability, np.int64)
+        return np.asarray(random_numbers.random(random, size) < stage.probability, np.int64)
     delay = drawn(stage, size, channels, random)
     lost = np.isnan(delay)
     times = np.rint(np.clip(np.where(lost, 0.0, delay), 0.0, LONGEST_S) * NANOSECONDS)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping import random_numbers
 from facts_damping.measurement import pmu
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.measurement.pmu import Pmus, PmuState
@@ -49,8 +50,8 @@ def _chance(
     for s in range(stations):
         random = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, s, i))) for i in range(2)]
         if normals > 1:
-            normal[:, s] = random[0].standard_normal(normal[:, s].shape)
-        uniform[:, :, s] = random[1].random(uniform[:, :, s].shape)
+            normal[:, s] = random_numbers.standard_normal(random[0], normal[:, s].shape)
+        uniform[:, :, s] = random_numbers.random(random[1], uniform[:, :, s].shape)
     return normal, uniform
 
 

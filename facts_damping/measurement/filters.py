@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from facts_damping.elementary import cos, sin
 from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,9 +68,15 @@ def reference_filter(measurement: Measurement, nominal: float, frame_rate: int) 
     else:
         reference, length = _m_class(nominal, frame_rate)
         t = step * np.arange(math.floor(length / 2.0 / step + 1e-9) + 1)
-        weights = np.sinc(4.0 * reference * t) * (0.54 + 0.46 * np.cos(2.0 * np.pi * t / length))
+        window = [0.54 + 0.46 * cos(2.0 * math.pi * at / length) for at in t.tolist()]
+        weights = np.array([_sinc(4.0 * reference * at) for at in t.tolist()]) * np.array(window)
     weights = weights / (weights[0] + 2.0 * weights[1:].sum())
     return Filter(np.asarray(weights, np.float64), per_frame, -(-len(weights) // per_frame))
+
+
+def _sinc(x: float) -> float:
+    """sin(pi x) / (pi x)."""
+    return sin(math.pi * x) / (math.pi * x) if x != 0.0 else 1.0
 
 
 def _m_class(nominal: float, frame_rate: int) -> tuple[float, float]:
@@ -85,6 +92,14 @@ def _m_class(nominal: float, frame_rate: int) -> tuple[float, float]:
     return reference, order / (ANNEX_SAMPLES * nominal)
 
 
+def _spread(weights: NDArray[np.float64], over: list[float]) -> NDArray[np.float64]:
+    """Weights of samples, each spread over those behind it: a convolution."""
+    found = np.zeros(len(weights) + len(over) - 1)
+    for i, share in enumerate(over):
+        found[i : i + len(weights)] += share * weights
+    return found
+
+
 def taps(made: Filter, channel: str, frame_rate: int) -> NDArray[np.float64]:
     """What a channel is made of: weights of samples of its phasor, from the newest in the report's tick backwards.
 
@@ -94,8 +109,8 @@ def taps(made: Filter, channel: str, frame_rate: int) -> NDArray[np.float64]:
     whole = np.concatenate([made.weights[:0:-1], made.weights])
     beside: dict[str, list[float]] = {"frequency": [1.0, 0.0, -1.0], "rocof": [1.0, -2.0, 1.0]}
     if channel == "frequency":
-        whole = np.convolve(whole, beside[channel]) / (4.0 * np.pi * step)
+        whole = _spread(whole, beside[channel]) / (4.0 * np.pi * step)
     elif channel == "rocof":
-        whole = np.convolve(whole, beside[channel]) / (2.0 * np.pi * step**2)
+        whole = _spread(whole, beside[channel]) / (2.0 * np.pi * step * step)
     first = made.delay * made.per_frame - (len(whole) - 1) // 2  # samples between the newest of the tick and the first
     return np.concatenate([np.zeros(first), whole])

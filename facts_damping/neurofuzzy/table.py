@@ -66,7 +66,7 @@ class Consequent(NamedTuple):
 def _degrees(h: float, s: float) -> list[float]:
     """A spline's degrees as those of a gaussian."""
     points = [2.0 * i / (POINTS - 1) - 1.0 for i in range(POINTS)]
-    return [min(max(exp(-(((point - h) / s) ** 2)), DEGREE.low), DEGREE.high) for point in points]
+    return [min(max(exp(-((point - h) / s) * ((point - h) / s)), DEGREE.low), DEGREE.high) for point in points]
 
 
 def _weight(w: float, *_: Any) -> list[float]:

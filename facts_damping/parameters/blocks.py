@@ -8,6 +8,7 @@ Studies, 1981 (EXST1, IEEEST), PSS/E Model Library.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
@@ -65,11 +66,11 @@ def saturation(field: Any) -> tuple[float, float]:
     first, second = field.SE1 * field.E1, field.SE2 * field.E2
     if second <= 0.0 or field.E1 <= 0.0 or field.E1 == field.E2:
         return 0.0, 0.0
-    root = (max(first, 0.0) / second) ** 0.5
+    root = math.sqrt(max(first, 0.0) / second)
     if root >= 1.0:
         return 0.0, 0.0
     A = (field.E1 - root * field.E2) / (1.0 - root)
-    return A, second / (field.E2 - A) ** 2
+    return A, second / ((field.E2 - A) * (field.E2 - A))
 
 
 # Excitation systems -------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import numpy as np
 
 from facts_damping.elementary import rect
 from facts_damping.errors import InputError
+from facts_damping.matrices import least_squares
 from facts_damping.parameters.blocks import INPUTS, MODELS, Block
 from facts_damping.plant.blocks import (
     BLOCK,
@@ -253,7 +254,7 @@ def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float 
         if np.abs(left).max(initial=0.0) < TOLERANCE:
             break
         slopes = [(moves(z + step) - moves(z - step)) / (2.0 * step.max()) for step in 1e-6 * np.eye(len(z))]
-        z = z - np.linalg.lstsq(np.array(slopes).T, left, rcond=None)[0]
+        z = z - least_squares(np.array(slopes).T, left)
     else:
         raise InputError(f"{data.model} of {data.machine}: no state of rest found at the start")
     return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _strains(made, data, s))

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.elementary import exp_complex, phase
+from facts_damping.elementary import hypot, phase, rect
 from facts_damping.errors import InputError
 from facts_damping.parameters.blocks import MODELS
 from facts_damping.parameters.devices import Series, Transmission
+from facts_damping.phasors import magnitudes, over, times
 from facts_damping.plant import (
     block_controls,
     blocks,
@@ -77,7 +78,7 @@ def build(
             port = ports.add(SALIENT, g, Place(m.bus, machine=m.name))
             rotating.rows[g]["column"] = len(system.machines) + len(system.infinite_buses) + port
             rotating.rows[g]["salient"] = 1.0
-    magnitude = {name: float(abs(v)) for name, v in zip(flow.names, flow.voltage, strict=True)}
+    magnitude = dict(zip(flow.names, magnitudes(flow.voltage).tolist(), strict=True))
     drawn = noise or {}
     loads = [x for x in system.loads if not load.is_impedance(x) or x.name in drawn]
     load_rows = _loads(system, loads, flow, magnitude, states, ports)
@@ -184,11 +185,13 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
     governors = {t.machine: t for t in system.governors if t.enabled and t.model not in MODELS}
     for g, m in enumerate(system.machines):
         v = complex(flow.voltage[flow.names.index(m.bus)])
-        current = (flow.generation[m.name] / v).conjugate() * (system.base_power / m.rating)
+        current = complex(over(flow.generation[m.name], v)).conjugate() * (system.base_power / m.rating)
         start = machine.steady_state(m, system.base_power, states.offset, v, current)
         made.rows[g], made.power[g] = start.row, start.power
         states.add(m.name, [*machine.SWING, *machine.rotor_circuits(m).names], start.states)
-        excited = excitation.steady_state(exciters.get(m.name), states.offset, abs(v), start.field_voltage)
+        excited = excitation.steady_state(
+            exciters.get(m.name), states.offset, hypot(v.real, v.imag), start.field_voltage
+        )
         made.exciters[g] = excited.row
         states.add(m.name, excited.names, excited.states)
         made.stabilisers[g] = stabiliser.row(stabilisers.get(m.name), states.offset)
@@ -205,10 +208,15 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
 
 def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> dict[str, float]:
     """What blocks take of a machine at the start, p.u. of its rating."""
-    turned = exp_complex(-1j * (start.states[0] - math.pi / 2))
-    v, i = voltage * turned, current * turned
-    power = (v * i.conjugate()).real
-    sensed = {"Vt": abs(v), "Pe": power, "Pa": start.power - power, "Ifd": start.field_voltage, "Pm": start.power}
+    v, i = (complex(one) for one in times([voltage, current], rect(1.0, math.pi / 2 - float(start.states[0]))))
+    power = v.real * i.real + v.imag * i.imag
+    sensed = {
+        "Vt": hypot(v.real, v.imag),
+        "Pe": power,
+        "Pa": start.power - power,
+        "Ifd": start.field_voltage,
+        "Pm": start.power,
+    }
     return sensed | {"Vd": v.real, "Vq": v.imag, "Id": i.real, "Iq": i.imag}
 
 
@@ -254,7 +262,7 @@ def _loads(
         voltage = 1.0 if x.at == "nominal" else magnitude[x.bus]
         rows.append(load.row(x, system.base_power, voltage, ports.add(LOAD, i, Place(x.bus)), states.offset))
         if load.depends_on_frequency(x):
-            angle = phase(flow.voltage[flow.names.index(x.bus)])
+            angle = phase(complex(flow.voltage[flow.names.index(x.bus)]))
             states.add(x.name, load.STATE_NAMES, [angle, angle])
     return np.array(rows, load.LOAD)
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from facts_damping import random_numbers
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Float2
 from facts_damping.elementary import exp
@@ -50,8 +51,8 @@ def draw(noise: LoadNoise | None, loads: Sequence[Load], duration: float, seed: 
         if std == 0.0:
             continue
         random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, i)))
-        n = random.standard_normal((points, 2))
-        n[:, 1] = correlation * n[:, 0] + math.sqrt(1.0 - correlation**2) * n[:, 1]
+        n = random_numbers.standard_normal(random, (points, 2))
+        n[:, 1] = correlation * n[:, 0] + math.sqrt(1.0 - correlation * correlation) * n[:, 1]
         found[load.name] = np.zeros((points, 2))
         _follow(std, exp(-1.0 / (RATE * time)), n, found[load.name])
     return found

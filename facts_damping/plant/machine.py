@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.elementary import exp_complex, magnitude, phase
+from facts_damping.elementary import hypot, phase, rect
 from facts_damping.errors import InputError
 from facts_damping.matrices import product, solve
+from facts_damping.phasors import over, times
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.machines import Machine
 
 SWING = ["delta", "omega"]
+ROOT_STEPS = 100  # of which a half or more halve
 
 MACHINE = np.dtype(
     [
@@ -117,7 +119,7 @@ def genrou(m: Any) -> RotorCircuits:
     """
     names, A, B, C, W = _circuits(m, ["Eq1", "Ed1", "psi1d", "psi2q"])
     dl, ql = m.Xd1 - m.Xl, m.Xq1 - m.Xl
-    kd, kq = (m.Xd1 - m.Xd2) / dl**2, (m.Xq1 - m.Xq2) / ql**2
+    kd, kq = (m.Xd1 - m.Xd2) / (dl * dl), (m.Xq1 - m.Xq2) / (ql * ql)
     A[0, 0], A[0, 2] = -(1 + (m.Xd - m.Xd1) * kd) / m.Td01, (m.Xd - m.Xd1) * kd / m.Td01
     B[0, 0] = -(m.Xd - m.Xd1) * (1 - kd * dl) / m.Td01
     A[1, 1], A[1, 3] = -(1 + (m.Xq - m.Xq1) * kq) / m.Tq01, -(m.Xq - m.Xq1) * kq / m.Tq01
@@ -165,7 +167,7 @@ def saturation(m: Machine) -> tuple[float, float]:
         return 0.0, 0.0
     a = math.sqrt(m.S10 / (1.2 * m.S12))
     A = (1.0 - 1.2 * a) / (1.0 - a)
-    return A, 1.2 * m.S12 / (1.2 - A) ** 2
+    return A, 1.2 * m.S12 / ((1.2 - A) * (1.2 - A))
 
 
 class MachineStart(NamedTuple):
@@ -186,25 +188,44 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
     c = rotor_circuits(m)
     row = _row(m, c, base_power, offset)
     xq = m.Xd1 if m.model == "classical" else m.Xq
-    delta = phase(voltage + (m.Ra + 1j * float(xq or 0.0)) * current)
+    delta = phase(complex(voltage + times(complex(m.Ra, float(xq or 0.0)), current)))
     if row["saturation_B"] > 0:
         low, high = delta - 0.5, delta + 0.5  # rad, far more than saturation turns the axis
         ends = [_at(row, c, angle, voltage, current).mismatch for angle in (low, high)]
         if ends[0] * ends[1] > 0:
             raise InputError(f"machines: {m.name}: S10, S12: {m.S10:g}, {m.S12:g} given; allowed: a steady state")
-        from scipy.optimize import brentq  # noqa: PLC0415 (it takes a third of a node's time to start, and few need it)
-
-        delta = float(brentq(lambda angle: _at(row, c, angle, voltage, current).mismatch, low, high, xtol=1e-15))
+        delta = _root(lambda angle: _at(row, c, angle, voltage, current).mismatch, low, high)
     s = _at(row, c, delta, voltage, current)
     if m.model == "classical":
         row["E0"] = s.emf
-        field_voltage, z = abs(s.emf), s.z
+        field_voltage, z = hypot(s.emf.real, s.emf.imag), s.z
     else:
         unit = -solve(c.A, c.B[:, 2])  # states that one p.u. of field voltage holds
         field_voltage = float((s.emf.imag - product(c.C[0], s.z)) / product(c.C[0], unit))
         z = s.z + field_voltage * unit
-    power = (s.emf * s.current.conjugate()).real + (row["Xq"] - row["Xd"]) * s.current.real * s.current.imag
+    power = (
+        s.emf.real * s.current.real
+        + s.emf.imag * s.current.imag
+        + (row["Xq"] - row["Xd"]) * s.current.real * s.current.imag
+    )
     return MachineStart(row, np.array([delta, 0.0, *z]), field_voltage, float(power))
+
+
+def _root(f: Callable[[float], float], low: float, high: float) -> float:
+    """Where f is zero between two points at which it has other signs, by regula falsi (Illinois) and halving."""
+    below, above, side = f(low), f(high), 0
+    for k in range(ROOT_STEPS):
+        middle = (low * above - high * below) / (above - below) if k % 4 < 3 else (low + high) / 2.0
+        if not low < middle < high:
+            break
+        here = f(middle)
+        if here == 0.0:
+            return middle
+        if here * below > 0.0:
+            low, below, above, side = middle, here, above / 2.0 if side < 0 else above, -1
+        else:
+            high, above, below, side = middle, here, below / 2.0 if side > 0 else below, 1
+    return (low + high) / 2.0
 
 
 class _Trial(NamedTuple):
@@ -218,11 +239,11 @@ class _Trial(NamedTuple):
 
 def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, current: complex) -> _Trial:
     """A machine at an angle: what its stator asks for, and what its circuits give."""
-    turn = exp_complex(-1j * (delta - np.pi / 2))
-    v, i = voltage * turn, current * turn
-    emf = complex(v + row["Ra"] * i + complex(-row["Xq"] * i.imag, row["Xd"] * i.real))
-    psi, at = magnitude(emf), float(row["saturation_A"])
-    s = float(row["saturation_B"]) * max(0.0, psi - at) ** 2 / psi
+    v, i = (complex(one) for one in times([voltage, current], rect(1.0, math.pi / 2 - delta)))
+    emf = complex(v + float(row["Ra"]) * i + complex(-row["Xq"] * i.imag, row["Xd"] * i.real))
+    psi = hypot(emf.real, emf.imag)
+    beyond = max(0.0, psi - float(row["saturation_A"]))
+    s = float(row["saturation_B"]) * beyond * beyond / psi
     drive = product(c.B[:, :2], np.array([i.real, i.imag])) - s * product(c.W, np.array([emf.imag, emf.real]))
     z = -solve(c.A, drive)
     return _Trial(emf, i, z, float(product(c.C[1], z) - emf.real))
@@ -235,7 +256,7 @@ def _row(m: Machine, c: RotorCircuits, base_power: float, offset: int) -> NDArra
     d, q = stator_reactances(m)
     made["offset"], made["circuits"] = offset, n
     made["ratio"], made["H"], made["D"], made["Ra"], made["Xd"], made["Xq"] = ratio, m.H, m.D, m.Ra, d, q
-    made["admittance"] = ratio / complex(m.Ra, d)
+    made["admittance"] = over(ratio, complex(m.Ra, d))
     stator, alike = (solve(np.array([[m.Ra, -x], [d, m.Ra]]), np.eye(2)) for x in (q, d))
     made["saliency"] = ratio * (stator - alike)
     made["A"][:n, :n], made["B"][:n], made["C"][:, :n], made["W"][:n] = c.A, c.B, c.C, c.W

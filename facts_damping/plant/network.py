@@ -6,6 +6,7 @@ load is. Events change it; the admittance matrix is built from it anew.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from facts_damping.errors import InputError
 from facts_damping.parameters.devices import Series
+from facts_damping.phasors import line_factors, over, polar, times
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -71,14 +73,14 @@ def line_section(line: Line, model: str, fraction: float = 1.0) -> NDArray[np.co
     series = complex(line.r, line.x) * line.length * fraction
     shunt = 1j * line.b * line.length * fraction
     if model == "distributed" and series * shunt != 0.0:  # a vanishing charge is none
-        gl = np.sqrt(series * shunt)
-        series, shunt = series * np.sinh(gl) / gl, shunt * np.tanh(gl / 2) / (gl / 2)
+        of_series, of_shunt = line_factors(complex(times(series, shunt)))
+        series, shunt = complex(times(series, of_series)), complex(times(shunt, of_shunt))
     return two_port(series, shunt / 2, shunt / 2)
 
 
 def two_port(series: complex, shunt_from: complex, shunt_to: complex) -> NDArray[np.complex128]:
     """Admittance two-port of a pi section: series impedance, shunt admittances, shape (2, 2)."""
-    y = 1 / series
+    y = complex(over(1.0, series))
     return np.array([[y + shunt_from, -y], [-y, y + shunt_to]])
 
 
@@ -94,10 +96,11 @@ def transformer_section(transformer: Transformer, base_power: float) -> NDArray[
     if transformer.magnetising_r is not None:
         magnetising += ratio / transformer.magnetising_r
     if transformer.magnetising_x is not None:
-        magnetising += ratio / (1j * transformer.magnetising_x)
-    y = ratio / complex(transformer.r, transformer.x)
-    t = transformer.tap * np.exp(1j * np.deg2rad(transformer.phase_shift))
-    return np.array([[y / abs(t) ** 2 + magnetising, -y / np.conj(t)], [-y / t, y]])
+        magnetising += -1j * (ratio / transformer.magnetising_x)
+    y = complex(over(ratio, complex(transformer.r, transformer.x)))
+    t = complex(polar(transformer.tap, math.radians(transformer.phase_shift)))
+    own = y / (transformer.tap * transformer.tap)
+    return np.array([[own + magnetising, -over(y, t.conjugate())], [-over(y, t), y]])
 
 
 def device_section(device: Series, series: complex) -> Branch:
@@ -158,13 +161,13 @@ def shunts(system: System, topology: Topology, voltage: Mapping[str, float]) -> 
     for load in system.loads:
         power = complex(load.P, load.Q) / system.base_power * topology.load_scale.get(load.name, 1.0)
         reference = 1.0 if load.at == "nominal" else voltage[load.bus]
-        total[load.bus] = total.get(load.bus, 0j) + power.conjugate() / reference**2
+        total[load.bus] = total.get(load.bus, 0j) + power.conjugate() / (reference * reference)
     for shunt in system.shunts:
         total[shunt.bus] = total.get(shunt.bus, 0j) + complex(shunt.P, shunt.Q) / system.base_power
     for place, impedance in topology.faults.items():
         if impedance != 0 and (place.line is None or place.line not in topology.lines_out):
             bus = place.bus or fault_bus(place.line or "")
-            total[bus] = total.get(bus, 0j) + 1 / impedance
+            total[bus] = total.get(bus, 0j) + complex(over(1.0, impedance))
     return total
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
 
 from facts_damping.errors import InputError
 from facts_damping.matrices import product
 from facts_damping.parameters.devices import Parallel, Transmission
+from facts_damping.phasors import magnitudes, over, polar, times
 from facts_damping.plant import load as loads
 from facts_damping.plant.devices import drawn_by, losses_of
 from facts_damping.plant.network import (
@@ -21,7 +21,7 @@ from facts_damping.plant.network import (
     device_section,
     series_devices,
 )
-from facts_damping.plant.sparse import DENSE, as_needed, joined, solve_network
+from facts_damping.plant.sparse import DENSE, as_needed, filled, joined, solve_network
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -55,7 +55,7 @@ class PowerFlow:
 
     def magnitudes(self, buses: Sequence[str]) -> list[float]:
         """Voltage magnitudes of some buses, p.u."""
-        return [float(abs(self.voltage[self.names.index(bus)])) for bus in buses]
+        return [float(magnitudes(self.voltage[self.names.index(bus)])) for bus in buses]
 
     def buses(self, base_power: float) -> list[dict[str, Any]]:
         """A row a bus: name, voltage (p.u., deg), generation less what loads and devices draw (MW, Mvar)."""
@@ -166,8 +166,8 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
             f"system {system.name}: power flow does not converge: mismatch {residual:.3g} p.u. after "
             f"{MAX_ITERATIONS} iterations; allowed: {TOLERANCE:g}"
         )
-    drawn = demand(system, names, np.abs(voltage))[0] + taken
-    net = voltage * np.conj(product(matrix, voltage)) + drawn
+    drawn = demand(system, names, magnitudes(voltage))[0] + taken
+    net = times(voltage, np.conj(product(matrix, voltage))) + drawn
     generation = {
         name: share for i in kept for name, share in _shared(held, names[i], complex(net[i]), system.base_power)
     }
@@ -177,7 +177,7 @@ def _solve(system: System, losses: dict[str, float], draws: Sequence[tuple[str, 
     currents = {}
     for d in series_devices(system):
         first, second = d.ends
-        currents[d.name] = float(abs(voltage[index[first]] - voltage[index[second]]) / series[d.name])
+        currents[d.name] = float(magnitudes(voltage[index[first]] - voltage[index[second]])) / series[d.name]
     return PowerFlow(names, voltage, injection, generation, currents, residual)
 
 
@@ -210,7 +210,7 @@ def _between(
 
     A stray branch leads from each bus to angle zero, for those that hang on nothing that is given.
     """
-    weight = np.abs(matrix)
+    weight = magnitudes(matrix)
     np.fill_diagonal(weight, 0.0)
     laplacian = np.diag(weight.sum(axis=1) + STRAY) - weight
     given = np.setdiff1d(np.arange(len(angle)), free)
@@ -228,13 +228,13 @@ def _newton(
 ) -> tuple[NDArray[np.complex128], float]:
     """Newton iterations in polar form from (magnitudes, angles); the voltages and the largest mismatch that remains."""
     magnitude, angle = start
-    voltage = magnitude * np.exp(1j * angle)
+    voltage = polar(magnitude, angle)
     residual = float("inf")
     enough = TOLERANCE / (1000 if len(angle) <= DENSE else 10)  # of many buses, round-off is more
     for _ in range(MAX_ITERATIONS):
         current = product(matrix, voltage)
         drawn, drawn_by_magnitude = demand(magnitude)
-        mismatch = voltage * np.conj(current) + drawn - scheduled
+        mismatch = times(voltage, np.conj(current)) + drawn - scheduled
         equations = np.concatenate([mismatch.real[free_angle], mismatch.imag[free_magnitude]])
         residual = float(np.max(np.abs(equations), initial=0.0))
         if residual < enough or not np.isfinite(residual):
@@ -246,7 +246,7 @@ def _newton(
             return voltage, float("inf")
         angle[free_angle] += change[: len(free_angle)]
         magnitude[free_magnitude] += change[len(free_angle) :]
-        voltage = magnitude * np.exp(1j * angle)
+        voltage = polar(magnitude, angle)
     return voltage, residual
 
 
@@ -259,15 +259,14 @@ def _jacobian(
     free_magnitude: NDArray[np.int64],
 ) -> Any:
     """The balances' derivatives by the free angles and magnitudes; sparse where the network is large."""
-    unit = voltage / np.abs(voltage)
-    own = np.conj(current) * unit + drawn_by_magnitude
-    if len(voltage) > DENSE:
-        Y, V, U = csr_array(matrix), diags_array(voltage), diags_array(unit)
-        by_angle = (1j * V @ (diags_array(current) - Y @ V).conj()).tocsr()
-        by_magnitude = (V @ (Y @ U).conj() + diags_array(own)).tocsr()
-    else:
-        by_angle = 1j * voltage[:, None] * np.conj(np.diag(current) - matrix * voltage)
-        by_magnitude = voltage[:, None] * np.conj(matrix * unit) + np.diag(own)
+    unit = over(voltage, magnitudes(voltage))
+    own = times(np.conj(current), unit) + drawn_by_magnitude
+    n, at = len(voltage), (np.arange(len(voltage)),) * 2
+    i, j = np.nonzero(matrix)
+    there, apart = matrix[i, j], 1j * voltage
+    by_angle = filled(n, (i, j), times(apart[i], np.conj(-times(there, voltage[j]))))
+    by_angle = by_angle + filled(n, at, times(apart, np.conj(current)))
+    by_magnitude = filled(n, (i, j), times(voltage[i], np.conj(times(there, unit[j])))) + filled(n, at, own)
     parts = [
         [by_angle.real[np.ix_(free_angle, free_angle)], by_magnitude.real[np.ix_(free_angle, free_magnitude)]],
         [by_angle.imag[np.ix_(free_magnitude, free_angle)], by_magnitude.imag[np.ix_(free_magnitude, free_magnitude)]],

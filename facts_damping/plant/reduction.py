@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from facts_damping.errors import InputError
 from facts_damping.matrices import product
+from facts_damping.phasors import over, times
 from facts_damping.plant.network import (
     Branch,
     Topology,
@@ -105,7 +106,7 @@ def _solve(
             sources[index[place.bus], column] = 1.0
         else:
             first, second = place.device.ends
-            behind = 1 / complex(place.device.rs, place.device.xs)
+            behind = complex(over(1.0, complex(place.device.rs, place.device.xs)))
             sources[index[first], column], sources[index[second], column] = behind, -behind
     dead = grounded(topology)
     fixed = {index[name] for name in (*dead, *(i.bus for i in system.infinite_buses))}
@@ -142,8 +143,7 @@ def _series_current(
     row: NDArray[np.complex128] = net.voltage[net.at[first]] - net.voltage[net.at[second]]
     own = [place.device.name if place.device else None for place in places].index(device.name)
     row[len(net.norton) + len(system.infinite_buses) + own] -= 1.0
-    row /= complex(device.rs, device.xs)
-    return row
+    return over(row, complex(device.rs, device.xs))
 
 
 def _station_bus(system: System, station: Station) -> str:
@@ -164,7 +164,7 @@ def _station_current(
             row[g] = 1.0
             for p, place in enumerate(places):
                 row[len(net.norton) + len(system.infinite_buses) + p] = float(place.machine == station.machine)
-        row -= net.norton[g] * net.voltage[net.at[_station_bus(system, station)]]
+        row -= times(net.norton[g], net.voltage[net.at[_station_bus(system, station)]])
         return row
     installed = {place.device.name: place.device for place in places if place.device}
     for branch in net.present:

@@ -61,7 +61,7 @@ def start(device: Sssc, site: Site) -> Start:
         )
     share = min(1.0, device.I_rated / magnitude)
     s_p, s_q = device.g / magnitude, device.xs * magnitude
-    if s_p > device.vp_max or s_p**2 + s_q**2 > device.vc_max**2:
+    if s_p > device.vp_max or s_p * s_p + s_q * s_q > device.vc_max * device.vc_max:
         raise InputError(
             f"devices: {device.name} needs converter voltages of {s_p:.4g} (active) and {s_q:.4g} p.u. (reactive) "
             f"at the start; allowed: vp_max {device.vp_max:g}, vc_max {device.vc_max:g} in all"
@@ -72,7 +72,8 @@ def start(device: Sssc, site: Site) -> Start:
 
 def losses(device: Sssc, magnitude: float) -> float:
     """Resistance that draws at a current's magnitude what the DC link loses, g / |I|^2, p.u."""
-    return device.g / max(magnitude, device.I_min) ** 2
+    most = max(magnitude, device.I_min)
+    return device.g / (most * most)
 
 
 @compiled

@@ -26,6 +26,7 @@ from facts_damping.measurement.build import pmus
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.run import Weights
 from facts_damping.parameters.supervision import Supervision
+from facts_damping.phasors import times
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.events import timeline
 from facts_damping.plant.load_noise import draw as draw_noise
@@ -227,7 +228,9 @@ def _watched(case: Case, c: int, reserve: int, plant: Residues | None) -> Watche
         ahead = 0.0 if filtered is None else filtered.delay
         for d, device in enumerate(controller.devices):
             down = mean_delay(case.links[used].down, [device])
-            residue[d] = complex(plant.residue[row, plant.devices.index(device)] * exp_complex(mode * (ahead - down)))
+            residue[d] = complex(
+                times(plant.residue[row, plant.devices.index(device)], exp_complex(mode * (ahead - down)))
+            )
     return Watched(c, reserve, used, case.run.arm_at, mode, residue)
 
 

@@ -9,6 +9,7 @@ from scipy.linalg import eig
 
 from facts_damping.control.inputs import station_weights
 from facts_damping.matrices import product
+from facts_damping.phasors import exponentials, over, times
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
@@ -56,7 +57,7 @@ class LinearModel(NamedTuple):
 
     def late(self, s: complex) -> NDArray[np.complex128]:
         """Dead times exp(-s Td) of all devices at a complex frequency (1/s); 1 where there is none."""
-        return np.asarray(np.exp(-s * np.asarray(self.dead_time)), np.complex128)
+        return exponentials(-s * np.asarray(self.dead_time))
 
     @property
     def seen(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -65,8 +66,8 @@ class LinearModel(NamedTuple):
 
     def gain(self, s: complex) -> NDArray[np.complex128]:
         """F of all signals at a complex frequency (1/s): washouts s T / (1 + s T), and filters with their delay."""
-        washed = np.where(self.washout > 0.0, s * self.washout / (1.0 + s * self.washout), 1.0 + 0j)
-        return washed if self.filtered is None else washed * self.filtered.gain(s)
+        washed = np.where(self.washout > 0.0, over(s * self.washout, 1.0 + s * self.washout), 1.0 + 0j)
+        return washed if self.filtered is None else times(washed, self.filtered.gain(s))
 
 
 class Residue(NamedTuple):

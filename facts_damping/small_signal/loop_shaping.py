@@ -15,12 +15,14 @@ it.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from facts_damping.errors import InputError
 from facts_damping.matrices import product, root, sign, singular, solve
+from facts_damping.phasors import exponentials, magnitudes, over, times
 from facts_damping.small_signal.own_linear import held
 
 if TYPE_CHECKING:
@@ -50,7 +52,7 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
     Tw = np.broadcast_to(np.array(controller.parameters["Tw"], float), len(devices))
     weights = washouts(gain, Tw)
     delay = max(0.0, controller.number("loop_delay")) + 0.5 / rate  # with the hold's
-    count = np.array([abs(plant.ratio(name, controller.signals[0])) for name in controller.signals])
+    count = magnitudes([plant.ratio(name, controller.signals[0]) for name in controller.signals])
     mode = least_damped(plant, system, controller)
     counted = mode._replace(C=mode.C / count[:, None])
     shaped = series(weights, series(pade(delay, len(devices)), counted))
@@ -66,9 +68,9 @@ def least_damped(plant: Residues, system: System, controller: Controller) -> Lin
     filtered = plant.model.filtered
     latency = 0.0 if filtered is None else filtered.delay
     known = [latency + system.device(name).dead_time for name in controller.devices]  # which residues have in them
-    residue = plant.residue[np.ix_(rows, columns)] * np.exp(plant.eigenvalue * np.array(known))
+    residue = times(plant.residue[np.ix_(rows, columns)], exponentials(plant.eigenvalue * np.array(known)))
     c = plant.mode_shape[rows]
-    b = residue[0] / c[0]
+    b = over(residue[0], c[0])
     s, w = plant.eigenvalue.real, plant.eigenvalue.imag
     A = np.array([[s, -w], [w, s]])
     return Linear(A, np.vstack([b.real, b.imag]), 2.0 * np.column_stack([c.real, -c.imag]), np.zeros((len(c), len(b))))
@@ -81,7 +83,7 @@ def washouts(gain: NDArray[np.float64], Tw: NDArray[np.float64]) -> Linear:
 
 def pade(delay: float, inputs: int) -> Linear:
     """The Pade term of order 2 of a delay, s, of each input: (1 - s T/2 + s^2 T^2/12) / (1 + s T/2 + s^2 T^2/12)."""
-    a0, a1 = 12.0 / delay**2, 6.0 / delay
+    a0, a1 = 12.0 / (delay * delay), 6.0 / delay
     one = np.eye(inputs)
     A = np.kron(one, np.array([[0.0, 1.0], [-a0, -a1]]))
     return Linear(A, np.kron(one, np.array([[0.0], [1.0]])), np.kron(one, np.array([[0.0, -2.0 * a1]])), one)
@@ -100,9 +102,9 @@ def tolerant(shaped: Linear, above: float) -> tuple[Linear, float]:
     A, B, C, _ = shaped
     X, Z = continuous_riccati(A, B, C), continuous_riccati(A.T, C.T, B.T)
     _, values, _ = singular(product(root(X).T, root(Z)))  # whose squares are the eigenvalues of X Z
-    gamma = above * float(np.sqrt(1.0 + values.max() ** 2))
-    L = (1.0 - gamma**2) * np.eye(len(A)) + product(X, Z)
-    H = gamma**2 * solve(L.T, product(Z, C.T))
+    gamma = above * math.sqrt(1.0 + float(values.max()) * float(values.max()))
+    L = (1.0 - gamma * gamma) * np.eye(len(A)) + product(X, Z)
+    H = gamma * gamma * solve(L.T, product(Z, C.T))
     F = product(B.T, X)
     return Linear(A - product(B, F) + product(H, C), H, F, np.zeros((B.shape[1], C.shape[0]))), gamma
 

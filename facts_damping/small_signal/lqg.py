@@ -32,6 +32,7 @@ from facts_damping.analysis.measures import measure_weights
 from facts_damping.control.state_space import StateSpace
 from facts_damping.errors import InputError
 from facts_damping.matrices import lyapunov, product, riccati, root, sign, singular, solve
+from facts_damping.phasors import magnitudes
 from facts_damping.signals import NANOSECONDS, to_ns
 from facts_damping.small_signal.sampled_output import remember, samples
 from facts_damping.small_signal.zero_order_hold import held_for, rigid
@@ -74,11 +75,13 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
         raise InputError(f"{here}.name: 'LQG' given, but the plant has no swing mode; allowed: LLC")
     whole = model(plant, system, controller)
     rows = [plant.signals.index(name) for name in controller.signals]
-    size = np.abs(plant.mode_shape[rows]) / np.sqrt((np.abs(product(whole.Z, plant.shape)) ** 2).sum())
+    size = magnitudes(plant.mode_shape[rows]) / np.sqrt((magnitudes(product(whole.Z, plant.shape)) ** 2).sum())
     _check(plant, system, controller, size, here)
     limits = np.array([system.device(name).v_max for name in controller.devices])
     filters = None if plant.model.filtered is None else plant.model.filtered.of(rows)
-    swing = size if filters is None else np.abs(product(filters.C, plant.shape)) * size / np.abs(plant.mode_shape[rows])
+    swing = size
+    if filters is not None:
+        swing = magnitudes(product(filters.C, plant.shape)) * size / magnitudes(plant.mode_shape[rows])
     small = reduced(whole, plant.names, limits, swing)
     if np.abs(np.linalg.eigvals(small.A)).min() < DRIFTS:
         raise InputError(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.matrices import eigenvalue_near, product
+from facts_damping.phasors import over, times
 from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.zero_order_hold import held_for
 
@@ -74,7 +75,7 @@ class Residues(NamedTuple):
         """How a signal swings in the mode, beside another one, p.u./p.u."""
         if signal == to:
             return 1.0 + 0j  # to the last bit
-        return complex(self.mode_shape[self.signals.index(signal)] / self.mode_shape[self.signals.index(to)])
+        return complex(over(self.mode_shape[self.signals.index(signal)], self.mode_shape[self.signals.index(to)]))
 
 
 def residues(
@@ -92,8 +93,9 @@ def residues(
         return None
     least = min(swings, key=lambda mode: mode.damping_ratio)
     eigenvalue, v, w = eigenvalue_near(model.A, least.eigenvalue)
-    swing = model.gain(eigenvalue) * product(model.seen[0], v)
-    residue = swing[:, None] * product(w, model.B) / product(w, v) * model.late(eigenvalue)
+    swing = times(model.gain(eigenvalue), product(model.seen[0], v))
+    from_inputs = times(over(product(w, model.B), product(w, v)), model.late(eigenvalue))
+    residue = times(swing[:, None], from_inputs)
     known = list(system.signals), list(devices), eigenvalue, residue, swing
     return Residues(*known, frame_rate, model, list(built.state_names), v)
 

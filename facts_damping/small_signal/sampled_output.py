@@ -8,6 +8,7 @@ import numpy as np
 
 from facts_damping.matrices import product
 from facts_damping.measurement.filters import Filter, taps
+from facts_damping.phasors import exponentials
 from facts_damping.small_signal.zero_order_hold import held_for
 
 if TYPE_CHECKING:
@@ -36,8 +37,7 @@ class Filtered(NamedTuple):
 
     def gain(self, s: complex) -> NDArray[np.complex128]:
         """Transfer functions sum_j g_j exp(-s j / rate) at a complex frequency (1/s), (signals,)."""
-        powers = np.exp(-s / self.rate * np.arange(self.taps.shape[1]))
-        return product(self.taps, powers)
+        return product(self.taps, exponentials(-s / self.rate * np.arange(self.taps.shape[1])))
 
     def of(self, signals: Sequence[int]) -> Filtered:
         """The same of some signals."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.matrices import exponential, product
+from facts_damping.matrices import exponential, least_squares, product
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,11 +40,11 @@ def rigid(A: NDArray[np.float64], C: NDArray[np.float64], names: Sequence[str]) 
         motion = np.array([float(name.endswith(end)) for name in names])
         answer = product(A[beside], motion)
         if np.abs(answer).max(initial=0.0) > NEAR:
-            motion[beside] = np.linalg.lstsq(A[np.ix_(beside, beside)], -answer, rcond=None)[0]
+            motion[beside] = least_squares(A[np.ix_(beside, beside)], -answer)
         motion -= product(found, found.T, motion)
         answer = product(whole, motion)
         answer[: len(A)] -= product(found, found.T, answer[: len(A)])  # all speeds raised turn all rotors
         cancelled = product(np.abs(whole), np.abs(motion)) + np.abs(whole).max(axis=1)
         if motion.any() and (np.abs(answer) <= NEAR * cancelled).all():
-            found = np.column_stack([found, motion / np.linalg.norm(motion)])
+            found = np.column_stack([found, motion / np.sqrt((motion * motion).sum())])
     return found

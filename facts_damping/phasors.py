@@ -1,0 +1,152 @@
+"""Arithmetic of complex numbers and arrays, elementwise, whose bits no processor chooses.
+
+NumPy has loops for processors with FMA, in which a product is added to another one without being rounded before: so its
+complex products and magnitudes are others there. So are Python's own where its compiler had that instruction for all.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import Complex1, Float1
+from facts_damping.elementary import exp_complex, hypot, phase, rect
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+SERIES = 1e-18  # of a sum: terms below it change nothing
+
+
+@entry_point
+def _times(a: Complex1, b: Complex1, out: Complex1) -> None:
+    """Products."""
+    for i in range(out.size):
+        out[i] = a[i] * b[i]
+
+
+@entry_point
+def _over(a: Complex1, b: Complex1, out: Complex1) -> None:
+    """Quotients."""
+    for i in range(out.size):
+        out[i] = a[i] / b[i]
+
+
+@entry_point
+def _magnitudes(z: Complex1, out: Float1) -> None:
+    """Magnitudes."""
+    for i in range(out.size):
+        out[i] = hypot(z[i].real, z[i].imag)
+
+
+@entry_point
+def _angles(z: Complex1, out: Float1) -> None:
+    """Angles, rad."""
+    for i in range(out.size):
+        out[i] = phase(z[i])
+
+
+@entry_point
+def _turned(size: Float1, angle: Float1, out: Complex1) -> None:
+    """Numbers of magnitudes and angles, rad."""
+    for i in range(out.size):
+        out[i] = rect(size[i], angle[i])
+
+
+@entry_point
+def _exponentials(z: Complex1, out: Complex1) -> None:
+    """e^z."""
+    for i in range(out.size):
+        out[i] = exp_complex(z[i])
+
+
+def _elementwise(kernel: Any, kind: Any, *given: ArrayLike, of: Any = complex) -> NDArray[Any]:
+    """What a kernel makes of arrays of one shape, or that are broadcast to one."""
+    arrays = np.broadcast_arrays(*(np.asarray(one, of) for one in given))
+    out = np.zeros(arrays[0].shape, kind)
+    kernel(*(np.ascontiguousarray(one).reshape(-1) for one in arrays), out.reshape(-1))
+    return out
+
+
+def times(a: ArrayLike, b: ArrayLike) -> NDArray[np.complex128]:
+    """Products a b."""
+    return _elementwise(_times, complex, a, b)
+
+
+def over(a: ArrayLike, b: ArrayLike) -> NDArray[np.complex128]:
+    """Quotients a / b."""
+    return _elementwise(_over, complex, a, b)
+
+
+def magnitudes(z: ArrayLike) -> NDArray[np.float64]:
+    """Magnitudes |z|."""
+    return _elementwise(_magnitudes, float, z)
+
+
+def angles(z: ArrayLike) -> NDArray[np.float64]:
+    """Angles of z, rad, in (-pi, pi]."""
+    return _elementwise(_angles, float, z)
+
+
+def polar(size: ArrayLike, angle: ArrayLike) -> NDArray[np.complex128]:
+    """Numbers r e^(j phi) of magnitudes and angles, rad."""
+    return _elementwise(_turned, complex, size, angle, of=float)
+
+
+def exponentials(z: ArrayLike) -> NDArray[np.complex128]:
+    """Exponentials e^z."""
+    return _elementwise(_exponentials, complex, z)
+
+
+@compiled
+def _power(z: complex, n: int) -> complex:
+    """As `power`."""
+    found, square = complex(1.0, 0.0), z
+    while n > 0:
+        if n % 2 == 1:
+            found = found * square
+        square = square * square
+        n //= 2
+    return found
+
+
+@compiled
+def _line_factors(w: complex) -> tuple[complex, complex]:
+    """As `line_factors`."""
+    whole = half = even = complex(1.0, 0.0)  # sinh(g) / g, sinh(g / 2) / (g / 2), cosh(g / 2)
+    term = half_term = even_term = complex(1.0, 0.0)
+    k = 0
+    while abs(term.real) + abs(term.imag) > SERIES * (abs(whole.real) + abs(whole.imag)):
+        k += 1
+        term = term * w / ((2.0 * k) * (2.0 * k + 1.0))
+        half_term = half_term * w / (4.0 * (2.0 * k) * (2.0 * k + 1.0))
+        even_term = even_term * w / (4.0 * (2.0 * k) * (2.0 * k - 1.0))
+        whole, half, even = whole + term, half + half_term, even + even_term
+    return whole, half / even
+
+
+@entry_point
+def _powers(z: Complex1, n: int, out: Complex1) -> None:
+    for i in range(out.size):
+        out[i] = _power(z[i], n)
+
+
+@entry_point
+def _factors(w: Complex1, out: Complex1) -> None:
+    out[0], out[1] = _line_factors(w[0])
+
+
+def power(z: complex, n: int) -> complex:
+    """The n-th power of z, n >= 0, by squares."""
+    out = np.zeros(1, complex)
+    _powers(np.array([z], complex), n, out)
+    return complex(out[0])
+
+
+def line_factors(w: complex) -> tuple[complex, complex]:
+    """Factors sinh(g) / g and tanh(g / 2) / (g / 2) at w = g^2, by the series of sinh and cosh in w and w / 4."""
+    out = np.zeros(2, complex)
+    _factors(np.array([w], complex), out)
+    return complex(out[0]), complex(out[1])

@@ -1,0 +1,262 @@
+"""Random numbers of a run: the distributions of NumPy's `Generator`, with bits that no processor chooses.
+
+What a bit generator gives are whole numbers, the same everywhere and in every version of NumPy. NumPy makes numbers of
+a distribution of them with the C library's logarithms and exponentials, which round as the processor has it, and may do
+so otherwise in a later version. The functions here do the same steps with elementary functions of their own, so that
+they give NumPy's numbers, up to last digits, and leave a stream where NumPy leaves it:
+
+- normal and exponential numbers by the ziggurat (`ziggurat`);
+- gamma numbers by G. Marsaglia, W. W. Tsang, A Simple Method for Generating Gamma Variables, ACM Trans. Mathematical
+  Software 26(3), 2000; below a shape of 1 by J. H. Ahrens, U. Dieter, Computer Methods for Sampling from Gamma, Beta,
+  Poisson and Binomial Distributions, Computing 12, 1974;
+- whole numbers below a bound by D. Lemire, Fast Random Integer Generation in an Interval, ACM Trans. Modeling and
+  Computer Simulation 29(1), 2019.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facts_damping.compiling import branching, compiled, entry_point
+from facts_damping.compiling.structs import Array, Float1, Int1
+from facts_damping.elementary import exp, log, log1p, power
+from facts_damping.ziggurat import EXPONENTIAL_R, NORMAL_R, Ziggurat, exponential_layers, normal_layers
+
+if TYPE_CHECKING:
+    Size = int | tuple[int, ...]
+
+Raw = Annotated[NDArray[np.uint64], Array(np.uint64, 1)]
+UNIT = 2.0**-53  # a double is drawn of 53 bits
+HALF = 2**32
+
+
+@compiled
+def _next(raw: NDArray[np.uint64], at: NDArray[np.int64]) -> np.uint64:
+    """The next one of the stream; beyond those at hand zero, with which every draw comes to an end."""
+    at[0] += 1
+    return raw[at[0] - 1] if at[0] <= raw.size else np.uint64(0)
+
+
+@compiled
+def _double(raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+    """A number in [0, 1)."""
+    return (_next(raw, at) >> np.uint64(11)) * UNIT
+
+
+@compiled
+def _standard_normal(n: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+    """A normal number of mean 0 and standard deviation 1."""
+    while True:
+        drawn = _next(raw, at)
+        layer = np.int64(drawn & np.uint64(0xFF))
+        negative = (drawn >> np.uint64(8)) & np.uint64(1) != np.uint64(0)
+        bits = (drawn >> np.uint64(9)) & np.uint64(2**52 - 1)
+        x = bits * n.width[layer]
+        if negative:
+            x = -x
+        if bits < n.inside[layer]:
+            return x
+        if layer == 0:
+            while at[0] <= raw.size:
+                beyond = -log1p(-_double(raw, at)) / NORMAL_R
+                height = -log1p(-_double(raw, at))
+                if height + height > beyond * beyond:
+                    low = (bits >> np.uint64(8)) & np.uint64(1) != np.uint64(0)
+                    return -(NORMAL_R + beyond) if low else NORMAL_R + beyond
+            return x  # the stream at hand has ended: it is drawn anew
+        height = (n.density[layer - 1] - n.density[layer]) * _double(raw, at) + n.density[layer]
+        if height < exp(-0.5 * x * x):
+            return x
+
+
+@compiled
+def _standard_exponential(e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+    """An exponential number of mean 1."""
+    while True:
+        drawn = _next(raw, at) >> np.uint64(3)
+        layer, bits = np.int64(drawn & np.uint64(0xFF)), drawn >> np.uint64(8)
+        x = bits * e.width[layer]
+        if bits < e.inside[layer]:
+            return x
+        if layer == 0:
+            return EXPONENTIAL_R - log1p(-_double(raw, at))
+        if (e.density[layer - 1] - e.density[layer]) * _double(raw, at) + e.density[layer] < exp(-x):
+            return x
+
+
+@compiled
+def _standard_gamma(shape: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+    """A number of the gamma distribution of scale 1."""
+    if shape == 0.0:
+        return 0.0
+    if shape == 1.0:
+        return _standard_exponential(e, raw, at)
+    if shape < 1.0:
+        while True:
+            u, v = _double(raw, at), _standard_exponential(e, raw, at)
+            if u <= 1.0 - shape:
+                x = power(u, 1.0 / shape)
+                if x <= v:
+                    return x
+            else:
+                y = -log((1.0 - u) / shape)
+                x = power(1.0 - shape + shape * y, 1.0 / shape)
+                if x <= v + y:
+                    return x
+    b = shape - 1.0 / 3.0
+    c = 1.0 / math.sqrt(9.0 * b)
+    while True:
+        x = _standard_normal(n, raw, at)
+        v = 1.0 + c * x
+        if v <= 0.0:
+            continue
+        v = v * v * v
+        u = _double(raw, at)
+        if u < 1.0 - 0.0331 * (x * x) * (x * x):
+            return b * v
+        if u > 0.0 and log(u) < 0.5 * x * x + b * (1.0 - v + log(v)):
+            return b * v
+
+
+@compiled
+def _normal_of(a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+    return a + b * _standard_normal(n, raw, at)
+
+
+@compiled
+def _lognormal_of(
+    a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]
+) -> float:
+    return exp(a + b * _standard_normal(n, raw, at))
+
+
+@compiled
+def _exponential_of(
+    _a: float, b: float, _n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]
+) -> float:
+    return b * _standard_exponential(e, raw, at)
+
+
+@compiled
+def _gamma_of(a: float, b: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
+    return b * _standard_gamma(a, n, e, raw, at)
+
+
+KINDS = [_normal_of, _lognormal_of, _exponential_of, _gamma_of]
+NORMAL, LOGNORMAL, EXPONENTIAL, GAMMA = range(len(KINDS))
+_one = branching(KINDS)
+
+
+@entry_point
+def _fill(
+    kind: int,
+    a: float,
+    b: float,
+    n: Ziggurat,
+    e: Ziggurat,
+    raw: Raw,
+    at: Int1,
+    out: Float1,
+) -> int:
+    """Draw until all are drawn or the stream's numbers at hand do not suffice for one; how many, and `at` behind it."""
+    for i in range(out.size):
+        begun = at[0]
+        out[i] = _one(kind, a, b, n, e, raw, at)
+        if at[0] > raw.size:
+            at[0] = begun
+            return i
+    return out.size
+
+
+@entry_point
+def _bounded(bound: int, raw: Raw, at: Int1, out: Int1) -> int:
+    """Whole numbers below a bound, of 32 bits each: the stream's numbers, their lower halves first; `at`: in halves."""
+    least = np.uint64((HALF - bound) % bound)  # below it some numbers would come more often than others
+    for i in range(out.size):
+        while True:
+            if at[0] >= 2 * raw.size:
+                return i
+            half = raw[at[0] // 2] >> np.uint64(32 * (at[0] % 2)) & np.uint64(HALF - 1)
+            at[0] += 1
+            product = half * np.uint64(bound)
+            if product & np.uint64(HALF - 1) >= least:
+                break
+        out[i] = np.int64(product >> np.uint64(32))
+    return out.size
+
+
+def random(generator: np.random.Generator, size: Size) -> NDArray[np.float64]:
+    """Numbers equally likely in [0, 1)."""
+    raw = np.asarray(generator.bit_generator.random_raw(math.prod(np.atleast_1d(size).tolist())), np.uint64)
+    return np.reshape((raw >> np.uint64(11)) * UNIT, size)
+
+
+def uniform(generator: np.random.Generator, low: float, high: float, size: Size) -> NDArray[np.float64]:
+    """Numbers equally likely in [low, high)."""
+    return low + (high - low) * random(generator, size)
+
+
+def _drawn(generator: np.random.Generator, kind: int, a: float, b: float, size: Size) -> NDArray[np.float64]:
+    """Draws of one of `KINDS`; the generator stands behind what they took of its stream."""
+    found, source = np.zeros(size), generator.bit_generator
+    flat, before, raw, at = found.reshape(-1), source.state, np.zeros(0, np.uint64), np.zeros(1, np.int64)
+    done = used = 0
+    while done < flat.size:
+        more = flat.size - done + (flat.size - done) // 16 + 64
+        raw, at[0] = np.concatenate([raw[at[0] :], source.random_raw(more)]), 0
+        done += _fill(kind, float(a), float(b), normal_layers(), exponential_layers(), raw, at, flat[done:])
+        used += int(at[0])
+    source.state = before
+    source.random_raw(used, output=False)
+    return found
+
+
+def normal(generator: np.random.Generator, mean: float, std: float, size: Size) -> NDArray[np.float64]:
+    """Normal numbers."""
+    return _drawn(generator, NORMAL, mean, std, size)
+
+
+def standard_normal(generator: np.random.Generator, size: Size) -> NDArray[np.float64]:
+    """Normal numbers of mean 0 and standard deviation 1."""
+    return _drawn(generator, NORMAL, 0.0, 1.0, size)
+
+
+def lognormal(generator: np.random.Generator, mean: float, sigma: float, size: Size) -> NDArray[np.float64]:
+    """Numbers whose logarithm is normal, of such a mean and standard deviation."""
+    return _drawn(generator, LOGNORMAL, mean, sigma, size)
+
+
+def exponential(generator: np.random.Generator, mean: float, size: Size) -> NDArray[np.float64]:
+    """Numbers of the exponential distribution."""
+    return _drawn(generator, EXPONENTIAL, 0.0, mean, size)
+
+
+def gamma(generator: np.random.Generator, shape: float, scale: float, size: Size) -> NDArray[np.float64]:
+    """Numbers of the gamma distribution."""
+    return _drawn(generator, GAMMA, shape, scale, size)
+
+
+def integers(generator: np.random.Generator, bound: int, size: Size) -> NDArray[np.int64]:
+    """Whole numbers from 0 to below a bound, which is less than 2^32; of a stream that gave no half before."""
+    found, source = np.zeros(size, np.int64), generator.bit_generator
+    flat, before, at, done = found.reshape(-1), source.state, np.zeros(1, np.int64), 0
+    raw = np.zeros(0, np.uint64)
+    while done < flat.size:
+        raw = np.concatenate([raw, source.random_raw((flat.size - done) // 2 + 64)])
+        done += _bounded(bound, raw, at, flat[done:])
+    source.state = before
+    source.random_raw((int(at[0]) + 1) // 2, output=False)
+    _keep_half(source, raw, int(at[0]))
+    return found
+
+
+def _keep_half(source: np.random.BitGenerator, raw: NDArray[np.uint64], taken: int) -> None:
+    """The upper half of the last number, where it is not taken yet, for who takes halves next."""
+    state: Any = source.state
+    if taken % 2:
+        state["has_uint32"], state["uinteger"] = 1, int(raw[taken // 2]) >> 32
+        source.state = state
