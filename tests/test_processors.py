@@ -1,7 +1,7 @@
 """What a run starts from has the same bits on every processor, whatever libraries choose for it.
 
-The C library, NumPy and OpenBLAS take other code with AVX2, FMA or AVX-512 than without, and it rounds differently. Here
-each of them is told to leave out what the processor has, in a process of its own.
+The C library, NumPy and OpenBLAS take other code with AVX2, FMA or AVX-512 than without, and it rounds differently.
+Here each of them is told to leave out what the processor has, in a process of its own.
 """
 
 from __future__ import annotations
@@ -52,11 +52,13 @@ CASES: dict[str, tuple[str | None, list[str]]] = {
     "links": (
         None,
         [
-            "link={up: [{model: gamma, delay: 0.02, shape: 2.5, scale: 0.01},"
-            " {model: lognormal, delay: 0.01, median: 0.02, sigma: 0.5}, {model: uniform, low: 0.001, high: 0.003},"
-            " {model: normal, mean: 0.02, std: 0.01, low: 0.01, high: 0.05}, {model: noise, std: 0.001},"
-            " {model: flip, probability: 0.01}, {model: gilbert_elliott, p_GB: 0.1, p_BG: 0.3, loss_B: 0.5}],"
-            " down: [{model: bernoulli, loss: 0.1}, {model: duplicate, probability: 0.1}]}"
+            (
+                "link={up: [{model: gamma, delay: 0.02, shape: 2.5, scale: 0.01},"
+                " {model: lognormal, delay: 0.01, median: 0.02, sigma: 0.5}, {model: uniform, low: 0.001, high: 0.003},"
+                " {model: normal, mean: 0.02, std: 0.01, low: 0.01, high: 0.05}, {model: noise, std: 0.001},"
+                " {model: flip, probability: 0.01}, {model: gilbert_elliott, p_GB: 0.1, p_BG: 0.3, loss_B: 0.5}],"
+                " down: [{model: bernoulli, loss: 0.1}, {model: duplicate, probability: 0.1}]}"
+            )
         ],
     ),
 }

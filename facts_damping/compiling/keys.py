@@ -107,15 +107,16 @@ def _structs(cls: type[Struct]) -> Iterator[str]:
 class _Walk:
     """All that is reached from an entry point: texts that the key is made of, and entry points that are called."""
 
-    def __init__(self, entry: EntryPoint) -> None:
+    def __init__(self, function: Any, entry: EntryPoint | None = None) -> None:
         self.texts: list[str] = []
         self.callees: dict[str, EntryPoint] = {}
         self.functions: set[str] = set()  # that are compiled into it
         self._seen: set[int] = set()
-        self.texts.append(_signature(entry))
-        for kind in entry.kinds:
-            self._struct(kind)
-        self._function(entry.py_func)
+        if entry is not None:
+            self.texts.append(_signature(entry))
+            for kind in entry.kinds:
+                self._struct(kind)
+        self._function(function)
 
     def _function(self, function: Any, options: str = "") -> None:
         if id(function) in self._seen:
@@ -156,7 +157,7 @@ class _Walk:
 
 @cache
 def _walk(entry: EntryPoint) -> _Walk:
-    return _Walk(entry)
+    return _Walk(entry.py_func, entry)
 
 
 def callees(entry: EntryPoint) -> list[EntryPoint]:
@@ -170,11 +171,12 @@ def key(entry: EntryPoint) -> str:
     return hashlib.sha256("\n".join([_compiler(), *_walk(entry).texts]).encode()).hexdigest()[:20]
 
 
+def callees_of(function: Any) -> list[EntryPoint]:
+    """Entry points that a part calls."""
+    return list(_Walk(function).callees.values())
+
+
 def of_function(function: Any) -> str:
-    """The same of a part that is compiled by itself, for whatever types."""
-    walk = object.__new__(_Walk)
-    walk.texts, walk.callees, walk.functions, walk._seen = [], {}, set(), set()
-    walk._function(function)
-    for one in walk.callees.values():
-        walk.texts.append(key(one))
+    """The key of a part that is compiled by itself, for whatever types."""
+    walk = _Walk(function)
     return hashlib.sha256("\n".join([_compiler(), *walk.texts]).encode()).hexdigest()[:20]

@@ -18,6 +18,7 @@ that the block never points at what has been replaced. Sources of kernels read f
 from __future__ import annotations
 
 import typing
+import weakref
 from collections.abc import Iterator, Sequence  # noqa: TC003
 from functools import cache
 from typing import Annotated, Any, ClassVar, Generic, NamedTuple, TypeVar
@@ -116,7 +117,7 @@ class Struct:
             raise TypeError(f"{cls.__name__}: {', '.join(given)} given; allowed: {', '.join(cls._fields)}")
         block = np.zeros(size_of(cls), np.int64)
         self.__dict__["block"], self.__dict__["pointer"] = block, block.__array_interface__["data"][0]
-        self.__dict__["complete"] = False
+        self.__dict__["complete"], self.__dict__["owners"] = False, []
         for name in cls._fields:
             setattr(self, name, given[name])
         self.__dict__["complete"] = True
@@ -125,15 +126,12 @@ class Struct:
     def _split(self) -> None:
         """The rows of several side by side, `each`: of every field its part along the first axis."""
         if self._each is not None and self.complete:
-            made = [self._row(i) for i in range(self._many())]
-            if "each" in self.__dict__ and len(self.each) == len(made):  # others may point at these
-                for row, new in zip(self.each, made, strict=True):
-                    for name in new._fields:
-                        setattr(row, name, getattr(new, name))
-                return
-            rows = Table(made)
+            rows = Table([self._row(i) for i in range(self._many())])
             self.__dict__["each"] = rows
             self.block[layout(type(self))["each"][1]] = rows.pointer
+        for owner in self.owners:
+            if (one := owner()) is not None:
+                one._split()
 
     def _many(self) -> int:
         """How many rows there are."""
@@ -160,6 +158,8 @@ class Struct:
             if not isinstance(value, typing.get_origin(kind) or kind):
                 raise TypeError(f"{where}: {type(value).__name__} given; allowed: {kind}")
             self.block[at] = value.pointer
+            if self._each is not None:
+                value.owners.append(weakref.ref(self))  # whose rows are views of its arrays
         self.__dict__[name] = value
         self._split()
 

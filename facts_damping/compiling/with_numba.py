@@ -190,7 +190,9 @@ def part(kernel: Kernel) -> Any:
 
 
 def alone(kernel: Kernel) -> Any:
-    """A part as a function of its own, in Numba's cache."""
+    """A part as a function of its own, in Numba's cache; what it calls is loaded, also where it is found there."""
+    for entry in keys.callees_of(kernel.py_func):
+        store.address(entry)
     return _dispatcher(kernel, cache=kernel.cached)
 
 

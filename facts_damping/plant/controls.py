@@ -36,7 +36,7 @@ def _sense(
     c: Any, omega: float, asked: float, seen: complex, current: complex, ifd: float, s: NDArray[np.float64]
 ) -> None:
     """Write what blocks take into `s`, p.u. of the rating; `seen`: terminal voltage in the rotor's frame."""
-    s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, abs(seen), omega, ifd
+    s[ONE], s[VT], s[OMEGA], s[IFD] = 1.0, magnitude(seen), omega, ifd
     s[VD], s[VQ], s[ID], s[IQ] = seen.real, seen.imag, current.real, current.imag
     s[PE] = (seen * current.conjugate()).real
     s[VREF], s[PREF] = c.Vref, asked + c.power_offset
