@@ -77,7 +77,7 @@ def shared(*folders: str) -> list[tuple[str, list[str]]]:
     return list(found.items())
 
 
-class Platform(Distribution):
+class Platform(Distribution):  # type: ignore[misc]
     """A wheel with compiled kernels in it is one for this Python and this processor."""
 
     def has_ext_modules(self) -> bool:

@@ -123,12 +123,12 @@ def _multiply_complex(a: Complex2, b: Complex2, out: Complex2) -> None:
 
 @entry_point
 def _eliminate_real(a: Float2, b: Float2) -> bool:
-    return _eliminate(a, b)  # type: ignore[no-any-return]
+    return _eliminate(a, b)
 
 
 @entry_point
 def _eliminate_complex(a: Complex2, b: Complex2) -> bool:
-    return _eliminate(a, b)  # type: ignore[no-any-return]
+    return _eliminate(a, b)
 
 
 def _plain(values: NDArray[Any], kind: Any) -> NDArray[Any]:

@@ -38,13 +38,13 @@ HALF = 2**32
 def _next(raw: NDArray[np.uint64], at: NDArray[np.int64]) -> np.uint64:
     """The next one of the stream; beyond those at hand zero, with which every draw comes to an end."""
     at[0] += 1
-    return raw[at[0] - 1] if at[0] <= raw.size else np.uint64(0)
+    return raw[at[0] - 1] if at[0] <= raw.size else np.uint64(0)  # type: ignore[no-any-return]
 
 
 @compiled
 def _double(raw: NDArray[np.uint64], at: NDArray[np.int64]) -> float:
     """A number in [0, 1)."""
-    return (_next(raw, at) >> np.uint64(11)) * UNIT
+    return (_next(raw, at) >> np.uint64(11)) * UNIT  # type: ignore[no-any-return]
 
 
 @compiled
@@ -59,18 +59,18 @@ def _standard_normal(n: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]
         if negative:
             x = -x
         if bits < n.inside[layer]:
-            return x
+            return x  # type: ignore[no-any-return]
         if layer == 0:
             while at[0] <= raw.size:
                 beyond = -log1p(-_double(raw, at)) / NORMAL_R
                 height = -log1p(-_double(raw, at))
                 if height + height > beyond * beyond:
                     low = (bits >> np.uint64(8)) & np.uint64(1) != np.uint64(0)
-                    return -(NORMAL_R + beyond) if low else NORMAL_R + beyond
-            return x  # the stream at hand has ended: it is drawn anew
+                    return -(NORMAL_R + beyond) if low else NORMAL_R + beyond  # type: ignore[no-any-return]
+            return x  # type: ignore[no-any-return] # the stream at hand has ended: it is drawn anew
         height = (n.density[layer - 1] - n.density[layer]) * _double(raw, at) + n.density[layer]
         if height < exp(-0.5 * x * x):
-            return x
+            return x  # type: ignore[no-any-return]
 
 
 @compiled
@@ -81,11 +81,11 @@ def _standard_exponential(e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.i
         layer, bits = np.int64(drawn & np.uint64(0xFF)), drawn >> np.uint64(8)
         x = bits * e.width[layer]
         if bits < e.inside[layer]:
-            return x
+            return x  # type: ignore[no-any-return]
         if layer == 0:
-            return EXPONENTIAL_R - log1p(-_double(raw, at))
+            return EXPONENTIAL_R - log1p(-_double(raw, at))  # type: ignore[no-any-return]
         if (e.density[layer - 1] - e.density[layer]) * _double(raw, at) + e.density[layer] < exp(-x):
-            return x
+            return x  # type: ignore[no-any-return]
 
 
 @compiled
@@ -101,12 +101,12 @@ def _standard_gamma(shape: float, n: Ziggurat, e: Ziggurat, raw: NDArray[np.uint
             if u <= 1.0 - shape:
                 x = power(u, 1.0 / shape)
                 if x <= v:
-                    return x
+                    return x  # type: ignore[no-any-return]
             else:
                 y = -log((1.0 - u) / shape)
                 x = power(1.0 - shape + shape * y, 1.0 / shape)
                 if x <= v + y:
-                    return x
+                    return x  # type: ignore[no-any-return]
     b = shape - 1.0 / 3.0
     c = 1.0 / math.sqrt(9.0 * b)
     while True:
@@ -131,7 +131,7 @@ def _normal_of(a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.ui
 def _lognormal_of(
     a: float, b: float, n: Ziggurat, _e: Ziggurat, raw: NDArray[np.uint64], at: NDArray[np.int64]
 ) -> float:
-    return exp(a + b * _standard_normal(n, raw, at))
+    return exp(a + b * _standard_normal(n, raw, at))  # type: ignore[no-any-return]
 
 
 @compiled

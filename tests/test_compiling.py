@@ -110,11 +110,11 @@ def test_a_struct_takes_its_types_alone() -> None:
         ([1.0], "list given"),
     ):
         with pytest.raises(TypeError, match=rf"Point\.x: .*{said}"):
-            point.x = wrong
+            point.x = wrong  # type: ignore[assignment]
     with pytest.raises(TypeError, match=r"Points\.first: Bare given"):
         Points(Bare(np.zeros(1)), Table([]), True)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="Point: x, weight given; allowed: x, weight, count"):
-        Point(np.zeros(1), 1.0)
+        Point(np.zeros(1), 1.0)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"halves: .* given; allowed: a Loop"):
         halves(point, 0, 1)
     with pytest.raises(TypeError, match="3 arguments"):

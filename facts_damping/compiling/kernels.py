@@ -95,7 +95,7 @@ class EntryPoint:
 
     def __init__(self, function: Callable[..., Any]) -> None:
         functools.update_wrapper(self, function)
-        self.py_func = function
+        self.py_func, self.__name__ = function, function.__name__
         self.symbol = f"{function.__module__}.{function.__qualname__}"
         ENTRY_POINTS[self.symbol] = self
 

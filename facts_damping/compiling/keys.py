@@ -98,7 +98,7 @@ def _signature(entry: EntryPoint) -> str:
     return f"{entry.symbol}{[described(kind) for kind in entry.kinds]}{entry.result}"
 
 
-def _structs(cls: type[Struct]) -> Iterator[str]:
+def _structs(cls: Any) -> Iterator[str]:
     """Fields of a struct."""
     for name, (kind, at) in layout(cls).items():
         yield f"{cls.__module__}.{cls.__qualname__}.{name} {at} {described(kind)}"
@@ -145,7 +145,7 @@ class _Walk:
             self.texts.append(f"{name} {_constant(value)}")
 
     def _struct(self, kind: Any) -> None:
-        own = next(
+        own: Any = next(
             (k for k in (kind, *getattr(kind, "__args__", ())) if isinstance(k, type) and issubclass(k, Struct)), None
         )
         if own is not None and id(own) not in self._seen:

@@ -87,7 +87,7 @@ def words_of(kind: Any) -> list[Any]:
     return list(typing.get_type_hints(kind).values()) if is_numbers(kind) else [kind if kind in NUMBERS else int]
 
 
-def array_words(array: NDArray[Any], kind: Array, where: str) -> tuple[int, ...]:
+def array_words(array: Any, kind: Array, where: str) -> tuple[int, ...]:
     """What describes an array. Raises `TypeError` where it is not of its type."""
     if not isinstance(array, np.ndarray) or array.dtype != kind.dtype or array.ndim != kind.ndim:
         given = f"{array.dtype}, {array.ndim} axes" if isinstance(array, np.ndarray) else type(array).__name__
@@ -97,21 +97,26 @@ def array_words(array: NDArray[Any], kind: Array, where: str) -> tuple[int, ...]
     return (0, 0, array.size, array.itemsize, array.__array_interface__["data"][0], *array.shape, *array.strides)
 
 
-@dataclass_transform()
+@dataclass_transform(eq_default=False)
 class Struct:
     """Base of structs: see above. Arguments are the fields in their order, or by name."""
 
     _fields: ClassVar[tuple[str, ...]] = ()
     _each: ClassVar[type[Struct] | None] = None  # what its rows are
     each: ClassVar[Any]  # these, a `Table`
+    block: ClassVar[Any]  # where it says what its fields are,
+    pointer: ClassVar[int]  # and the address of that
+    complete: ClassVar[bool]
+    owners: ClassVar[list[Any]]  # structs whose rows are views of its arrays
 
     def __init_subclass__(cls, *, each: type[Struct] | None = None) -> None:
         """Take the fields from the annotations; a class made of another has its fields first, with types of its own."""
         cls._fields = tuple(dict.fromkeys((*cls._fields, *cls.__annotations__)))
-        cls._each = each or cls._each
+        if each is not None:
+            cls._each = each
 
     def __init__(self, *values: Any, **named: Any) -> None:
-        cls = type(self)
+        cls: Any = type(self)
         given = dict(zip(cls._fields, values, strict=False)) | named
         if len(values) + len(named) != len(cls._fields) or set(given) != set(cls._fields):
             raise TypeError(f"{cls.__name__}: {', '.join(given)} given; allowed: {', '.join(cls._fields)}")
@@ -128,10 +133,11 @@ class Struct:
         if self._each is not None and self.complete:
             rows = Table([self._row(i) for i in range(self._many())])
             self.__dict__["each"] = rows
-            self.block[layout(type(self))["each"][1]] = rows.pointer
+            own: Any = type(self)
+            self.block[layout(own)["each"][1]] = rows.pointer
         for owner in self.owners:
             if (one := owner()) is not None:
-                one._split()
+                one._split()  # noqa: SLF001 (another of its kind)
 
     def _many(self) -> int:
         """How many rows there are."""
@@ -145,7 +151,7 @@ class Struct:
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Set a field, in the block too. Raises `TypeError` where it is not of its type."""
-        cls = type(self)
+        cls: Any = type(self)
         kind, at = layout(cls)[name]
         where = f"{cls.__name__}.{name}"
         if isinstance(kind, Array):
@@ -206,18 +212,18 @@ class Table(Generic[S]):
 
 
 @cache
-def layout(cls: type[Struct]) -> dict[str, tuple[Any, int]]:
+def layout(cls: Any) -> dict[str, tuple[Any, int]]:
     """Kind of each field, and its place in the block, in words."""
     found, at, hints = {}, 0, typing.get_type_hints(cls, include_extras=True)
     for name in cls._fields:
         kind = kind_of(hints[name])
         found[name] = kind, at
         at += kind.words if isinstance(kind, Array) else 1
-    return found | ({} if cls._each is None else {"each": (Table[cls._each], at)})  # type: ignore[name-defined]
+    return found | ({} if cls._each is None else {"each": (Table[cls._each], at)})
 
 
 @cache
-def size_of(cls: type[Struct]) -> int:
+def size_of(cls: Any) -> int:
     """Words of a block."""
     return sum(kind.words if isinstance(kind, Array) else 1 for kind, _ in layout(cls).values()) or 1
 

@@ -61,7 +61,7 @@ class Range(NamedTuple):
         """The place of a value, of one outside that of the nearest inside."""
         inside = min(max(value, self.low), self.high)
         if self.logarithmic:
-            return log(inside / self.low) / log(self.high / self.low)
+            return log(inside / self.low) / log(self.high / self.low)  # type: ignore[no-any-return]
         return (inside - self.low) / (self.high - self.low)
 
 

@@ -18,7 +18,7 @@ INF = math.inf
 @inlined
 def first_bits(x: float) -> float:
     """The first 26 bits of a number, cut."""
-    return number_of(bits_of(x) & FIRST_26_BITS)
+    return number_of(bits_of(x) & FIRST_26_BITS)  # type: ignore[no-any-return]
 
 
 @inlined

@@ -92,9 +92,9 @@ def expm1(x: float) -> float:
     if not abs(x - 12.0) < 28.0:  # below -16, or 1 is nothing beside the result, from 40 on
         if x < 40.0:
             if x < 0.0:
-                return exp(x) - 1.0
+                return exp(x) - 1.0  # type: ignore[no-any-return]
         else:
-            return exp(x)
+            return exp(x)  # type: ignore[no-any-return]
     high, low = _expm1_parts(x)
     return high + low
 

@@ -100,7 +100,8 @@ class WideAreaDampingVector(VectorEnv[Any, Any, Any]):
             tables = Table([one.loop for one in self._episodes]), Table([one.eyes for one in self._episodes])
             made = self._waits, self._ticks, self._time_ns, self._lost, self._setting.controller, self._setpoints
             seen = self._windows, self._setting.scale, self._weights, self._deviations
-            self._all = Episodes(*tables, *made, *seen)
+            parts: tuple[Any, ...] = (*tables, *made, *seen)
+            self._all = Episodes(*parts)
         all_of = self._all
         list(self._pool.map(lambda share: step_many(all_of, share, self._shares), range(self._shares)))
         for i in np.flatnonzero(self._lost & ~self._waits):  # a class beside the agent stops its loop, too

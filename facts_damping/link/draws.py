@@ -41,12 +41,12 @@ def normal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.
 
 def gamma(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
     """A constant delay and a gamma distribution."""
-    return stage.delay + random_numbers.gamma(random, stage.shape, stage.scale, size)
+    return stage.delay + random_numbers.gamma(random, stage.shape, stage.scale, size)  # type: ignore[no-any-return]
 
 
 def lognormal(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:
     """A constant delay and a lognormal distribution."""
-    return stage.delay + stage.median * random_numbers.lognormal(random, 0.0, stage.sigma, size)
+    return stage.delay + stage.median * random_numbers.lognormal(random, 0.0, stage.sigma, size)  # type: ignore[no-any-return]
 
 
 def bernoulli(stage: Any, size: Shape, _channels: Sequence[str], random: np.random.Generator) -> NDArray[np.float64]:

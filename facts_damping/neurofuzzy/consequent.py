@@ -259,7 +259,7 @@ def _legendre(
         slope[k] *= damp
     for i in range(x.size):
         by_input[i] *= damp
-    return value
+    return value  # type: ignore[no-any-return]
 
 
 @compiled

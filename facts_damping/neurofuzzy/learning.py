@@ -77,7 +77,8 @@ class Learners(Struct, each=Learner):
         net = Network(*self.shape[i].tolist())
         own = [value[i] for value in self if isinstance(value, np.ndarray)]
         sized = [value[: net.size] for value in own[:6]]
-        return Learner(*sized, *own[6:9], own[9][: net.inputs], Pass(*(value[i] for value in self.passed)))
+        values = (*sized, *own[6:9], own[9][: net.inputs], Pass(*(value[i] for value in self.passed)))
+        return Learner(**dict(zip(Learner._fields, values, strict=True)))
 
 
 def learners(nets: Sequence[Network], starts: Sequence[NDArray[np.float64]]) -> Learners:

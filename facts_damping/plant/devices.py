@@ -123,7 +123,7 @@ def behind(z: float, reference: float, ramp: float, T: float, t: float) -> float
 
     T dz/dt = r - z with r = r0 + k t:  z(t) = z0 + (r0 - k T - z0) (1 - exp(-t/T)) + k t.
     """
-    return z - (reference - ramp * T - z) * expm1(-t / T) + ramp * t
+    return z - (reference - ramp * T - z) * expm1(-t / T) + ramp * t  # type: ignore[no-any-return]
 
 
 @compiled

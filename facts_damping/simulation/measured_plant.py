@@ -41,7 +41,7 @@ def observe(
     """What PMUs report at a tick (`measurement.pmu.report`), and the truth; whether the plant is sound."""
     sound = measure(plant, plant_state, tick_ns(tick, pmus.frame_rate), frame, machines, devices, work)
     report(pmus, pmu_state, tick, work.phasors, frame, measured_ns, status)
-    return sound
+    return sound  # type: ignore[no-any-return]
 
 
 def entries(

@@ -125,7 +125,7 @@ def test_its_seed_is_of_the_run_and_its_place(tmp_path: Path) -> None:
         rows = [{"name": n, "policy": policy, "devices": [n]} for n in ("sssc", "statcom")]
         sets = ["devices=[sssc, statcom]", f"seed={seed}", "duration=0.1", "controllers=" + json.dumps(rows)]
         built = loop.build_loop(load_case("two_area_large", sets))
-        seeds.append([one._step.__self__.spec.seed for one in built.programs])  # type: ignore[attr-defined]
+        seeds.append([one._step.__self__.spec.seed for one in built.programs])
     assert seeds[0] == seeds[1]
     assert len({*seeds[0], *seeds[2]}) == 4
 
