@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-import platform
 import shutil
 import subprocess
 import sys
@@ -18,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from llvmlite import binding
 
-from facts_damping.compiling.keys import TARGETS, callees, key
+from facts_damping.compiling.kernels import ENTRY_POINTS
+from facts_damping.compiling.keys import PACKAGE, callees, key, target
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -63,17 +63,18 @@ def _with_callees(entries: Iterable[EntryPoint]) -> dict[str, EntryPoint]:
 
 def prepare(entries: Iterable[EntryPoint]) -> None:
     """Have entry points and all that they call compiled where they are not, by as many processes as processors."""
-    missing = [one for one in _with_callees(entries).values() if _found(one) is None]
-    if not missing:
+    wanted = _with_callees(entries)
+    if all(_found(one) is not None for one in wanted.values()):
         return
+    own = {name: one for name, one in ENTRY_POINTS.items() if name.startswith(f"{PACKAGE}.")}  # wanted soon
+    missing = [one for one in (wanted | own).values() if _found(one) is None]
     home().mkdir(parents=True, exist_ok=True)
     symbols = sorted(one.symbol for one in missing)
-    if len(missing) > 1:
-        sys.stderr.write(f"compiling {len(missing)} numerical kernels, once on this machine: seconds\n")
+    sys.stderr.write(f"compiling {len(missing)} numerical kernels, once on this machine: seconds\n")
     command = [sys.executable, "-m", "facts_damping.compiling", *symbols]
     many = min(os.cpu_count() or 1, len(missing))
     paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
-    surroundings = {**os.environ, "PYTHONPATH": paths, "NUMBA_CPU_NAME": TARGETS.get(platform.machine(), "generic")}
+    surroundings = {**os.environ, "PYTHONPATH": paths, "NUMBA_CPU_NAME": target()}
     surroundings |= {"NUMBA_CPU_FEATURES": "", "NUMBA_OPT": "3", "OPENBLAS_NUM_THREADS": "1"}
     processes = [subprocess.Popen(command, env=surroundings) for _ in range(many)]
     if any([process.wait() for process in processes]) or any(_found(one) is None for one in missing):  # noqa: C419
@@ -130,8 +131,8 @@ def _new_engine() -> Any:
     """What links object code."""
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
-    target = binding.Target.from_triple(binding.get_process_triple())
-    machine = target.create_target_machine(reloc="static", codemodel="jitdefault", jit=True)
+    kind = binding.Target.from_triple(binding.get_process_triple())
+    machine = kind.create_target_machine(reloc="static", codemodel="jitdefault", jit=True)
     return binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
 
 

@@ -214,18 +214,22 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
 def _root(f: Callable[[float], float], low: float, high: float) -> float:
     """Where f is zero between two points at which it has other signs, by regula falsi (Illinois) and halving."""
     below, above, side = f(low), f(high), 0
+    best = min((abs(below), low), (abs(above), high))
     for k in range(ROOT_STEPS):
-        middle = (low * above - high * below) / (above - below) if k % 4 < 3 else (low + high) / 2.0
+        middle = (low * above - high * below) / (above - below)
+        if k % 4 == 3 or not low < middle < high:
+            middle = (low + high) / 2.0
         if not low < middle < high:
             break
         here = f(middle)
+        best = min(best, (abs(here), middle))
         if here == 0.0:
-            return middle
+            break
         if here * below > 0.0:
             low, below, above, side = middle, here, above / 2.0 if side < 0 else above, -1
         else:
             high, above, below, side = middle, here, below / 2.0 if side > 0 else below, 1
-    return (low + high) / 2.0
+    return best[1]
 
 
 class _Trial(NamedTuple):
