@@ -71,8 +71,8 @@ def at_a_port(made: Any, x: Sequence[float], u: float, voltage: complex, impedan
         machines=empty.plant.machines[:0],
         placed=rows,
         devices=rows,
-        infinite=np.array([voltage]),
-        network=np.array([[[admittance, -admittance]]]),
+        infinite=np.array([voltage], complex),
+        network=np.array([[[admittance, -admittance]]], complex),
         ports=np.array([(DEVICE, 0, made["I_min"], np.inf)], PORT),
     )
     lines = line([0.0])
