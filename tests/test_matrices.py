@@ -11,6 +11,7 @@ import scipy.linalg
 from facts_damping.matrices import (
     eigenvalue_near,
     exponential,
+    least_squares,
     lyapunov,
     product,
     riccati,
@@ -65,6 +66,13 @@ def test_exponential(n: int, size: float) -> None:
     a = size * drawn(n, n) / n
     expected = scipy.linalg.expm(a)
     np.testing.assert_allclose(exponential(a), expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("rows", "columns", "rank"), [(5, 5, 5), (9, 4, 4), (4, 9, 4), (8, 6, 3)])
+def test_least_squares(rows: int, columns: int, rank: int) -> None:
+    """Also where many solutions are as good: the smallest one."""
+    a, b = drawn(rows, rank) @ drawn(rank, columns), drawn(rows)
+    np.testing.assert_allclose(least_squares(a, b), np.linalg.lstsq(a, b, rcond=None)[0], atol=1e-12)
 
 
 @pytest.mark.parametrize("n", SIZES)

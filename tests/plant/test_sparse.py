@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from scipy.sparse import csc_array
 
 from facts_damping.case.loading import load_system
 from facts_damping.grid_formats.matpower import import_case
@@ -36,6 +37,19 @@ def test_singular_equations_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sparse, "DENSE", 0)
     with pytest.raises(np.linalg.LinAlgError):
         sparse.solve_network(sparse.as_needed(np.zeros((3, 3)), 3), np.ones(3))
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+@pytest.mark.parametrize("columns", [None, 3])
+def test_equations_are_solved(kind: type, columns: int | None) -> None:
+    """Whatever the pattern, also where the diagonal is zero: rows are exchanged."""
+    chance = np.random.default_rng(2)
+    for n in (1, 2, 30, 200):
+        a = np.where(chance.random((n, n)) < 4.0 / n, chance.standard_normal((n, n)), 0.0).astype(kind)
+        a[np.arange(n), chance.permutation(n)] += 3.0 if kind is float else 3.0 + 1.0j
+        b = chance.standard_normal(n if columns is None else (n, columns))
+        found = sparse.solve_network(csc_array(a), b)
+        np.testing.assert_allclose(found, np.linalg.solve(a, b), rtol=1e-8, atol=1e-10)
 
 
 def test_a_grid_of_2224_buses_is_at_rest() -> None:
