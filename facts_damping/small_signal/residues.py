@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from facts_damping.matrices import eigenvalue_near, product
-from facts_damping.phasors import over, times
+from facts_damping.phasors import angles, over, times
 from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.zero_order_hold import held_for
 
@@ -46,7 +47,7 @@ class Residues(NamedTuple):
 
     def angle_deg(self, signal: str, device: str) -> float:
         """Angle of a residue."""
-        return float(np.rad2deg(np.angle(self.residue[self.signals.index(signal), self.devices.index(device)])))
+        return math.degrees(angles(self.residue[self.signals.index(signal), self.devices.index(device)]))
 
     def sign(self, signal: str, device: str) -> float:
         """Sign of dy/du at the mode: +1 for a residue near 0 degrees, -1 near 180, 0 between."""
