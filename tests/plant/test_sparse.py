@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_equations_are_solved(kind: type, columns: int | None) -> None:
     """Whatever the pattern, also where the diagonal is zero: rows are exchanged."""
     chance = np.random.default_rng(2)
     for n in (1, 2, 30, 200):
-        a = np.where(chance.random((n, n)) < 4.0 / n, chance.standard_normal((n, n)), 0.0).astype(kind)
+        a: Any = np.where(chance.random((n, n)) < 4.0 / n, chance.standard_normal((n, n)), 0.0).astype(kind)
         a[np.arange(n), chance.permutation(n)] += 3.0 if kind is float else 3.0 + 1.0j
         b = chance.standard_normal(n if columns is None else (n, columns))
         found = sparse.solve_network(csc_array(a), b)
