@@ -48,7 +48,7 @@ def _multiply(a: NDArray[Any], b: NDArray[Any], out: NDArray[Any]) -> None:
 
 
 @compiled
-def _size(z: Any) -> float:
+def size_of_pivot(z: Any) -> float:
     """|Re z| + |Im z|, by which pivots are chosen: a magnitude would be rounded."""
     return abs(z.real) + abs(z.imag)  # type: ignore[no-any-return]
 
@@ -60,7 +60,7 @@ def _eliminate(a: NDArray[Any], b: NDArray[Any]) -> bool:
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
-            if _size(a[i, k]) > _size(a[pivot, k]):
+            if size_of_pivot(a[i, k]) > size_of_pivot(a[pivot, k]):
                 pivot = i
         if a[pivot, k] == 0.0:
             return False

@@ -35,9 +35,9 @@ ROOMS = ("facts_damping.nodes.packing", "facts_damping.environment.many", "facts
 EXACT = {"ceil", "floor", "memcpy", "memmove", "memset", "rint", "trunc"}
 # Compiled for more than one combination of types, on purpose: real and complex matrices, frames and setpoints.
 SEVERAL = {
-    *("facts_damping.matrices._multiply", "facts_damping.matrices._eliminate", "facts_damping.matrices._size"),
+    *("facts_damping.matrices._multiply", "facts_damping.matrices._eliminate", "facts_damping.matrices.size_of_pivot"),
     *(f"facts_damping.link.transfer.{name}" for name in ("_push", "_first_before", "_count_delivered")),
-    *(f"facts_damping.plant.sparse.{name}" for name in ("_size", "_eliminate", "_substitute", "_reach")),
+    *(f"facts_damping.plant.sparse.{name}" for name in ("_eliminate", "_substitute", "_reach")),
     "facts_damping.simulation.tick._append",
 }
 SHORT = ["duration=0.5", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]

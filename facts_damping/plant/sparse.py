@@ -18,7 +18,7 @@ from scipy.sparse import block_array, csc_array
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2, Int1, Int2
-from facts_damping.matrices import solve
+from facts_damping.matrices import size_of_pivot, solve
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -100,12 +100,6 @@ def _room(n: int, entries: int, kind: Any) -> Entries:
 
 
 @compiled
-def _size(z: Any) -> float:
-    """|Re z| + |Im z|, by which pivots are chosen."""
-    return abs(z.real) + abs(z.imag)  # type: ignore[no-any-return]
-
-
-@compiled
 def _reach(rows: NDArray[np.int64], lower: Entries, place: NDArray[np.int64], k: int, room: NDArray[np.int64]) -> int:
     """Rows that a column has entries in after elimination so far, into room[0] from the index returned on.
 
@@ -170,8 +164,8 @@ def _eliminate(
         for i in room[0][top:]:
             column = place[i]
             if column == NONE:
-                if _size(x[i]) > largest:
-                    pivot, largest = i, _size(x[i])
+                if size_of_pivot(x[i]) > largest:
+                    pivot, largest = i, size_of_pivot(x[i])
                 continue
             upper[1][of_upper], upper[2][of_upper] = column, x[i]
             of_upper += 1
