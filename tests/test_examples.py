@@ -110,7 +110,8 @@ def test_the_environment_is_it_bit_for_bit() -> None:
     record, over = None, False
     limit = load_case("two_area_large", []).system.device("sssc").v_max
     while not over:
-        y, measured = env.episode.parts[17].signal[0], env.episode.parts[17].newest_ns[0]
+        held = env.episode.eyes.held
+        y, measured = held.signal[0], held.newest_ns[0]
         u = law.step(measured * 1e-9, y, [0.0], [True]) if measured >= 0 else 0.0
         _, _, _, over, _ = env.step(np.array([u / limit]))
         record = env.record()

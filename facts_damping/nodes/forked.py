@@ -33,9 +33,9 @@ _starting = Lock()  # several graphs may be started at once, each by a thread
 
 def load() -> None:
     """Begin to load, in the background; `start` waits for it."""
-    os.environ[FOLDER] = util.get_temp_dir()
     multiprocessing.get_context("forkserver").set_forkserver_preload([LOADED])
     resource_tracker.ensure_running()  # which lets signals through again when it has begun
+    os.environ[FOLDER] = util.get_temp_dir()  # last: until the process that loads runs, a kill would leave it
     before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTIONS)  # these are the caller's to answer
     try:
         forkserver.ensure_running()

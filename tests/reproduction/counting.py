@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping import elementary
 from facts_damping.neurofuzzy.network import Pass, backward, forward, network, shapes
 from facts_damping.neurofuzzy.start import Start, initial
 from facts_damping.neurofuzzy.table import VARIANTS
@@ -26,6 +27,7 @@ from facts_damping.reproduction.printed import Operations
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from facts_damping.neurofuzzy.network import Network
     from facts_damping.neurofuzzy.table import Variant
 
 # Where it is counted: every membership fires, and firing strengths lie in one half of the Legendre wavelets.
@@ -33,7 +35,7 @@ AT = (0.2, -0.1)
 START = Start(weight=[0.5], spread=[0.5, 0.5], width=[3.0, 3.0], shift=[0.5, 0.5], dilation=[1.0, 1.0])
 
 ADDITION, MULTIPLICATION, DIVISION, NEGATION = "additions", "multiplications", "divisions", "negations"
-FUNCTIONS = {  # of `math`
+FUNCTIONS = {  # of `math` and `elementary`
     "exp": "exponentials",
     "sin": "trigonometric",
     "cos": "trigonometric",
@@ -126,6 +128,8 @@ def plain(function: Callable[..., Any]) -> Callable[..., Any]:
         value = namespace.get(name)
         if value is math:
             namespace[name] = MATH
+        elif name in FUNCTIONS and value is getattr(elementary, name, None):
+            namespace[name] = getattr(MATH, name)
         elif isinstance(getattr(value, "py_func", value), FunctionType):
             namespace[name] = plain(value)  # type: ignore[arg-type]
     closure = tuple(CellType(plain(cell.cell_contents)) for cell in source.__closure__ or ())
@@ -191,13 +195,19 @@ def _copysign(x: Any, sign: Any) -> Any:
 MATH = SimpleNamespace(**{name: _function(name) for name in FUNCTIONS}, copysign=_copysign, ceil=math.ceil)
 
 
+def passes(net: Network) -> Any:
+    """What `network.passes` has, for numbers on a tape."""
+    arrays = (np.full(shape, 0.0, object) for shape in shapes(net))
+    return SimpleNamespace(**dict(zip(Pass._fields, arrays, strict=True)))
+
+
 def counts(variant: Variant) -> tuple[Counter[str], Counter[str]]:
     """Operations by kind: those that the output of a network needs, and those of a whole step."""
     net, tape = network(variant.antecedent, variant.consequent, *SHAPE), Tape()
     theta, x = (
         np.array([Number(tape, float(value)) for value in values], object) for values in (initial(net, START), AT)
     )
-    passed = Pass(*(np.full(shape, 0.0, object) for shape in shapes(net)))
+    passed = passes(net)
     plain(forward)(net, theta, x, passed)
     output = counted(needed(tape, passed.output))
     plain(backward)(net, passed)

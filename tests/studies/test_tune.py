@@ -41,7 +41,7 @@ def task(system: str, seed: int = 3, budget: int = 48) -> TuningTask:
 
 def neighbours(row: TunedController) -> Iterator[dict[str, Value]]:
     """Parameters as they are, then some that differ in the ninth digit."""
-    for i in range(10):
+    for i in range(40):
         yield {
             name: value * (1.0 - i * 1e-9) if isinstance(value, float) else value
             for name, value in row.parameters.items()
