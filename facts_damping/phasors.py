@@ -12,7 +12,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
-from facts_damping.elementary import exp_complex, hypot, phase, rect
+from facts_damping.elementary import exp_complex, magnitude, phase, rect
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -38,7 +38,7 @@ def _over(a: Complex1, b: Complex1, out: Complex1) -> None:
 def _magnitudes(z: Complex1, out: Float1) -> None:
     """Magnitudes."""
     for i in range(out.size):
-        out[i] = hypot(z[i].real, z[i].imag)
+        out[i] = magnitude(z[i])
 
 
 @entry_point

@@ -143,7 +143,7 @@ CASES = {
     "atan2": Case(elementary.atan2, mpmath.atan2, np.arctan2, POINTS),
     "hypot": Case(elementary.hypot, mpmath.hypot, np.hypot, POINTS),
     "phase": Case(phase, lambda x, y: mpmath.atan2(y, x), lambda x, y: np.arctan2(y, x), POINTS),
-    "magnitude": Case(magnitude, mpmath.hypot, np.hypot, POINTS),
+    "magnitude": Case(magnitude, mpmath.hypot, np.hypot, POINTS, bound=1.23),
     "rect": Case(
         *(elementary.rect, lambda r, phi: (r * mpmath.cos(phi), r * mpmath.sin(phi))),
         lambda r, phi: complex(r * np.cos(phi), r * np.sin(phi)),
@@ -232,4 +232,4 @@ def test_bits_are_those_of_every_other_processor() -> None:
         for arguments in np.concatenate([numbers, usual], 1).T[:, : len(case.samples[0])].tolist():
             if not any(map(math.isnan, arguments)):
                 digest.update(f"{name} {bits(case.function(*arguments))}".encode())
-    assert digest.hexdigest()[:16] == "d40c0657bd75351f"
+    assert digest.hexdigest()[:16] == "0189d80386cfb80f"

@@ -33,6 +33,7 @@ from numba.extending import (
     register_model,
     unbox,
 )
+from numba.np import arrayobj
 
 from facts_damping.compiling import keys, store
 from facts_damping.compiling.structs import HOST, NUMBERS, Array, Struct, Table, is_numbers, layout, words_of
@@ -48,6 +49,14 @@ POINTER = ir.IntType(8).as_pointer()
 WHOLE = ir.IntType(64)
 # Kernels allocate nothing and keep no array, so references to arrays need not be counted (`_nrt`).
 OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+
+
+def _from_the_start(context: Any, builder: Any, kind: Any, index: Any, _size: Any) -> Any:
+    """An index as it is: kernels do not count from the end, so nothing need ask whether it is negative."""
+    return context.cast(builder, index, kind, types.intp)
+
+
+arrayobj.fix_integer_index = _from_the_start
 
 
 class StructType(types.Type):

@@ -222,7 +222,7 @@ def _limit(made: Bank, state: BankState, c: int, tick: int) -> None:
         state.outputs[c, d] = misbehave(made.faults, c, tick, d, value, state.outputs[c, d], limit)
 
 
-@compiled
+@entry_point
 def _neuro_fuzzy(made: Bank, state: BankState, c: int, since_ns: int, age_ns: int) -> None:
     """A neuro-fuzzy controller's step."""
     net, s = shape_of(made.shape[c]), made.settings[c]

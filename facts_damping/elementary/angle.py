@@ -16,6 +16,7 @@ from facts_damping.elementary.exponential import NO_LOW, exp_parts
 from facts_damping.elementary.tables import ANGLES, PI_HIGH, PI_LOW
 
 LARGE, SMALL = 2.0**500, 2.0**-400  # squares and products of numbers between are normal
+NORMAL = 2.0**-900  # of a sum of squares above, what is below normal counts for nothing
 
 
 @entry_point
@@ -92,8 +93,13 @@ def hypot(x: float, y: float) -> float:
 
 @compiled
 def magnitude(z: complex) -> float:
-    """Magnitude of a complex number, as `hypot`."""
-    return hypot(z.real, z.imag)  # type: ignore[no-any-return]
+    """Magnitude of a complex number; within 1.23 ulp, as `hypot` where the square is near what is not normal.
+
+    The plain formula (A. Ziv, Sharp ULP Rounding Error Bound for the Hypotenuse Function, Math. Comp. 68, 1999): a
+    network takes millions of them a second.
+    """
+    square = z.real * z.real + z.imag * z.imag
+    return math.sqrt(square) if NORMAL < square < INF else hypot(z.real, z.imag)
 
 
 @compiled

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.elementary import hypot, phase, rect
+from facts_damping.elementary import magnitude, phase, rect
 from facts_damping.errors import InputError
 from facts_damping.parameters.blocks import MODELS
 from facts_damping.parameters.devices import Series, Transmission
@@ -189,9 +189,7 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
         start = machine.steady_state(m, system.base_power, states.offset, v, current)
         made.rows[g], made.power[g] = start.row, start.power
         states.add(m.name, [*machine.SWING, *machine.rotor_circuits(m).names], start.states)
-        excited = excitation.steady_state(
-            exciters.get(m.name), states.offset, hypot(v.real, v.imag), start.field_voltage
-        )
+        excited = excitation.steady_state(exciters.get(m.name), states.offset, magnitude(v), start.field_voltage)
         made.exciters[g] = excited.row
         states.add(m.name, excited.names, excited.states)
         made.stabilisers[g] = stabiliser.row(stabilisers.get(m.name), states.offset)
@@ -211,7 +209,7 @@ def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> 
     v, i = (complex(one) for one in times([voltage, current], rect(1.0, math.pi / 2 - float(start.states[0]))))
     power = v.real * i.real + v.imag * i.imag
     sensed = {
-        "Vt": hypot(v.real, v.imag),
+        "Vt": magnitude(v),
         "Pe": power,
         "Pa": start.power - power,
         "Ifd": start.field_voltage,

@@ -145,6 +145,12 @@ def derivatives(
             _circuits(m, x, 4, current, efd, saturation, work.emf[g], dx)
         else:
             _circuits(m, x, m.circuits, current, efd, saturation, work.emf[g], dx)
+    _port_derivatives(plant, x, reference, dx, work)
+
+
+@entry_point
+def _port_derivatives(plant: Plant, x: Float1, reference: Float1, dx: Float1, work: Work) -> None:
+    """Write dx/dt of the states of loads and devices, 1/s; those of a blocked device stand still."""
     for i in range(plant.loads.size):
         if plant.loads[i].offset >= 0:
             load.derivatives(plant.loads[i], x, work.response[plant.loads[i].port], dx)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.elementary import hypot, phase, rect
+from facts_damping.elementary import magnitude, phase, rect
 from facts_damping.errors import InputError
 from facts_damping.matrices import product, solve
 from facts_damping.phasors import over, times
@@ -198,7 +198,7 @@ def steady_state(m: Machine, base_power: float, offset: int, voltage: complex, c
     s = _at(row, c, delta, voltage, current)
     if m.model == "classical":
         row["E0"] = s.emf
-        field_voltage, z = hypot(s.emf.real, s.emf.imag), s.z
+        field_voltage, z = magnitude(s.emf), s.z
     else:
         unit = -solve(c.A, c.B[:, 2])  # states that one p.u. of field voltage holds
         field_voltage = float((s.emf.imag - product(c.C[0], s.z)) / product(c.C[0], unit))
@@ -245,7 +245,7 @@ def _at(row: NDArray[Any], c: RotorCircuits, delta: float, voltage: complex, cur
     """A machine at an angle: what its stator asks for, and what its circuits give."""
     v, i = (complex(one) for one in times([voltage, current], rect(1.0, math.pi / 2 - delta)))
     emf = complex(v + float(row["Ra"]) * i + complex(-row["Xq"] * i.imag, row["Xd"] * i.real))
-    psi = hypot(emf.real, emf.imag)
+    psi = magnitude(emf)
     beyond = max(0.0, psi - float(row["saturation_A"]))
     s = float(row["saturation_B"]) * beyond * beyond / psi
     drive = product(c.B[:, :2], np.array([i.real, i.imag])) - s * product(c.W, np.array([emf.imag, emf.real]))

@@ -10,16 +10,17 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.structs import Complex1, Float1
 from facts_damping.elementary import magnitude
 from facts_damping.plant.laws import SMALL, characteristic, law
+from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.site import DEVICE, LOAD, OTHER_END, SALIENT
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from facts_damping.plant.model import Plant, Work
 
 TOLERANCE = 1e-12  # relative to sqrt(1 + |s|^2)
 MAX_ITERATIONS = 40
@@ -137,15 +138,8 @@ def _newton(
     return False
 
 
-@compiled
-def _newton_single_port(
-    plant: Plant,
-    x: NDArray[np.float64],
-    reference: NDArray[np.float64],
-    source: NDArray[np.complex128],
-    stage: int,
-    work: Work,
-) -> bool:
+@entry_point
+def _newton_single_port(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> bool:
     """The only port of a plant, a load or device, three times as fast as by the general way; whether it converged.
 
     From q = q0 + H s and s = f(|q|) q / |q| follows |q0| = | |q| - H f |: one equation,
@@ -207,15 +201,8 @@ def _release(plant: Plant, source: NDArray[np.complex128], work: Work) -> bool:
     return furthest >= 0
 
 
-@compiled
-def solve_ports(
-    plant: Plant,
-    x: NDArray[np.float64],
-    reference: NDArray[np.float64],
-    source: NDArray[np.complex128],
-    stage: int,
-    work: Work,
-) -> None:
+@entry_point
+def solve_ports(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> None:
     """What all ports give, into `source`, p.u.; NaN where there is no solution, which ends the run.
 
     Newton's method has these starts, until one converges: the solution before; no sources; the loads as what they

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.compiling import compiled
 from facts_damping.control.compensation import phasor
 from facts_damping.control.inputs import TURN, UNSET
-from facts_damping.elementary import exp, hypot, log
+from facts_damping.elementary import exp, log, magnitude
 from facts_damping.monitors import ARMED, BAD, FALL_BACK, FALLBACK
 from facts_damping.signals import CHANNELS
 from facts_damping.supervision.model import CONTROLLER, CYCLES_KEPT
@@ -249,7 +249,7 @@ def _harm(made: Supervisors, state: SupervisorState, s: int) -> float:
     acts, total = False, 0.0
     for d in range(made.devices.shape[1]):
         if made.devices[s, d].place != UNSET:
-            size = hypot(state.phasors[s, 1 + d, 1], state.phasors[s, 1 + d, 2])
+            size = magnitude(complex(state.phasors[s, 1 + d, 1], state.phasors[s, 1 + d, 2]))
             acts = acts or size > ACTS * made.devices[s, d].limit
             total += (made.devices[s, d].residue * gain_of(made, state, s, d)).real
     return total if acts else 0.0

@@ -8,9 +8,8 @@ fallback, act, its setpoints are theirs, at their times. Otherwise it says zero 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
 
-from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling import entry_point
 from facts_damping.control.inputs import UNSET, form, take
 from facts_damping.elementary import log, magnitude, phase
 from facts_damping.monitors import ARMED, FALLBACK
@@ -19,9 +18,6 @@ from facts_damping.supervision import monitors, probe
 from facts_damping.supervision.model import Supervisors, SupervisorState, begin
 from facts_damping.supervision.passing import pass_on, say, share
 from facts_damping.supervision.states import conclude, judge, obey
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 @entry_point
@@ -62,19 +58,13 @@ def supervise(
     if row.state not in (ARMED, FALLBACK):
         first = say(made, state, s, tick, end_ns - 1, out, first)
     _hear(made, state, s, tick, delivered, count, answered)
-    monitors.follow(made, state, s, tick)
-    if row.probe_ns != UNSET and (end_ns - row.probe_ns) * 1e-9 >= own.probe_s:
-        conclude(made, state, s, end_ns)
-    monitors.data(made, state, s, end_ns)
-    monitors.controller(made, state, s, end_ns, lapses)
-    monitors.grid(made, state, s, devices)
-    judge(made, state, s, end_ns)
+    _judge(made, state, s, tick, end_ns, devices, lapses)
     return first
 
 
-@compiled
+@entry_point
 def _hear(
-    made: Supervisors, state: SupervisorState, s: int, tick: int, delivered: NDArray[Any], count: int, answered: bool
+    made: Supervisors, state: SupervisorState, s: int, tick: int, delivered: Deliveries, count: int, answered: bool
 ) -> None:
     """Take the frames of a tick, arrival by arrival, as the controller does."""
     row, i = state.rows[s], 0
@@ -96,6 +86,21 @@ def _hear(
         row.owed_ns = UNSET
     elif row.owed_ns == UNSET:
         row.owed_ns = owed
+
+
+@entry_point
+def _judge(
+    made: Supervisors, state: SupervisorState, s: int, tick: int, end_ns: int, devices: DeviceTruths, lapses: int
+) -> None:
+    """What the monitors say at the end of a tick, and what follows from it."""
+    row = state.rows[s]
+    monitors.follow(made, state, s, tick)
+    if row.probe_ns != UNSET and (end_ns - row.probe_ns) * 1e-9 >= made.settings[s].probe_s:
+        conclude(made, state, s, end_ns)
+    monitors.data(made, state, s, end_ns)
+    monitors.controller(made, state, s, end_ns, lapses)
+    monitors.grid(made, state, s, devices)
+    judge(made, state, s, end_ns)
 
 
 @entry_point

@@ -90,7 +90,7 @@ def test_each_station_alone(recording: Path, port: int) -> None:
         server.terminate()
         server.communicate(timeout=LOADED_S)
     assert [(pmu.name, pmu.idcode) for pmu in found[0].pmus] == [("TIE", 44)]
-    told = np.array([one.data.phasors[0, 0] for one in found[1:]])
+    told = np.array([one.data.phasors[0, 0] for one in found[1:31]])
     volts = grid_stations(load_case("two_area_small", []))[4].volts
     assert np.abs(told / volts - record.frames[:30, 4, stations.MAGNITUDE]).max() < 2.0 / 30000
 
