@@ -76,6 +76,7 @@ def prepare(entries: Iterable[EntryPoint]) -> None:
     paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
     surroundings = {**os.environ, "PYTHONPATH": paths, "NUMBA_CPU_NAME": target()}
     surroundings |= {"NUMBA_CPU_FEATURES": "", "NUMBA_OPT": "3", "OPENBLAS_NUM_THREADS": "1"}
+    surroundings |= {"NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1"}
     processes = [subprocess.Popen(command, env=surroundings) for _ in range(many)]
     if any([process.wait() for process in processes]) or any(_found(one) is None for one in missing):  # noqa: C419
         left = ", ".join(one.symbol for one in missing if _found(one) is None)

@@ -14,9 +14,19 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 from llvmlite import ir
-from numba.core import cgutils, codegen, compiler, dispatcher, registry, types
+from numba.core import (
+    cgutils,
+    codegen,
+    compiler,
+    dispatcher,
+    registry,
+    typed_passes,
+    types,
+    untyped_passes,
+)
 from numba.core.caching import CompileResultCacheImpl
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import PassManager
 from numba.core.datamodel import models
 from numba.core.typing.templates import (
     AbstractTemplate,
@@ -57,6 +67,28 @@ def _from_the_start(context: Any, builder: Any, kind: Any, index: Any, _size: An
 
 
 arrayobj.fix_integer_index = _from_the_start
+
+
+class _Passes(compiler.CompilerBase):
+    """Those of Numba's passes that kernels need: no closures, no expressions of whole arrays, no branches by type."""
+
+    def define_pipelines(self) -> list[Any]:
+        manager = PassManager("kernels")
+        for one in (
+            untyped_passes.TranslateByteCode,
+            untyped_passes.FixupArgs,
+            untyped_passes.IRProcessing,
+            untyped_passes.GenericRewrites,
+            untyped_passes.ReconstructSSA,
+            typed_passes.NopythonTypeInference,
+            typed_passes.PreLowerStripPhis,
+            typed_passes.IRLegalization,
+            typed_passes.NativeLowering,
+            typed_passes.NoPythonBackend,
+        ):
+            manager.add_pass(one, one.__doc__ or "")
+        manager.finalize()
+        return [manager]
 
 
 class StructType(types.Type):
@@ -192,7 +224,7 @@ def _dispatcher(kernel: Kernel, **options: Any) -> Any:
 
 def part(kernel: Kernel) -> Any:
     """A part's type: that of a function which callers compile, and which nobody calls from Python."""
-    made = _dispatcher(kernel, no_cpython_wrapper=True)
+    made = _dispatcher(kernel, no_cpython_wrapper=True, pipeline_class=_Passes)
     made._insert = lambda *_, **__: None  # noqa: SLF001 (there is nothing that Python could call)
     _dispatchers.append(made)
     return types.Dispatcher(made)
@@ -341,7 +373,9 @@ def object_code(entry: EntryPoint) -> bytes:
     flags.nrt, flags.no_compile, flags.no_cpython_wrapper, flags.no_cfunc_wrapper = False, True, True, True
     flags.error_model = "numpy"
     flags.enable_pyobject = flags.force_pyobject = False
-    made = compiler.compile_extra(typing_context, context, entry.py_func, own.args, own.return_type, flags, {})
+    made = compiler.compile_extra(
+        typing_context, context, entry.py_func, own.args, own.return_type, flags, {}, pipeline_class=_Passes
+    )
     library = made.library
     module = library.create_ir_module(entry.symbol)
     _write_c_function(context, module, made.fndesc, entry)
