@@ -160,19 +160,12 @@ def branching(functions: Sequence[Callable[..., Any]]) -> Any:
     So a table's rows bring their functions along, and no list of branches stands beside it. The last one is also that
     of codes beyond.
     """
-    first, *others = functions
-    if not others:
-
-        def call(code: int, *arguments: Any) -> Any:  # noqa: ARG001 (it is called as the others are)
-            return first(*arguments)
-
-    else:
-        after = branching(others)
-
-        def call(code: int, *arguments: Any) -> Any:
-            return first(*arguments) if code == 0 else after(code - 1, *arguments)
-
-    return Kernel(call, cached=False)
+    last = len(functions) - 1
+    lines = [f"    if code == {i}:\n        return f{i}(*arguments)\n" for i in range(last)]
+    source = f"def call(code, *arguments):\n{''.join(lines)}    return f{last}(*arguments)\n"
+    space: dict[str, Any] = {"__name__": __name__} | {f"f{i}": one for i, one in enumerate(functions)}
+    exec(source, space)  # noqa: S102 (a call for each, in one function)
+    return Kernel(space["call"], cached=False)
 
 
 if TYPE_CHECKING:  # what the functions take and return

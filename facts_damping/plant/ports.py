@@ -61,16 +61,9 @@ def _eliminate(matrix: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
     return True
 
 
-@compiled
-def _mismatch(
-    plant: Plant,
-    x: NDArray[np.float64],
-    reference: NDArray[np.float64],
-    source: NDArray[np.complex128],
-    stage: int,
-    work: Work,
-) -> tuple[bool, float]:
-    """f(q) - s of all ports into `work.change`; whether it is within the tolerance, and its sum of squares."""
+@entry_point
+def _mismatch(plant: Plant, x: Float1, reference: Float1, source: Complex1, stage: int, work: Work) -> float:
+    """f(q) - s of all ports into `work.change`; its sum of squares, 0 where all are within the tolerance."""
     first_row, first_column = plant.machines.size, plant.machines.size + plant.infinite.size
     solved, total = True, 0.0
     for p in range(source.size):
@@ -85,7 +78,7 @@ def _mismatch(
         # Written so that a value that is not finite counts as not solved.
         solved = solved and square <= TOLERANCE * TOLERANCE * (1.0 + size)
         total += square
-    return solved, total
+    return 0.0 if solved else total
 
 
 @compiled
@@ -119,8 +112,8 @@ def _newton(
     """
     before, share = math.inf, 1.0
     for _ in range(MAX_ITERATIONS):
-        solved, total = _mismatch(plant, x, reference, source, stage, work)
-        if solved:
+        total = _mismatch(plant, x, reference, source, stage, work)
+        if total == 0.0:
             return True
         if total < before or share < SMALLEST_SHARE:
             _newton_matrix(plant, stage, work)
