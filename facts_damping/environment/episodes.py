@@ -11,16 +11,16 @@ import numpy as np
 from facts_damping.analysis.measures import measure_weights
 from facts_damping.case import loading
 from facts_damping.case.changes import as_sets, change
+from facts_damping.compiling.structs import Table
 from facts_damping.control.inputs import inputs
 from facts_damping.control.sensing import sensed
-from facts_damping.environment.watching import Eyes, watch
+from facts_damping.environment.many import Episodes, step_many
+from facts_damping.environment.watching import Eyes
 from facts_damping.errors import InputError
 from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
-from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check
-from facts_damping.simulation.tick import halves
 from facts_damping.studies import sweep
 from facts_damping.studies.batch import fresh_loop
 
@@ -98,45 +98,55 @@ class Episode:
 
         `window`, (ticks, signals, 3), and `deviations`, (differences,), are what it writes what there is to see into.
         """
-        self.case, self.loop, self.tick, self._deviations = case, fresh_loop(case, outside=True), -1, deviations
+        self.case, self.loop = case, fresh_loop(case, outside=True)
         agent = case.controllers[c]
         names, stations = [list(agent.signals)], [station.name for station in case.system.stations]
         eyes = inputs(names, case.system.signals, stations, case.system.frequency)
         seen = sensed(1, len(names[0]), len(stations))
-        self._up, self._link = self.loop.links.up, case.used_links[c]
         self.eyes = Eyes(*eyes, seen)
         self.limits = np.array([case.system.device(name).v_max for name in agent.devices])
         self.weights = weights_of(case)
-        self._tail = window, scale, self.weights
-        self._u = self.loop.bank_state.unlimited[c, : len(agent.devices)]
         window[:] = 0.0
         window[:, :, 2] = 1.0
+        self._alone = Episodes(
+            loops=Table([self.loop]),
+            eyes=Table([self.eyes]),
+            waits=np.zeros(1, np.bool_),
+            ticks=np.full(1, -1),
+            time_ns=np.zeros(1, np.int64),
+            lost=np.zeros(1, np.bool_),
+            agent=c,
+            setpoints=np.zeros((1, len(agent.devices))),
+            windows=window[None],
+            scale=scale,
+            weights=self.weights[None],
+            deviations=deviations[None],
+        )
         self._go_on()
+
+    @property
+    def tick(self) -> int:
+        """The newest tick."""
+        return int(self._alone.ticks[0])
 
     @property
     def time_s(self) -> float:
         """Time of the newest tick, s."""
-        return float(self.loop.signals.time_ns[self.tick]) / NANOSECONDS
+        return float(self._alone.time_ns[0]) / NANOSECONDS
 
     def step(self, action: NDArray[Any]) -> None:
         """Have what was delivered in the newest tick answered by an action, -1 to 1 of the limits; on to the next."""
-        np.multiply(action, self.limits, out=self._u)
+        np.multiply(action, self.limits, out=self._alone.setpoints[0])
         self._go_on()
 
     def _go_on(self) -> None:
-        here = 2 * self.tick + 1  # half ticks: the second one of this, the first one of the next
-        halves(self.loop, max(0, here), here + 2)
+        step_many(self._alone, 0, 1)
         check(self.loop.programs)
-        self.tick += 1
-        kept = self.loop.signals
-        end_ns = tick_ns(self.tick + 1, self.case.run.frame_rate)
-        delivered = self._up.out[self._link], self._up.ring[self._link, 2], end_ns
-        watch(self.eyes, *delivered, *self._tail, kept.machines[self.tick], self._deviations)
 
     @property
     def lost(self) -> bool:
         """Whether the plant has lost synchronism: the episode ends."""
-        return not self.loop.signals.in_synchronism[self.tick]
+        return bool(self._alone.lost[0])
 
     @property
     def over(self) -> bool:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Array, Float1, Float2, Struct
+from facts_damping.compiling import compiled
+from facts_damping.compiling.structs import Struct
 from facts_damping.control.inputs import Held, Inputs
 from facts_damping.control.sensing import Sensed, sense
-from facts_damping.signals import Deliveries, MachineTruths
 
-Windows = Annotated[NDArray[np.float32], Array(np.float32, 3)]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 SIGNAL, AGE, MISSING = range(3)  # of a window's last axis
 MOST_SIGNAL, MOST_AGE = 100.0, 10.0  # in scales, and s: values beyond count as these
 
@@ -42,17 +41,17 @@ def put(window: NDArray[Any], y: NDArray[Any], age: NDArray[Any], fresh: NDArray
         window[last, i, MISSING] = 0.0 if fresh[i] else 1.0
 
 
-@entry_point
+@compiled
 def watch(
     eyes: Eyes,
-    delivered: Deliveries,
+    delivered: NDArray[Any],
     count: int,
     end_ns: int,
-    window: Windows,
-    scale: Float1,
-    weights: Float2,
-    machines: MachineTruths,
-    deviations: Float1,
+    window: NDArray[np.float32],
+    scale: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    machines: NDArray[Any],
+    deviations: NDArray[np.float64],
 ) -> None:
     """A tick: what was delivered goes into the window, and the true speed differences into `deviations`, p.u.
 
