@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import gc
 import importlib
+import inspect
 import os
+import re
 import struct
 import subprocess
 import sys
+import textwrap
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +22,7 @@ from hypothesis import strategies as st
 
 from facts_damping.case.loading import load_case
 from facts_damping.compiling import compiled, entry_point, keys, store
-from facts_damping.compiling.kernels import ENTRY_POINTS
+from facts_damping.compiling.kernels import ENTRY_POINTS, EntryPoint, Kernel
 from facts_damping.compiling.structs import Float1, Struct, Table
 from facts_damping.signals import SETPOINT
 from facts_damping.simulation import loop
@@ -245,6 +249,18 @@ def test_kernels_call_no_function_whose_bits_a_processor_chooses() -> None:
         path = store._found(entry)
         assert path is not None
         assert undefined(path.read_bytes()) <= EXACT | set(ENTRY_POINTS), entry.symbol
+
+
+def test_no_kernel_counts_from_the_end() -> None:
+    """Compiled code does not ask whether an index is negative."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("facts_damping.")]
+    found = [one for module in modules for one in vars(module).values() if isinstance(one, Kernel | EntryPoint)]
+    sources = [inspect.getsource(one.py_func) for one in found if one.__name__ != "call"]  # written by `branching`
+    assert len(sources) > 300
+    for source in sources:
+        for node in ast.walk(ast.parse(textwrap.dedent(source))):
+            if isinstance(node, ast.Subscript):
+                assert not re.search(r"(^|[(,:] *)-\d", ast.unparse(node.slice)), ast.unparse(node)
 
 
 def test_old_files_of_a_function_go_and_those_of_others_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,6 +40,14 @@ CASES: dict[str, tuple[str | None, list[str]]] = {
     "multiple": ("two_area_multiple", []),
     "LQG": (None, ["controllers.0.name=LQG", *BOTH, "link=pdci"]),
     "LQG, M class": (None, ["controllers.0.name=LQG", "measurement=m_class", "controllers.0.signals=[angle]"]),
+    "H infinity": (None, ["controllers.0.name=Hinf", *BOTH, "link=pdci"]),
+    "a law of zeros and poles": (
+        None,
+        [
+            "controllers.0.name=linear",
+            "controllers.0.linear={zeros: ['-1+2j', '-1-2j', 0.1], poles: ['-3+4.1j', '-3-4.1j', -0.7], gain: 0.3}",
+        ],
+    ),
     "indirect": (None, [*INDIRECT, *BOTH]),
     "smib": ("smib_supervised", []),
     "smib, lead-lag": ("lead_lag_smib_pdci", []),
