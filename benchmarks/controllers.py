@@ -62,13 +62,13 @@ def steps(parts: Any, delivered: NDArray[Any], out: NDArray[Any], estimates: NDA
             delivered[j].measured_ns = delivered[j].arrival_ns = k * PERIOD_NS
             delivered[j].values[SPEED] = 0.002 * np.sin(0.066 * k + j)
             delivered[j].values[POWER] = 4.0 + np.cos(0.066 * k + j)
-        count = act(parts.bank, parts.bank_state, 0, k, delivered, delivered.size, out, 0)
-        for i in range(parts.identifiers.controller.size):
-            identify(parts.identifiers, parts.identifier_state, i, delivered, delivered.size)
-            store_setpoints(parts.identifiers, parts.identifier_state, i, out, count)
-            write_estimates(parts.identifiers, parts.identifier_state, i, k, estimates, 0)
-            told = parts.identifier_state
-            set_estimate(parts.bank_state, 0, told.jacobian[i], told.change[i], told.held.newest_ns[i])
+        count = act(parts.control.bank, parts.control.bank_state, 0, k, delivered, delivered.size, out, 0)
+        for i in range(parts.control.identifiers.controller.size):
+            identify(parts.control.identifiers, parts.control.identifier_state, i, delivered, delivered.size)
+            store_setpoints(parts.control.identifiers, parts.control.identifier_state, i, out, count)
+            write_estimates(parts.control.identifiers, parts.control.identifier_state, i, k, estimates, 0)
+            told = parts.control.identifier_state
+            set_estimate(parts.control.bank_state, 0, told.jacobian[i], told.change[i], told.held.newest_ns[i])
 
 
 def step_us(name: str, scheme: str | None, *more: str) -> float:

@@ -39,7 +39,7 @@ def step_many(all_of: Episodes, first: int, stride: int) -> None:
             continue
         loop, tick, agent = all_of.loops[e], all_of.ticks[e], all_of.agent
         for d in range(all_of.setpoints.shape[1]):
-            loop.bank_state.unlimited[agent, d] = all_of.setpoints[e, d]
+            loop.control.bank_state.unlimited[agent, d] = all_of.setpoints[e, d]
         halves(loop, max(0, 2 * tick + 1), 2 * tick + 3)  # the second half of this tick, the first one of the next
         tick += 1
         kept, links = loop.signals, loop.links

@@ -124,7 +124,7 @@ def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[L
     index = change["index"]
     change_watch(now.run.devices, loop.plant_state.watch, change, at)
     if change["role"] == "supervisor":  # whose reset is not the plant's
-        ask(loop.supervisors, loop.supervisor_state, change)
+        ask(loop.control.supervisors, loop.control.supervisor_state, change)
     elif what == "event":
         now = with_event(now, value, at)
         loop = loop._replace(plant=build_plant(now).plant)
@@ -144,7 +144,7 @@ def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[L
         links, now = renumbered(loop.links, now, index, change["name"], float(value))
         loop = loop._replace(links=links)
     elif what == "parameter":
-        set_parameter(now, loop.bank, loop.identifiers, change)
+        set_parameter(now, loop.control.bank, loop.control.identifiers, change)
     return loop, now
 
 
@@ -190,7 +190,7 @@ def rerun(case: Case, changes: Sequence[dict[str, Any]]) -> Record:
     if any(change["kind"] in ("link", "parameter") for change in changes):  # copies of entries, stamps of their own
         loop = loop._replace(signals=signals_for(case, stamps=len(case.system.stations), up=2, down=2))
     told: list[dict[str, Any]] = []
-    acting, restarts = by_tick(changes), Restarts(loop.bank, loop.bank_state)
+    acting, restarts = by_tick(changes), Restarts(loop.control.bank, loop.control.bank_state)
     for tick in range(case.ticks):
         at = tick_ns(tick, loop.pmus.frame_rate)
         restarts.begin(tick)

@@ -33,11 +33,11 @@ def adapted(
 
 def all_adapted(case: Case, loop: Loop) -> dict[str, Weights]:
     """What all controllers of a loop have learnt, by their names as nodes."""
-    serving = loop.identifiers.controller.tolist()
+    serving = loop.control.identifiers.controller.tolist()
     found = {}
     for i, (name, controller) in enumerate(zip(controller_names(case), case.controllers, strict=True)):
-        identifier = (serving.index(i), loop.identifier_state) if i in serving else None
-        weights = adapted(controller, i, loop.bank_state, identifier)
+        identifier = (serving.index(i), loop.control.identifier_state) if i in serving else None
+        weights = adapted(controller, i, loop.control.bank_state, identifier)
         if weights is not None:
             found[name] = weights
     return found

@@ -39,7 +39,7 @@ from facts_damping.simulation.build import (
 )
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.restarts import Restarts
-from facts_damping.simulation.tick import Loop, Signals, halves
+from facts_damping.simulation.tick import ControlSystem, Loop, Signals, halves
 from facts_damping.version import versions
 
 if TYPE_CHECKING:
@@ -69,9 +69,8 @@ def build_loop(
     links = build_links(case)
     if residues is None and case.supervision is not None:
         residues = plant_residues(case)
-    control, guards = build_control(case, residues), build_supervisors(case, residues)
+    control = control_system(case, links.up.out.shape[1], residues)
     work = workspace(built.plant, built.state)
-    issued = setpoint_buffer(commands(case), links.up.out.shape[1])
     applied = np.zeros(links.down.out.size, SETPOINT)
     spoofed = bool((links.up.chain.rows["model"] == SPOOF).any())
     stamps = (
@@ -82,9 +81,15 @@ def build_loop(
     up, down = (way.packets.now_ns.shape[1] for way in (links.up, links.down))
     signals = signals_for(case, stamps, up, down)
     pmus, pmu_state = build_pmus(case)
-    programs = connect(case, control[1], outside=outside)
-    parts = built.plant, built.state, work, pmus, pmu_state, links, *control, *guards
-    return Loop(*parts, issued, issued.copy(), applied, signals, programs)
+    programs = connect(case, control.bank_state, outside=outside)
+    return Loop(built.plant, built.state, work, pmus, pmu_state, links, control, applied, signals, programs)
+
+
+def control_system(case: Case, entries: int, residues: Residues | None = None) -> ControlSystem:
+    """What acts on measurements, at the start; `entries`: most that a link delivers in a tick."""
+    issued = setpoint_buffer(commands(case), entries)
+    parts = *build_control(case, residues), *build_supervisors(case, residues)
+    return ControlSystem(*parts, issued, issued.copy())
 
 
 def signals_for(case: Case, stamps: int, up: int, down: int) -> Signals:
@@ -131,7 +136,7 @@ def run_loop(loop: Loop) -> None:
 
     Raises `RunError` where a program of the user's own has failed.
     """
-    restarts, last = Restarts(loop.bank, loop.bank_state), loop.signals.time_ns.size
+    restarts, last = Restarts(loop.control.bank, loop.control.bank_state), loop.signals.time_ns.size
     begins, goes_on = sorted({*restarts.ticks(last), *range(0, last, TICKS_AT_ONCE), last}), True
     for first, until in pairwise(begins):
         restarts.begin(first)

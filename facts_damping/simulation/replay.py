@@ -22,9 +22,9 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.files import each_path, parse_set, read_value
 from facts_damping.plant.integration import watch
 from facts_damping.signals import DELIVERY, NANOSECONDS, REFUSED, SETPOINT
-from facts_damping.simulation.build import build_control, build_plant, build_supervisors, commands
+from facts_damping.simulation.build import build_plant, commands
 from facts_damping.simulation.changes import by_tick, change_watch
-from facts_damping.simulation.loop import allocate_signals, setpoint_buffer
+from facts_damping.simulation.loop import allocate_signals, control_system
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.replayed_changes import ReplayedChanges
@@ -205,27 +205,24 @@ def play(case: Case, record: Record, progress: Callable[[int, int], None] = lamb
 
     `record`: as `fitted` gives it. The same `control_step` as in the loop, but identifiers hear what was recorded.
     """
-    bank, state, identifiers, learnt = build_control(case)
-    guards = build_supervisors(case)
-    programs = connect(case, state)
     ticks, used = record.ticks, np.array(case.used_links, np.int64)
     arrived = [_by_tick(record.delivered[record.delivered["link"] == link], ticks) for link in range(len(case.links))]
     recorded = _by_tick(acted(record), ticks)
     most = max(len(rows) for link in arrived for rows in link)
     delivered, ring = np.zeros((len(arrived), most), DELIVERY), np.zeros((len(arrived), 4), np.int64)
-    given, heard = setpoint_buffer(commands(case), most), np.zeros(max(map(len, recorded)), SETPOINT)
+    control, heard = control_system(case, most), np.zeros(max(map(len, recorded)), SETPOINT)
+    programs = connect(case, control.bank_state)
     issued = len(record.delivered) * commands(case)
     kept = allocate_signals(case, len(ticks), delivered=0, issued=issued, applied=0)
-    parts = bank, state, identifiers, learnt, *guards, used, delivered, ring, given, given.copy(), heard
-    changed = ReplayedChanges(case, record, (bank, state, identifiers, learnt), guards)
-    restarts = Restarts(bank, state)
+    changed = ReplayedChanges(case, record, control)
+    restarts = Restarts(control.bank, control.bank_state)
     for at, tick in enumerate(ticks.tolist()):
         changed.begin(tick)
         restarts.begin(tick)
         for link, rows in enumerate(arrived):
             delivered[link, : len(rows[at])], ring[link, 2] = rows[at], len(rows[at])
         heard[: len(recorded[at])] = recorded[at]
-        control_step(*parts, len(recorded[at]), tick, record.devices[at], kept)
+        control_step(control, used, delivered, ring, heard, len(recorded[at]), tick, record.devices[at], kept)
         check(programs)
         changed.end()
         if at % record.frame_rate == 0 or at + 1 == len(ticks):

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
+    from facts_damping.simulation.tick import ControlSystem
 
 
 class ReplayedChanges:
@@ -30,16 +31,15 @@ class ReplayedChanges:
     Of controllers that are of the kind that was recorded; where there was nothing of that, it does nothing.
     """
 
-    def __init__(self, case: Case, record: Record, control: tuple[Any, ...], guards: tuple[Any, Any]) -> None:
-        """`control`: controllers and identifiers with their states, as built; `guards`: supervisors and theirs."""
+    def __init__(self, case: Case, record: Record, control: ControlSystem) -> None:
+        """`control`: controllers, identifiers and supervisors, as built."""
         before = record.configuration.get("controllers") or []
         same = {c for c, one in enumerate(case.controllers) if c < len(before) and before[c].get("name") == one.name}
         own = [one for one in record.changes if one["index"] in same and _possible(case, one)]
-        self._case, self._control, self._guards = case, control, guards
+        self._case, self._control = case, control
         self._changes = list(own)  # by tick; those before the first one are known of late recordings, too
-        self._fresh = (
-            deepcopy(control) if any(one["kind"] == "start" and one["role"] != "supervisor" for one in own) else ()
-        )
+        starts = any(one["kind"] == "start" and one["role"] != "supervisor" for one in own)
+        self._fresh = deepcopy(control) if starts else control
         self._silent = [one for one in record.absences if one["role"] != "link" and one["index"] in same]
         self._silent += _disarmed(own)
         self._kept: list[tuple[NDArray[Any], NDArray[Any]]] = []
@@ -53,8 +53,8 @@ class ReplayedChanges:
             elif one["kind"] == "start":
                 self._begin_again(one["role"], one["index"])
             elif one["kind"] == "parameter":
-                set_parameter(self._case, self._control[0], self._control[2], one)
-        state = self._control[1]
+                set_parameter(self._case, self._control.bank, self._control.identifiers, one)
+        state = self._control.bank_state
         told = (state.jacobian, state.compensated.change, state.compensated.change_ns)
         silent = [one["index"] for one in self._silent if one["role"] == "identifier" and _within(one, tick)]
         self._kept = [(array[c : c + 1], array[c : c + 1].copy()) for c in silent for array in told]
@@ -74,7 +74,7 @@ class ReplayedChanges:
 
     def _oversee(self, change: dict[str, Any]) -> None:
         """What a supervisor was asked, or that it began again."""
-        made, state = self._guards
+        made, state = self._control.supervisors, self._control.supervisor_state
         own = list(made.settings["controller"])
         if change["kind"] == "start" and change["index"] in own:
             begin(state, own.index(change["index"]))
@@ -83,10 +83,14 @@ class ReplayedChanges:
 
     def _begin_again(self, role: str, c: int) -> None:
         """A controller, or its identifier, as at the start of a run."""
-        model, state = (0, 1) if role == "controller" else (2, 3)
-        place = c if role == "controller" else list(self._control[2].controller).index(c)
-        restore(self._control[state], self._fresh[state], place)
-        self._control[model].settings[place] = self._fresh[model].settings[place]
+        now, fresh = self._control, self._fresh
+        if role == "controller":
+            restore(now.bank_state, fresh.bank_state, c)
+            now.bank.settings[c] = fresh.bank.settings[c]
+        else:
+            place = list(now.identifiers.controller).index(c)
+            restore(now.identifier_state, fresh.identifier_state, place)
+            now.identifiers.settings[place] = fresh.identifiers.settings[place]
 
 
 def _within(absence: dict[str, Any], tick: Any) -> Any:

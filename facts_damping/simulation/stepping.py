@@ -33,13 +33,13 @@ class Stepper:
     def __init__(self, case: Case, loop: Loop) -> None:
         """Measure the first tick of a loop at its start."""
         self.loop, self.tick, self._case = loop, -1, case
-        self._goes_on, self._own = True, loop.bank.code.copy()
+        self._goes_on, self._own = True, loop.control.bank.code.copy()
         names = [list(controller.signals) for controller in case.controllers]
         stations = [station.name for station in case.system.stations]
         self._names, most = names, max(map(len, names), default=0)
         self._eyes = (*inputs(names, case.system.signals, stations, case.system.frequency),)
         self._sensed = sensed(len(names), most, len(stations))
-        self._restarts = Restarts(loop.bank, loop.bank_state)
+        self._restarts = Restarts(loop.control.bank, loop.control.bank_state)
         self.step(None)
 
     def step(self, given: NDArray[np.float64] | None) -> bool:
@@ -49,7 +49,7 @@ class Stepper:
         """
         if not self._goes_on:
             return False
-        bank, state = self.loop.bank, self.loop.bank_state
+        bank, state = self.loop.control.bank, self.loop.control.bank_state
         if given is not None:
             at = 0
             for c, controller in enumerate(self._case.controllers):

@@ -61,6 +61,19 @@ class Signals(Struct):
     used: Int1
 
 
+class ControlSystem(Struct):
+    """What acts on measurements: controllers, identifiers and supervisors, and the setpoints of a tick."""
+
+    bank: Bank
+    bank_state: BankState
+    identifiers: Identifiers
+    identifier_state: IdentifierState
+    supervisors: Supervisors
+    supervisor_state: SupervisorState
+    issued: Setpoints  # what the controllers issue
+    passed: Setpoints  # what of it acts, as supervisors have it
+
+
 class Loop(Struct):
     """Everything a closed loop consists of: frozen parameters and state, each part by itself, and what it records."""
 
@@ -70,15 +83,8 @@ class Loop(Struct):
     pmus: Pmus
     pmu_state: PmuState
     links: Links
-    bank: Bank
-    bank_state: BankState
-    identifiers: Identifiers
-    identifier_state: IdentifierState
-    supervisors: Supervisors
-    supervisor_state: SupervisorState
-    issued: Setpoints  # SETPOINT, what the controllers issue in a tick
-    passed: Setpoints  # SETPOINT, what of it acts, as supervisors have it
-    applied: Setpoints  # SETPOINT, what all links deliver to the devices in a tick
+    control: ControlSystem
+    applied: Setpoints  # what all links deliver to the devices in a tick
     signals: Signals
     programs: Annotated[list[Any], HOST]  # `policies.Program`, of controllers of the user's own
 
@@ -93,17 +99,10 @@ def _append(kept: NDArray[Any], at: int, entries: NDArray[Any], count: int) -> i
 
 @entry_point
 def control_step(
-    bank: Bank,
-    bank_state: BankState,
-    ids: Identifiers,
-    id_state: IdentifierState,
-    guards: Supervisors,
-    guard_state: SupervisorState,
+    control: ControlSystem,
     used: Int1,
     delivered: Deliveries2,
     ring: Int2,
-    given: Setpoints,
-    passed: Setpoints,
     heard: Setpoints,
     count: int,
     tick: int,
@@ -113,25 +112,24 @@ def control_step(
     """Controllers act on what was delivered in a tick, supervisors pass that on, then identifiers learn.
 
     `delivered`, (links, entries), and `ring`, which says how many there are, as in `link.transfer.Direction`;
-    controller c uses link `used[c]`. What controllers issue goes into `given`, what acts of it into `passed`: all,
-    where there are no supervisors; `devices`: DEVICE_TRUTH, which they see. Identifiers hear `count` setpoints of
-    `heard`; where that is -1, those that act. What they estimate is used in the tick after. Returns how many
+    controller c uses link `used[c]`; `devices`: DEVICE_TRUTH, which supervisors see. Identifiers hear `count` setpoints
+    of `heard`; where that is -1, those that act. What they estimate is used in the tick after. Returns how many
     setpoints act.
     """
+    bank, bank_state = control.bank, control.bank_state
+    ids, id_state = control.identifiers, control.identifier_state
     issued = 0
     for c in range(bank.code.size):
-        issued = act(bank, bank_state, c, tick, delivered[used[c]], ring[used[c], 2], given, issued)
-    kept.used[2] = _append(kept.issued, kept.used[2], given, issued)
+        issued = act(bank, bank_state, c, tick, delivered[used[c]], ring[used[c], 2], control.issued, issued)
+    kept.used[2] = _append(kept.issued, kept.used[2], control.issued, issued)
     acting = issued
-    if guards.settings.size == 0:
+    if control.supervisors.settings.size == 0:
         for i in range(issued):
-            passed[i] = given[i]
+            control.passed[i] = control.issued[i]
     else:
-        acting = _supervised(
-            bank, bank_state, guards, guard_state, delivered, ring, given, issued, passed, tick, devices, kept
-        )
+        acting = _supervised(control, delivered, ring, issued, tick, devices, kept)
     if count < 0:
-        heard, count = passed, acting
+        heard, count = control.passed, acting
     rows = kept.used[4]
     for n in range(ids.controller.size):
         c = ids.controller[n]
@@ -155,43 +153,38 @@ def control_step(
 
 @compiled
 def _supervised(
-    bank: Bank,
-    bank_state: BankState,
-    guards: Supervisors,
-    guard_state: SupervisorState,
+    control: ControlSystem,
     delivered: NDArray[Any],
     ring: NDArray[np.int64],
-    given: NDArray[Any],
     issued: int,
-    passed: NDArray[Any],
     tick: int,
     devices: NDArray[Any],
     kept: Signals,
 ) -> int:
     """All supervisors' ticks; how many setpoints they say."""
-    acting = 0
+    guards, state, acting = control.supervisors, control.supervisor_state, 0
     for s in range(guards.settings.size):
         own = guards.settings[s]
         start, end = tick_ns(tick, own.frame_rate), tick_ns(tick + 1, own.frame_rate)
-        look_inside(bank, bank_state, own.controller, guard_state.rows[s])
+        look_inside(control.bank, control.bank_state, own.controller, state.rows[s])
         acting = supervise(
             guards,
-            guard_state,
+            state,
             s,
             tick,
             start,
             end,
             delivered[own.link],
             ring[own.link, 2],
-            given,
+            control.issued,
             issued,
             devices,
-            passed,
+            control.passed,
             acting,
         )
-        if tell(guards, guard_state, s, tick, kept.supervision, kept.used[7]):
+        if tell(guards, state, s, tick, kept.supervision, kept.used[7]):
             kept.used[7] += 1
-    kept.used[6] = _append(kept.supervised, kept.used[6], passed, acting)
+    kept.used[6] = _append(kept.supervised, kept.used[6], control.passed, acting)
     return acting
 
 
@@ -202,7 +195,7 @@ def halves(loop: Loop, first: int, until: int) -> bool:
     Half 2 k is the first of tick k: PMUs measure, links deliver upwards. Half 2 k + 1 is its second: controllers act,
     supervisors pass that on, identifiers learn, links deliver downwards, the plant goes on.
     """
-    links, kept, pmus = loop.links, loop.signals, loop.pmus
+    links, control, kept, pmus = loop.links, loop.control, loop.signals, loop.pmus
     several = links.up.ring.shape[0]
     for half in range(first, until):
         tick = half // 2
@@ -230,29 +223,14 @@ def halves(loop: Loop, first: int, until: int) -> bool:
                 kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
             continue
         acting = control_step(
-            loop.bank,
-            loop.bank_state,
-            loop.identifiers,
-            loop.identifier_state,
-            loop.supervisors,
-            loop.supervisor_state,
-            links.used,
-            links.up.out,
-            links.up.ring,
-            loop.issued,
-            loop.passed,
-            loop.passed,
-            -1,
-            tick,
-            kept.devices[tick],
-            kept,
+            control, links.used, links.up.out, links.up.ring, control.passed, -1, tick, kept.devices[tick], kept
         )
         applied = 0
         for link in range(several):
-            arrived = downlink(links, link, tick, end, loop.passed, acting)
+            arrived = downlink(links, link, tick, end, control.passed, acting)
             applied = merge(loop.applied, applied, links.down.out[link], arrived)
         kept.used[3] = _append(kept.applied, kept.used[3], loop.applied, applied)
-        if not kept.in_synchronism[tick] or loop.bank_state.calls.failed.any():
+        if not kept.in_synchronism[tick] or control.bank_state.calls.failed.any():
             return False
         go_on(loop.plant, loop.plant_state, pmus, loop.pmu_state, tick, loop.applied, applied, loop.work)
     return True

@@ -47,13 +47,16 @@ def portrait(case: Case) -> Portrait:
         min([event.time for event in case.scenario.events], default=0.0),
     )
     built = loop.build_loop(case)
-    theta = built.bank_state.learner.theta[0, : net.size]
+    theta = built.control.bank_state.learner.theta[0, : net.size]
     before = theta.copy()
     record = loop.finish(case, built)
     part = replace(case, run=case.run.model_copy(update={"duration": first + MIDST_S}))
     midst = loop.build_loop(part)
     loop.finish(part, midst)
-    moments = {"before": before, f"{MIDST_S:g} s after the event": midst.bank_state.learner.theta[0, : net.size]}
+    moments = {
+        "before": before,
+        f"{MIDST_S:g} s after the event": midst.control.bank_state.learner.theta[0, : net.size],
+    }
     reach = case.controllers[0].number("range")
     return Portrait(record, net, {**moments, "after": theta}, reach)
 

@@ -123,7 +123,7 @@ def follow(case: Case, record: Record, horizon: int) -> Followed:
     respondent = Respondent(case, record)
     ticks = np.arange(max(own, horizon), len(record.time_ns), EVERY)
     built = loop.build_loop(case)
-    limits, scale = built.bank.actuators.limit[0, :q], built.bank.settings[0]["scale"][:p]
+    limits, scale = built.control.bank.actuators.limit[0, :q], built.control.bank.settings[0]["scale"][:p]
     unit = limits / scale[:, None]
     true, stated = (
         np.array([respondent.jacobian(int(k) - frames, frames) for k in ticks]).reshape(-1, p, q) * unit

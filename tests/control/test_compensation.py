@@ -156,9 +156,11 @@ def test_the_way_down_is_its_mean_and_may_be_given() -> None:
 
 def test_the_mode_is_the_plants_or_given() -> None:
     own = loop.build_loop(load_case(None, ["controllers.0.compensation=lead"]))
-    assert own.bank.compensators.omega[0] == pytest.approx(2.0 * math.pi * 0.6297, rel=1e-3)  # docs/small_signal.md
+    assert own.control.bank.compensators.omega[0] == pytest.approx(
+        2.0 * math.pi * 0.6297, rel=1e-3
+    )  # docs/small_signal.md
     given = ["controllers.0.compensation=lead", "controllers.0.parameters.mode_hz=0.5"]
-    assert loop.build_loop(load_case(None, given)).bank.compensators.omega[0] == math.pi
+    assert loop.build_loop(load_case(None, given)).control.bank.compensators.omega[0] == math.pi
 
 
 @pytest.mark.parametrize(

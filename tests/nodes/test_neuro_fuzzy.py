@@ -144,7 +144,7 @@ def test_inner_state_and_estimates_are_published_every_tick(domain: int, tmp_pat
     assert len(states) == len(estimates) == 180
     built = loop.build_loop(case)
     loop.finish(case, built)
-    learner, last = built.bank_state.learner, states[-1]
+    learner, last = built.control.bank_state.learner, states[-1]
     assert last.parameter_groups == ["degree", "w", "tau", "nu"]
     for g, norm in enumerate(last.parameter_norms):
         assert norm == pytest.approx(np.linalg.norm(learner.theta[0][learner.group[0] == g]))
@@ -155,7 +155,7 @@ def test_inner_state_and_estimates_are_published_every_tick(domain: int, tmp_pat
     assert all(rate > 0.0 for rate in last.learning_rates)
     assert estimates[-1].output_names == ["speed"]
     assert estimates[-1].input_names == ["sssc"]
-    assert list(estimates[-1].jacobian) == built.identifier_state.jacobian[0].ravel().tolist()
+    assert list(estimates[-1].jacobian) == built.control.identifier_state.jacobian[0].ravel().tolist()
 
 
 @pytest.mark.parametrize(

@@ -37,8 +37,17 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
         reported = kept.frames[k], kept.measured_ns[k], kept.status[k]
         observe(*plant, k, *reported, kept.machines[k], kept.devices[k], parts.work)
         delivered = uplink(parts.links, 0, k, start, end, *reported)
-        issued = act(parts.bank, parts.bank_state, 0, k, parts.links.up.out[0], delivered, parts.issued, 0)
-        arrived = downlink(parts.links, 0, k, end, parts.issued, issued)
+        issued = act(
+            parts.control.bank,
+            parts.control.bank_state,
+            0,
+            k,
+            parts.links.up.out[0],
+            delivered,
+            parts.control.issued,
+            0,
+        )
+        arrived = downlink(parts.links, 0, k, end, parts.control.issued, issued)
         applied = merge(parts.applied, 0, parts.links.down.out[0], arrived)
         go_on(*plant, k, parts.applied, applied, parts.work)
     assert kept.frames.tobytes() == whole.frames.tobytes()
@@ -171,8 +180,8 @@ def test_direct_adaptation_with_the_wrong_sign_loses_synchronism() -> None:
     own = ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "scenario=small"]
     case = load_case(None, own)
     right, wrong = loop.build_loop(case), loop.build_loop(case)
-    wrong.bank.sensitivity[:] *= -1.0
-    for theta in (wrong.bank_state.learner.theta, wrong.bank_state.learner.start):
+    wrong.control.bank.sensitivity[:] *= -1.0
+    for theta in (wrong.control.bank_state.learner.theta, wrong.control.bank_state.learner.start):
         theta[:, 8:] *= -1.0  # the weights, which start by the sign
     assert loop.finish(case, right).in_synchronism.all()
     assert not loop.finish(case, wrong).in_synchronism.all()

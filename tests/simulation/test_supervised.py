@@ -217,10 +217,10 @@ def test_a_dead_controller_begins_again_knowing_nothing_and_a_hung_one_goes_on()
         fault = {"kind": kind, "start": 2.0, "duration": 0.5}
         case = load_case(None, [*FREE, f"controllers.0.faults=[{json.dumps(fault)}]"])
         built = build_loop(case)
-        fresh = built.bank_state.learner.theta[0].copy()
+        fresh = built.control.bank_state.learner.theta[0].copy()
         stepper, thetas = Stepper(case, built), {}
         while stepper.step(None):
-            thetas[stepper.tick] = built.bank_state.learner.theta[0].copy()
+            thetas[stepper.tick] = built.control.bank_state.learner.theta[0].copy()
         assert not np.array_equal(thetas[119], fresh)
         expected = fresh if kind == "dead" else thetas[120]
         moved = [float(np.abs(thetas[k] - expected).max()) for k in (149, 151)]
