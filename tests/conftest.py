@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import socket
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import pytest
@@ -83,9 +83,15 @@ def _new_domain() -> Iterator[int]:
         yield number
 
 
+_BASES = itertools.cycle(range(20000 + 10 * int(_PROCESS), 30000, 10 * int(_PROCESSES)))  # not by chance
+
+
 @pytest.fixture
 def port() -> int:
-    """A port of this computer that is free."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
+    """A port of this computer that is free, as are the nine after it."""
+    for base in _BASES:
+        with ExitStack() as held, suppress(OSError):
+            for number in range(base, base + 10):
+                held.enter_context(socket.socket()).bind(("127.0.0.1", number))
+            break
+    return base

@@ -29,7 +29,7 @@ NOT_DAMPED = {
     ("two_area", "small", "ANFLeWC", "indirect"): "limit cycle",
     ("two_area", "small", "ANFGuMoC", "direct"): "undecided",
     ("two_area", "large", "ANFLeWC", "indirect"): "undecided",
-    ("two_area", "multiple", "ANFTrMeC", "indirect"): "limit cycle",
+    ("two_area", "multiple", "ANFTrMeC", "indirect"): "undecided",
     ("two_area", "multiple", "ANFTrMoC", "indirect"): "undecided",
     ("two_area", "multiple", "ANFGuMoC", "direct"): "undecided",
     ("two_area", "multiple", "ANFBsC", "indirect"): "undecided",
