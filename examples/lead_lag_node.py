@@ -45,6 +45,10 @@ class Controller(Node):
         self.publisher.publish(reply)
 
 
-if __name__ == "__main__":
+def main():
     with rclpy.init(), suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(Controller())
+
+
+if __name__ == "__main__":
+    main()

@@ -22,6 +22,11 @@ KNOW_S = 0.01  # wall time between two looks at who publishes, at least
 PLANT = "plant/state"  # who publishes it is the plant
 
 
+def now() -> float:
+    """Wall time, s, since some moment."""
+    return time.monotonic()
+
+
 @dataclass
 class Heard:
     """A topic that is listened to, and what has come by it."""
@@ -39,7 +44,7 @@ class Heard:
     sequences: dict[bytes, int] = field(default_factory=dict)  # of the newest message, by publisher
     lost: Counter[bytes] = field(default_factory=Counter)  # messages that did not come, by the gaps of those
     tick: int = -1  # of the newest message
-    at: float = field(default_factory=time.monotonic)  # when it came
+    at: float = field(default_factory=now)  # when it came
 
 
 class Publishers:

@@ -61,14 +61,14 @@ OF_A_SUPERVISOR = {SUPERVISED: messages.VoltageSetpoints, "state": messages.Supe
 
 
 STAMP_END, TICK_END = 12, 20  # where in a message that of the header ends, and its frame_id, which is empty
-NO_FRAME = b"\1\0\0\0\0\0\0\0"
+NO_FRAME = b"\1\0\0\0\0"  # three bytes follow that may be any
 UNTICKED = ("plant/events", "link/statistics", "/diagnostics", REFUSED, CHANGES, STATE)  # not begun at tick 0
 LATE = (CHANGES, STATE)  # what was said before it came is heard, too
 
 
 def begins_a_run(data: bytes) -> bool:
     """Whether a message, of those that begin with header and tick, is of tick 0."""
-    return data[STAMP_END:TICK_END] == NO_FRAME and int.from_bytes(data[TICK_END : TICK_END + 8], "little") == 0
+    return data[STAMP_END:].startswith(NO_FRAME) and int.from_bytes(data[TICK_END : TICK_END + 8], "little") == 0
 
 
 def topics(case: Case) -> dict[str, Any]:

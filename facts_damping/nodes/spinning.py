@@ -9,6 +9,7 @@ from __future__ import annotations
 import signal
 import time
 from contextlib import ExitStack
+from contextvars import ContextVar
 from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -26,7 +27,7 @@ REQUESTS_S = 0.05  # wall time between two looks for requests, and for whether t
 HEARD_S = 2.0  # wall time that a node that was stopped waits at most for its last messages to arrive
 MOST = 100  # messages of a subscription that are taken at once: others' turn comes, whoever floods it
 
-_told = Event()
+_told: ContextVar[Event] = ContextVar("_told", default=Event())  # noqa: B039 (that of a process that takes no signals)
 
 
 class Stopped(Exception):  # noqa: N818 (not an error: a signal told the node to stop)
@@ -39,18 +40,20 @@ class BeginAgain(Exception):  # noqa: N818 (not an error: another run has begun)
 
 def stop_by_signals() -> None:
     """Take SIGINT and SIGTERM, here and not in rclpy, which shuts the middleware down under a node that works."""
+    told = Event()
+    _told.set(told)
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: _told.set())
+        signal.signal(number, lambda *_: told.set())
 
 
 def told_to_stop() -> bool:
     """Whether such a signal has come."""
-    return _told.is_set()
+    return _told.get().is_set()
 
 
 def check_wanted() -> None:
     """Raise `Stopped` once such a signal has come."""
-    if _told.is_set():
+    if told_to_stop():
         raise Stopped
 
 

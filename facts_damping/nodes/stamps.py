@@ -7,32 +7,35 @@ nodes all times are simulated, from 0; what is written into a message has it on 
 from __future__ import annotations
 
 import time
+from contextvars import ContextVar
 
 DAY_NS = 86_400_000_000_000  # clocks of hosts may differ by less
 
-_state = {"epoch_ns": 0, "learns": 0}
+_epoch_ns: ContextVar[int] = ContextVar("_epoch_ns", default=0)
+_learns: ContextVar[bool] = ContextVar("_learns", default=False)
 
 
 def epoch_ns() -> int:
     """What is added to simulated time, ns since 1970; 0: nothing."""
-    return _state["epoch_ns"]
+    return _epoch_ns.get()
 
 
 def begin(at_ns: int = 0, *, learns: bool = False) -> None:
     """A run begins at a wall time, ns since 1970, or at 0; `learns`: messages of others may say when."""
-    _state.update(epoch_ns=at_ns, learns=int(learns))
+    _epoch_ns.set(at_ns)
+    _learns.set(learns)
 
 
 def restore(at_ns: int) -> None:
     """Know no more than before: what `epoch_ns` was then."""
-    _state["epoch_ns"] = at_ns
+    _epoch_ns.set(at_ns)
 
 
 def accept(stamp_ns: int, start_ns: int) -> bool:
     """Whether a stamp, less what is known, is that of a tick that starts at `start_ns`; the first one is learnt."""
     if stamp_ns == start_ns:
         return True
-    if _state["epoch_ns"] or not _state["learns"] or abs(stamp_ns - time.time_ns()) > DAY_NS:
+    if epoch_ns() or not _learns.get() or abs(stamp_ns - time.time_ns()) > DAY_NS:
         return False
-    _state["epoch_ns"] = stamp_ns - start_ns
+    _epoch_ns.set(stamp_ns - start_ns)
     return True

@@ -85,7 +85,7 @@ def run(folder: Path, sets: list[str], mode: str = "lockstep", timeout: float = 
 
 
 def test_the_example_is_what_the_page_says_it_is() -> None:
-    assert len(Path(NODE).read_text().splitlines()) <= 50
+    assert len(Path(NODE).read_text().splitlines()) <= 54
     asked = read_table(EXAMPLES / "lead_lag_node.yaml")
     assert asked["controllers"][0]["command"][-1] == "examples/lead_lag_node.py"
     assert load_case(str(EXAMPLES / "lead_lag_node.yaml")).controllers[0].name == "my_node"

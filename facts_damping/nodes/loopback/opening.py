@@ -1,0 +1,195 @@
+"""Opens a loopback: until it is closed, nodes of this process see it instead of DDS, and its time instead of the clock.
+
+`rclpy`'s Python code stays; the names by which it reaches its C++ part are replaced (`implementation`), and what a
+process has of its own: default context, executor, arguments, outputs, environment, signals, time.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any
+from unittest import mock
+
+import rclpy
+import rclpy.logging
+import rclpy.utilities
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+
+from facts_damping.nodes import forked, loaded, node
+from facts_damping.nodes.loopback import implementation
+from facts_damping.nodes.loopback.processes import FIRST_PID, Process, World, current, never, wall_ns, world
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from rclpy.executors import Executor
+
+PATCHED = "rclpy", *{name.rpartition(".")[0] for name in (node.__name__, loaded.__name__)}  # modules that see it
+
+
+class StandIn:
+    """A module, some names of which are others."""
+
+    def __init__(self, module: Any, names: Mapping[str, Any]) -> None:
+        """`names`: others; what is called gives the value (of a process), where it is a `Mine`."""
+        self.module, self._names = module, names
+
+    def __getattr__(self, name: str) -> Any:
+        found = self._names.get(name)
+        if found is None:
+            return getattr(self.module, name)
+        return found.of(_process()) if isinstance(found, Mine) else found
+
+
+class Mine:
+    """What each process has of its own."""
+
+    def __init__(self, of: Callable[[Process], Any]) -> None:
+        """`of`: gives it."""
+        self.of = of
+
+
+def _process() -> Process:
+    found = current.get()
+    if found is None:
+        raise RuntimeError("no loopback in this thread")
+    return found
+
+
+def _handle_signal(number: int, handler: Any) -> None:
+    _process().handlers[number] = handler
+
+
+STAND_INS = (
+    StandIn(rclpy_implementation, vars(implementation)),
+    StandIn(
+        sys,
+        {
+            "argv": Mine(lambda one: one.arguments),
+            "stdout": Mine(lambda one: one.output),
+            "stderr": Mine(lambda one: one.errors),
+        },
+    ),
+    StandIn(os, {"environ": Mine(lambda one: one.environment if one.pid else os.environ)}),
+    StandIn(signal, {"signal": _handle_signal}),
+)
+
+
+def _default_context(*, shutting_down: bool = False) -> Context:
+    values = _process().values
+    context: Context = values.setdefault("context", Context())
+    if shutting_down:
+        del values["context"]
+    return context
+
+
+def _try_shutdown(*, context: Context | None = None) -> None:
+    (context or _default_context(shutting_down=True)).try_shutdown()
+
+
+def _executor() -> Executor:
+    values = _process().values
+    if "executor" not in values:
+        values["executor"] = SingleThreadedExecutor(context=_default_context())
+    found: Executor = values["executor"]
+    return found
+
+
+FUNCTIONS: dict[Any, Any] = {
+    rclpy.utilities.get_default_context: _default_context,
+    rclpy.utilities.try_shutdown: _try_shutdown,
+    rclpy.get_global_executor: _executor,
+    rclpy.logging.get_logger: implementation.Logger,
+}
+
+
+def sleep(seconds: float) -> None:
+    """Let simulated time pass."""
+    here = world()
+    here.wait(never, here.now_ns + max(0, int(seconds * 1e9)))
+
+
+TIME: dict[str, Callable[..., Any]] = {
+    "monotonic": lambda: world().now_ns * 1e-9,
+    "monotonic_ns": lambda: world().now_ns,
+    "time": lambda: wall_ns() * 1e-9,
+    "time_ns": wall_ns,
+    "sleep": sleep,
+}
+
+
+def _simulated(real: Callable[..., Any], ours: Callable[..., Any]) -> Callable[..., Any]:
+    """Simulated time for processes of a loopback, real time for other threads."""
+
+    def function(*given: Any) -> Any:
+        return real(*given) if current.get() is None else ours(*given)
+
+    return function
+
+
+def _start(
+    here: World, module: str, arguments: Sequence[str], environment: Mapping[str, str], output: str, errors: str
+) -> Process:
+    """As `forked.start`."""
+    own = importlib.import_module(f"facts_damping.nodes.{module}")
+    streams = [open(name, "a", buffering=1) for name in (output, errors)]  # noqa: SIM115, PTH123 (closed at its end)
+    return start(here, module, own.main, arguments, environment, *streams)
+
+
+def start(
+    here: World,
+    name: str,
+    main: Callable[[], Any],
+    arguments: Sequence[str],
+    environment: Mapping[str, str],
+    output: Any,
+    errors: Any,
+) -> Process:
+    """Start a node by its entry point."""
+
+    def run() -> None:
+        try:
+            main()
+        finally:
+            if (executor := _process().values.pop("executor", None)) is not None:
+                executor.shutdown()
+
+    return here.start(name, run, [name, *arguments], dict(environment), output, errors)
+
+
+@contextmanager
+def opened() -> Iterator[World]:
+    """A loopback, for as long as this is open."""
+    here = World()
+    with ExitStack() as patched:
+
+        def put(module: Any, name: str, value: Any) -> None:
+            patched.enter_context(mock.patch.object(module, name, value))
+
+        for name, module in sorted(sys.modules.items()):
+            if name.startswith(PATCHED) and not name.startswith(__package__ or ""):
+                for own, value in list(vars(module).items()):
+                    for one in STAND_INS:
+                        if value is one.module:
+                            put(module, own, one)
+                    for real, ours in FUNCTIONS.items():
+                        if value is real:
+                            put(module, own, ours)
+        for name, ours in TIME.items():
+            put(time, name, _simulated(getattr(time, name), ours))
+        kill = os.kill
+        put(os, "kill", lambda pid, number: (here.signal if pid >= FIRST_PID else kill)(pid, number))
+        put(node, "end_after", lambda *_: None)
+        put(forked, "load", lambda: None)
+        put(forked, "start", lambda *given: _start(here, *given))
+        try:
+            yield here
+        finally:
+            here.close()

@@ -1,0 +1,173 @@
+"""What nodes of a loopback wait by: clocks, timers, wait sets."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rclpy.impl.implementation_singleton import rclpy_implementation as real
+
+from facts_damping.nodes.loopback.domain import Destroyable
+from facts_damping.nodes.loopback.processes import BEGINS_NS, NEVER, world
+
+if TYPE_CHECKING:
+    from facts_damping.nodes.loopback.services import Client, Service
+    from facts_damping.nodes.loopback.topics import Subscription
+
+ROS_TIME, STEADY_TIME = 1, 3  # rcl_clock_type_t
+
+
+class GuardCondition(Destroyable):
+    """What wakes a wait set."""
+
+    def __init__(self, _context: Any) -> None:
+        super().__init__()
+        self._triggered = False
+
+    def trigger_guard_condition(self) -> None:
+        self._triggered = True
+
+    def is_ready(self) -> bool:
+        """Whether it has been triggered."""
+        return self._triggered
+
+    def taken(self) -> None:
+        """It has woken somebody."""
+        self._triggered = False
+
+
+class Clock(Destroyable):
+    """Time of the world; one of ROS may be overridden."""
+
+    def __init__(self, clock_type: int) -> None:
+        super().__init__()
+        self._type, self._override, self._enabled = clock_type, 0, False
+
+    def now_ns(self) -> int:
+        """Its time, ns."""
+        if self._type == ROS_TIME and self._enabled:
+            return self._override
+        return world().now_ns + (0 if self._type == STEADY_TIME else BEGINS_NS)
+
+    def get_now(self) -> Any:
+        return real.rcl_time_point_t(self.now_ns(), self._type)
+
+    def get_ros_time_override_is_enabled(self) -> bool:
+        return self._enabled
+
+    def set_ros_time_override_is_enabled(self, enabled: bool) -> None:
+        self._enabled = enabled
+
+    def set_ros_time_override(self, point: Any) -> None:
+        self._override = point.nanoseconds
+
+    def add_clock_callback(self, *_: Any) -> None:
+        """Jumps are not told."""
+
+    def remove_clock_callback(self, *_: Any) -> None:
+        """As above."""
+
+
+class Timer(Destroyable):
+    """Calls every now and then, by a clock."""
+
+    def __init__(self, clock: Clock, _context: Any, period_ns: int, autostart: bool = True) -> None:
+        super().__init__()
+        self._clock, self._period, self._canceled = clock, period_ns, not autostart
+        self._last = clock.now_ns()
+        self._next = self._last + period_ns
+
+    def is_ready(self) -> bool:
+        return not self._canceled and self._clock.now_ns() >= self._next
+
+    is_timer_ready = is_ready
+
+    def due_ns(self) -> int:
+        """When it is ready, by the world's time; of a clock that is told, when somebody tells it."""
+        if self._canceled or self._clock.get_ros_time_override_is_enabled():
+            return NEVER
+        return world().now_ns + max(0, self._next - self._clock.now_ns())
+
+    def call_timer(self) -> None:
+        now = self._clock.now_ns()
+        self._last, self._next = now, self._next + self._period
+        if self._next < now and self._period:
+            self._next = now + self._period - (now - self._next) % self._period
+
+    def call_timer_with_info(self) -> Any:
+        expected = self._next
+        self.call_timer()
+        return {"expected_call_time": expected, "actual_call_time": self._last}
+
+    def cancel_timer(self) -> None:
+        self._canceled = True
+
+    def reset_timer(self) -> None:
+        self._canceled, self._next = False, self._clock.now_ns() + self._period
+
+    def is_timer_canceled(self) -> bool:
+        return self._canceled
+
+    def get_timer_period(self) -> int:
+        return self._period
+
+    def change_timer_period(self, period_ns: int) -> None:
+        self._period = period_ns
+
+    def time_since_last_call(self) -> int:
+        return self._clock.now_ns() - self._last
+
+    def time_until_next_call(self) -> int | None:
+        return None if self._canceled else self._next - self._clock.now_ns()
+
+
+class WaitSet(Destroyable):
+    """Waits for what was added to it."""
+
+    KINDS = ("subscription", "guard_condition", "timer", "client", "service")
+
+    def __init__(self, *_: Any) -> None:
+        super().__init__()
+        self.clear_entities()
+
+    def clear_entities(self) -> None:
+        self._added: dict[str, list[Any]] = {kind: [] for kind in self.KINDS}
+        self._ready: dict[str, list[int]] = {kind: [] for kind in self.KINDS}
+
+    def _add(self, kind: str, one: Any) -> int:
+        self._added[kind].append(one)
+        return len(self._added[kind]) - 1
+
+    def add_subscription(self, one: Subscription) -> int:
+        return self._add("subscription", one)
+
+    def add_guard_condition(self, one: GuardCondition) -> int:
+        return self._add("guard_condition", one)
+
+    def add_timer(self, one: Timer) -> int:
+        return self._add("timer", one)
+
+    def add_client(self, one: Client) -> int:
+        return self._add("client", one)
+
+    def add_service(self, one: Service) -> int:
+        return self._add("service", one)
+
+    def wait(self, timeout_ns: int) -> None:
+        """Wait so long at most, for ever where that is negative."""
+        every, here = [one for kind in self._added.values() for one in kind], world()
+
+        def ready() -> bool:
+            return any(one.is_ready() for one in every)
+
+        timers = min((one.due_ns() for one in self._added["timer"]), default=NEVER)
+        until = NEVER if timeout_ns < 0 else here.now_ns + timeout_ns
+        here.wait(ready, min(until, timers))
+        self._ready = {kind: [one.pointer for one in added if one.is_ready()] for kind, added in self._added.items()}
+        for one in self._added["guard_condition"]:
+            one.taken()
+
+    def get_ready_entities(self, kind: str) -> list[int]:
+        return self._ready[kind]
+
+    def is_ready(self, kind: str, index: int) -> bool:
+        return kind in self._added and self._added[kind][index].is_ready()

@@ -1,0 +1,69 @@
+"""For tests of nodes, the user's own ones too: a graph in this process, without DDS, in simulated time.
+
+`loopback` is a fixture of pytest: `from facts_damping.testing import loopback`. While a test has it, `rclpy` and the
+nodes of this package run on it, and `time.sleep` lets simulated time pass (docs/testing_nodes.md).
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from facts_damping.api.cases import case_of
+from facts_damping.api.results import Result, load_recording
+from facts_damping.nodes import graph
+from facts_damping.nodes.loopback import opening
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from os import PathLike
+    from pathlib import Path
+
+    from facts_damping.nodes.loopback.processes import Process, World
+
+__all__ = ["Loopback", "loopback"]
+
+
+class Loopback:
+    """A graph in this process."""
+
+    def __init__(self, world: World) -> None:
+        """As the fixture makes it."""
+        self._world = world
+
+    def start(self, name: str, main: Callable[[], Any], arguments: Sequence[str] = ()) -> Process:
+        """Start a node by its entry point; it runs when this thread waits, and ends with the test.
+
+        `name`: how errors call it; `arguments`: as on a command line (`--ros-args ...`).
+        """
+        return opening.start(self._world, name, main, arguments, os.environ, sys.stdout, sys.stderr)
+
+    def sleep(self, seconds: float) -> None:
+        """Let simulated time pass, in which nodes work."""
+        opening.sleep(seconds)
+
+    def run(
+        self, run: str | PathLike[str] | None, out: Path, mode: str = "lockstep", timeout: float = 5.0, **fields: Any
+    ) -> Result:
+        """Run a graph, as `facts-damping run --out` does, and load its recording.
+
+        `fields`: of the run, as of `facts_damping.simulate`; a controller with a node of your own is `external` there.
+        Raises `RunError` naming the node that has ended or stays silent, `InputError`.
+        """
+        outcome = graph.run(case_of(run, fields), mode, out, lambda _done, _of: None, timeout)
+        return load_recording(outcome.recording)
+
+    @property
+    def now_s(self) -> float:
+        """Simulated time since the beginning, s."""
+        return self._world.now_ns * 1e-9
+
+
+@pytest.fixture
+def loopback() -> Iterator[Loopback]:
+    """A graph in this process."""
+    with opening.opened() as world:
+        yield Loopback(world)
