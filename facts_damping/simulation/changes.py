@@ -136,7 +136,8 @@ def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[L
         now = with_link(now, index, value)
         links = relinked(loop.links, now, index)
         issued = setpoint_buffer(commands(now), links.up.out.shape[1])
-        loop = loop._replace(links=links, issued=issued, applied=np.zeros(links.down.out.size, SETPOINT))
+        control = loop.control._replace(issued=issued, passed=issued.copy())
+        loop = loop._replace(links=links, control=control, applied=np.zeros(links.down.out.size, SETPOINT))
     elif what == "parameter" and change["role"] == "plant":
         measured, now = measured_otherwise(now, change["name"], float(value), loop.pmus)
         loop = loop._replace(pmus=measured)
