@@ -28,7 +28,8 @@ from facts_damping.neurofuzzy.start import groups
 from facts_damping.nodes.cdr import Field, Refused, Template, content
 from facts_damping.nodes.stamps import epoch_ns
 from facts_damping.nodes.tables import start_of
-from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, truth_field
+from facts_damping.parameters.stages import Spoof
+from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, to_ns, truth_field
 from facts_damping.simulation.build import identifier_network
 
 if TYPE_CHECKING:
@@ -205,6 +206,8 @@ class Estimates:
         """Lay out the signals and devices of the controller that it serves."""
         controller = case.controllers[index]
         self._rate = case.run.frame_rate
+        own = case.links[case.used_links[index]].up  # whose stamps may be of a later time
+        self._ahead_ns = sum(to_ns(max(0.0, stage.offset)) for stage in own if isinstance(stage, Spoof))
         self._shape = p, q = len(controller.signals), len(controller.devices)
         names = groups(identifier_network(controller)) if controller.scheme == "indirect" else []
         self._groups = len(names)
@@ -245,7 +248,7 @@ class Estimates:
         if not t.take(data):
             content(data, JacobianEstimate)
             raise Refused("names")
-        if t.start_ns() >= start_of(t.tick() + 1, self._rate):
+        if t.start_ns() >= start_of(t.tick() + 1, self._rate) + self._ahead_ns:
             raise Refused("stamp")
         jacobian = t.read(self._jacobian).reshape(self._shape)
         return t.tick(), Estimate(jacobian, t.read(self._by_signal["change"]), t.start_ns())

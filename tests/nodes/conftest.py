@@ -16,6 +16,7 @@ from typing import IO, TYPE_CHECKING, Any
 import pytest
 
 from facts_damping.nodes import forked, graph
+from facts_damping.testing import loopback
 from tests.nodes.graphs import PATIENCE_S, somebody
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
+
+
+__all__ = ["loopback"]  # a fixture
 
 
 @pytest.fixture

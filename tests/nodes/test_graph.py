@@ -19,6 +19,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.errors import RunError
 from facts_damping.nodes import graph
+from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.nodes.graphs import (
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 @pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.1234])
 @pytest.mark.parametrize("scenario", ["small", "large", "multiple"])
 def test_lockstep_recording_equals_in_process_run_bit_for_bit(
-    domain: int, tmp_path: Path, scenario: str, delay_s: float
+    loopback: Any, tmp_path: Path, scenario: str, delay_s: float
 ) -> None:
     sets = [f"scenario={scenario}", f"link.up.0.delay={delay_s / 2}", f"link.down.0.delay={delay_s / 2}"]
     recorded = run_graph(tmp_path, sets)
@@ -101,13 +102,38 @@ PLANTS = {
 
 
 @pytest.mark.parametrize("sets", PLANTS.values(), ids=PLANTS)
-def test_other_plants_are_recorded_bit_for_bit_too(domain: int, tmp_path: Path, sets: list[str]) -> None:
+def test_other_plants_are_recorded_bit_for_bit_too(loopback: Any, tmp_path: Path, sets: list[str]) -> None:
     computed = loop.run(load_case(None, sets))
     assert computed.in_synchronism.all()
     assert_same(run_graph(tmp_path, sets), computed)
 
 
-def test_unstable_run_ends_where_the_in_process_run_ends(domain: int, tmp_path: Path) -> None:
+ON_DDS = {
+    "lead-lag, constant delay": ["scenario=large", "link=delay_100ms", "duration=3"],
+    "neuro-fuzzy, indirect, PMUs of class M": [
+        "duration=3",
+        *PLANTS["PMUs of class M, noise, wrong clocks and data"][2:],
+    ],
+    "two controllers with links of their own": [
+        *("devices=[sssc, statcom]", "scenario=large", "duration=3"),
+        "controllers="
+        + json.dumps(
+            [{**LLC, "devices": ["statcom"], "link": "pdci", "namespace": "east"}, {**LLC, "devices": ["sssc"]}]
+        ),
+    ],
+}
+
+
+@pytest.mark.parametrize("sets", ON_DDS.values(), ids=ON_DDS)
+def test_dds_gives_the_recording_of_the_loopback(domain: int, tmp_path: Path, sets: list[str]) -> None:
+    """Both give that of the run in process; the other kinds are run on the loopback alone."""
+    recorded = run_graph(tmp_path / "dds", sets)
+    assert_same(recorded, loop.run(load_case(None, sets)))
+    with opened():
+        assert_same(run_graph(tmp_path / "loopback", sets), recorded)
+
+
+def test_unstable_run_ends_where_the_in_process_run_ends(loopback: Any, tmp_path: Path) -> None:
     sets = ["scenario=large", "controllers=[]", "frame_rate=30"]
     recorded, computed = run_graph(tmp_path, sets), loop.run(load_case(None, sets))
     assert_same(recorded, computed)

@@ -90,7 +90,9 @@ RUNS = {
 
 
 @pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
-def test_a_graph_with_own_links_is_the_in_process_run_bit_for_bit(domain: int, tmp_path: Path, run: list[str]) -> None:
+def test_a_graph_with_own_links_is_the_in_process_run_bit_for_bit(
+    loopback: Any, tmp_path: Path, run: list[str]
+) -> None:
     case = load_case(None, run)
     outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     recorded, computed = load(outcome.recording), loop.run(case)
@@ -116,7 +118,7 @@ def test_a_graph_with_own_links_is_the_in_process_run_bit_for_bit(domain: int, t
     seed=st.integers(0, 2**31 - 1),
 )
 def test_a_graph_with_any_links_is_the_in_process_run_bit_for_bit(
-    domain: int,
+    loopback: Any,
     tmp_path_factory: pytest.TempPathFactory,
     one: dict[str, Any],
     other: dict[str, Any],
@@ -132,7 +134,7 @@ def test_a_graph_with_any_links_is_the_in_process_run_bit_for_bit(
     assert_same(load(outcome.recording), loop.run(case))
 
 
-def test_an_unstable_run_with_own_links_ends_where_the_in_process_run_ends(domain: int, tmp_path: Path) -> None:
+def test_an_unstable_run_with_own_links_ends_where_the_in_process_run_ends(loopback: Any, tmp_path: Path) -> None:
     idle = {"parameters": {"gain": 0.0}}
     case = load_case(None, [*sets({**idle, "link": link(0.1)}, {**idle, "link": "ideal"}), "duration=20"])
     graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)

@@ -54,7 +54,7 @@ LINKS = {"delay": "link.up=[{delay: 0.0712}]", "loss": "link.up=[{delay: 0.05}, 
 @pytest.mark.parametrize("link", LINKS)
 @pytest.mark.parametrize("system", [["system=two_area", "scenario=large"], ["system=smib", "scenario=heavy"]])
 def test_a_graph_with_an_lqg_is_the_in_process_run_bit_for_bit(
-    domain: int, tmp_path: Path, system: list[str], link: str
+    loopback: Any, tmp_path: Path, system: list[str], link: str
 ) -> None:
     case = load_case(None, [*system, "controllers.0.name=LQG", LINKS[link], "duration=4"])
     graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
@@ -64,7 +64,7 @@ def test_a_graph_with_an_lqg_is_the_in_process_run_bit_for_bit(
 
 
 @pytest.mark.parametrize("name", ["LQG", "Hinf", "ANFTSC"])
-def test_a_graph_of_the_deployment_is_the_in_process_run_bit_for_bit(domain: int, tmp_path: Path, name: str) -> None:
+def test_a_graph_of_the_deployment_is_the_in_process_run_bit_for_bit(loopback: Any, tmp_path: Path, name: str) -> None:
     """Its controllers and supervisors are designed on another system than its plant."""
     sets = [f"controllers.0.name={name}", "system.machines.0.H=5", "system.loads.0.P=900", "duration=4"]
     case = load_case("two_area_deployment", sets)
@@ -77,7 +77,7 @@ def test_a_graph_of_the_deployment_is_the_in_process_run_bit_for_bit(domain: int
 
 @pytest.mark.parametrize(("name", "scheme", "scenario", "link"), RUNS, ids=[f"{n}-{s}" for n, s, _, _ in RUNS])
 def test_a_graph_with_identifier_is_the_in_process_run_bit_for_bit(
-    domain: int, tmp_path: Path, name: str, scheme: str, scenario: list[str], link: str
+    loopback: Any, tmp_path: Path, name: str, scheme: str, scenario: list[str], link: str
 ) -> None:
     own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"link={link}", "duration=4"]
     case = load_case(None, [*scenario, *own])
@@ -90,7 +90,7 @@ def test_a_graph_with_identifier_is_the_in_process_run_bit_for_bit(
 
 @pytest.mark.parametrize(("name", "scheme", "scenario", "link"), MIMO, ids=[f"{n}-{s}" for n, s, _, _ in MIMO])
 def test_a_centralised_graph_is_the_in_process_run_bit_for_bit(
-    domain: int, tmp_path: Path, name: str, scheme: str | None, scenario: str, link: str
+    loopback: Any, tmp_path: Path, name: str, scheme: str | None, scenario: str, link: str
 ) -> None:
     """Two signals, two devices; all of them: benchmarks/graphs.py."""
     own = [*centralised(name, scheme), f"scenario={scenario}", f"link={link}", "duration=2"]
@@ -102,7 +102,7 @@ def test_a_centralised_graph_is_the_in_process_run_bit_for_bit(
     assert_same(recorded, computed)
 
 
-def test_two_indirect_controllers_each_with_its_identifier(domain: int, tmp_path: Path) -> None:
+def test_two_indirect_controllers_each_with_its_identifier(loopback: Any, tmp_path: Path) -> None:
     rows = [
         {"name": "ANFTSC", "signals": ["speed"], "devices": ["sssc"]},
         {"name": "LLC", "signals": ["w13"], "devices": ["statcom"]},
@@ -132,7 +132,7 @@ def test_weights_are_saved_and_a_run_goes_on_from_them(domain: int, tmp_path: Pa
     assert recorded.issued.tobytes() != load(tmp_path / "first" / "recording").issued.tobytes()
 
 
-def test_inner_state_and_estimates_are_published_every_tick(domain: int, tmp_path: Path) -> None:
+def test_inner_state_and_estimates_are_published_every_tick(loopback: Any, tmp_path: Path) -> None:
     case = load_case(None, [*HBSWC, "duration=3"])
     graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     found: dict[str, list[bytes]] = {}
@@ -205,7 +205,7 @@ def test_parameters_that_are_safe_to_change_change_while_it_runs(start: Any, cli
     assert not change("identifier", "identifier_weight", 2.0).successful
 
 
-def test_an_unstable_run_with_identifier_ends_where_the_in_process_run_ends(domain: int, tmp_path: Path) -> None:
+def test_an_unstable_run_with_identifier_ends_where_the_in_process_run_ends(loopback: Any, tmp_path: Path) -> None:
     sets = [*HBSWC, "controllers.0.parameters.weight=0", "controllers.0.parameters.eta=0", "frame_rate=30"]
     case = load_case(None, sets)
     graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
@@ -215,7 +215,7 @@ def test_an_unstable_run_with_identifier_ends_where_the_in_process_run_ends(doma
 
 
 @pytest.mark.parametrize("loss", ["", ", {model: bernoulli, loss: 0.1}"])
-def test_a_graph_with_prediction_is_the_in_process_run_bit_for_bit(domain: int, tmp_path: Path, loss: str) -> None:
+def test_a_graph_with_prediction_is_the_in_process_run_bit_for_bit(loopback: Any, tmp_path: Path, loss: str) -> None:
     """With constant delays, and where frames are lost: what is predicted is recorded, too."""
     link = f"link.up=[{{delay: 0.1}}{loss}]"
     case = load_case(
