@@ -114,7 +114,9 @@ def test_names_and_parameters_come_from_arguments_as_in_rclpy(loopback: Any, tmp
         assert node.get_fully_qualified_name() == "/here/own"
         assert node.resolve_topic_name("topic") == "/there"
         assert node.resolve_topic_name("~/x") == "/here/own/x"
-        found: dict[str, Any] = {name: node.declare_parameter(name, default).value for name, default in (("a", 0), ("b.c", ""))}
+        found: dict[str, Any] = {
+            name: node.declare_parameter(name, default).value for name, default in (("a", 0), ("b.c", ""))
+        }
         assert found == {"a": 1, "b.c": "x"}
     with pytest.raises(RuntimeError, match="Couldn't parse"):
         arguments.parse(["--ros-args", "-p", "gain"])
