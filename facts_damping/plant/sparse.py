@@ -17,17 +17,29 @@ import numpy as np
 from scipy.sparse import block_array, csc_array
 
 from facts_damping.compiling import compiled, entry_point
-from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2, Int1, Int2
+from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2, Int1, Int2, Struct
 from facts_damping.matrices import size_of_pivot, solve
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Entries = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[Any]]  # of columns: where they begin, rows, values
-
 DENSE = 400  # buses, up to which a network's equations are dense
 NONE = -1
 SINGULAR, FULL = -1, -2  # how an elimination ends before its end
+
+
+class Entries(Struct):
+    """Entries of a matrix, column by column: where each begins, rows, values."""
+
+    begin: Int1
+    row: Int1
+    value: Float1
+
+
+class ComplexEntries(Entries):
+    """Those of a complex matrix."""
+
+    value: Complex1  # type: ignore[assignment]
 
 
 def as_needed(matrix: NDArray[Any], buses: int) -> Any:
@@ -57,23 +69,25 @@ def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
         return solve(a, b)
     kind, n = np.result_type(a.dtype, b, float), a.shape[0]
     a.sort_indices()
-    given = a.indptr.astype(np.int64), a.indices.astype(np.int64), a.data.astype(kind)
-    order, room = _order(a)
     is_complex = kind == np.complex128
+    entries = ComplexEntries if is_complex else Entries
+    given = entries(a.indptr.astype(np.int64), a.indices.astype(np.int64), a.data.astype(kind))
+    order, room = _order(a)
     eliminate = _eliminate_complex if is_complex else _eliminate_real
     substitute = _substitute_complex if is_complex else _substitute_real
     place, ended = np.full(n, NONE, np.int64), FULL
     while ended == FULL:
-        lower, upper = _room(n, room, kind), _room(n, room, kind)
+        lower, upper = (
+            entries(np.zeros(n + 1, np.int64), np.zeros(room, np.int64), np.zeros(room, kind)) for _ in range(2)
+        )
         place[:] = NONE
-        rest = place, np.zeros(n, kind), np.zeros((4, n), np.int64)
-        ended = eliminate(*given, order, *lower, *upper, *rest)
+        ended = eliminate(given, order, lower, upper, place, np.zeros(n, kind), np.zeros((4, n), np.int64))
         room *= 2
     if ended == SINGULAR:
         raise np.linalg.LinAlgError("singular matrix")
     x = np.zeros((n, b.size // n if n else 0), kind)
     x[place] = b.reshape(x.shape)
-    substitute(*lower, *upper, x)
+    substitute(lower, upper, x)
     found = np.zeros_like(x)
     found[order] = x
     return found.reshape(b.shape)
@@ -94,11 +108,6 @@ def _order(a: Any) -> tuple[NDArray[np.int64], int]:
     return order, 2 * int(max(known.L.nnz, known.U.nnz)) + n
 
 
-def _room(n: int, entries: int, kind: Any) -> Entries:
-    """Room for the entries of a triangular matrix."""
-    return np.zeros(n + 1, np.int64), np.zeros(entries, np.int64), np.zeros(entries, kind)
-
-
 @compiled
 def _reach(rows: NDArray[np.int64], lower: Entries, place: NDArray[np.int64], k: int, room: NDArray[np.int64]) -> int:
     """Rows that a column has entries in after elimination so far, into room[0] from the index returned on.
@@ -106,7 +115,7 @@ def _reach(rows: NDArray[np.int64], lower: Entries, place: NDArray[np.int64], k:
     Depth first through the columns of `lower`, so that each stands before those that it changes.
     """
     found, stack, following, seen = room[0], room[1], room[2], room[3]
-    begin, below, _ = lower
+    begin, below = lower.begin, lower.row
     top = found.size
     for start in rows:
         if seen[start] == k + 1:
@@ -152,14 +161,14 @@ def _eliminate(
     n = order.size
     of_lower = of_upper = 0
     for k in range(n):
-        if of_lower + n > lower[1].size or of_upper + n > upper[1].size:
+        if of_lower + n > lower.row.size or of_upper + n > upper.row.size:
             return FULL
-        rows = given[1][given[0][order[k]] : given[0][order[k] + 1]]
+        rows = given.row[given.begin[order[k]] : given.begin[order[k] + 1]]
         top = _reach(rows, lower, place, k, room)
         for i in room[0][top:]:
             x[i] = 0.0
-        for p in range(given[0][order[k]], given[0][order[k] + 1]):
-            x[given[1][p]] = given[2][p]
+        for p in range(given.begin[order[k]], given.begin[order[k] + 1]):
+            x[given.row[p]] = given.value[p]
         pivot, largest = NONE, 0.0
         for i in room[0][top:]:
             column = place[i]
@@ -167,23 +176,23 @@ def _eliminate(
                 if size_of_pivot(x[i]) > largest:
                     pivot, largest = i, size_of_pivot(x[i])
                 continue
-            upper[1][of_upper], upper[2][of_upper] = column, x[i]
+            upper.row[of_upper], upper.value[of_upper] = column, x[i]
             of_upper += 1
-            for p in range(lower[0][column] + 1, lower[0][column + 1]):
-                x[lower[1][p]] -= lower[2][p] * x[i]
+            for p in range(lower.begin[column] + 1, lower.begin[column + 1]):
+                x[lower.row[p]] -= lower.value[p] * x[i]
         if pivot == NONE or not largest > 0.0:
             return SINGULAR
-        upper[1][of_upper], upper[2][of_upper] = k, x[pivot]
-        lower[1][of_lower], lower[2][of_lower] = pivot, 1.0
+        upper.row[of_upper], upper.value[of_upper] = k, x[pivot]
+        lower.row[of_lower], lower.value[of_lower] = pivot, 1.0
         of_upper, of_lower = of_upper + 1, of_lower + 1
         place[pivot] = k
         for i in room[0][top:]:
             if place[i] == NONE:
-                lower[1][of_lower], lower[2][of_lower] = i, x[i] / x[pivot]
+                lower.row[of_lower], lower.value[of_lower] = i, x[i] / x[pivot]
                 of_lower += 1
-        lower[0][k + 1], upper[0][k + 1] = of_lower, of_upper
+        lower.begin[k + 1], upper.begin[k + 1] = of_lower, of_upper
     for p in range(of_lower):
-        lower[1][p] = place[lower[1][p]]
+        lower.row[p] = place[lower.row[p]]
     return n
 
 
@@ -192,93 +201,43 @@ def _substitute(lower: Entries, upper: Entries, x: NDArray[Any]) -> None:
     """Solve L U x = b, b in x, which has a column for each b."""
     n = x.shape[0]
     for k in range(n):
-        for p in range(lower[0][k] + 1, lower[0][k + 1]):
+        for p in range(lower.begin[k] + 1, lower.begin[k + 1]):
             for j in range(x.shape[1]):
-                x[lower[1][p], j] -= lower[2][p] * x[k, j]
+                x[lower.row[p], j] -= lower.value[p] * x[k, j]
     for k in range(n - 1, -1, -1):
-        last = upper[0][k + 1] - 1
+        last = upper.begin[k + 1] - 1
         for j in range(x.shape[1]):
-            x[k, j] /= upper[2][last]
-        for p in range(upper[0][k], last):
+            x[k, j] /= upper.value[last]
+        for p in range(upper.begin[k], last):
             for j in range(x.shape[1]):
-                x[upper[1][p], j] -= upper[2][p] * x[k, j]
+                x[upper.row[p], j] -= upper.value[p] * x[k, j]
 
 
 @entry_point
 def _eliminate_real(
-    given_begin: Int1,
-    given_row: Int1,
-    given_value: Float1,
-    order: Int1,
-    lower_begin: Int1,
-    lower_row: Int1,
-    lower_value: Float1,
-    upper_begin: Int1,
-    upper_row: Int1,
-    upper_value: Float1,
-    place: Int1,
-    x: Float1,
-    room: Int2,
+    given: Entries, order: Int1, lower: Entries, upper: Entries, place: Int1, x: Float1, room: Int2
 ) -> int:
-    return _eliminate(
-        (given_begin, given_row, given_value),
-        order,
-        (lower_begin, lower_row, lower_value),
-        (upper_begin, upper_row, upper_value),
-        place,
-        x,
-        room,
-    )
+    return _eliminate(given, order, lower, upper, place, x, room)
 
 
 @entry_point
-def _substitute_real(
-    lower_begin: Int1,
-    lower_row: Int1,
-    lower_value: Float1,
-    upper_begin: Int1,
-    upper_row: Int1,
-    upper_value: Float1,
-    x: Float2,
-) -> None:
-    _substitute((lower_begin, lower_row, lower_value), (upper_begin, upper_row, upper_value), x)
+def _substitute_real(lower: Entries, upper: Entries, x: Float2) -> None:
+    _substitute(lower, upper, x)
 
 
 @entry_point
 def _eliminate_complex(
-    given_begin: Int1,
-    given_row: Int1,
-    given_value: Complex1,
+    given: ComplexEntries,
     order: Int1,
-    lower_begin: Int1,
-    lower_row: Int1,
-    lower_value: Complex1,
-    upper_begin: Int1,
-    upper_row: Int1,
-    upper_value: Complex1,
+    lower: ComplexEntries,
+    upper: ComplexEntries,
     place: Int1,
     x: Complex1,
     room: Int2,
 ) -> int:
-    return _eliminate(
-        (given_begin, given_row, given_value),
-        order,
-        (lower_begin, lower_row, lower_value),
-        (upper_begin, upper_row, upper_value),
-        place,
-        x,
-        room,
-    )
+    return _eliminate(given, order, lower, upper, place, x, room)
 
 
 @entry_point
-def _substitute_complex(
-    lower_begin: Int1,
-    lower_row: Int1,
-    lower_value: Complex1,
-    upper_begin: Int1,
-    upper_row: Int1,
-    upper_value: Complex1,
-    x: Complex2,
-) -> None:
-    _substitute((lower_begin, lower_row, lower_value), (upper_begin, upper_row, upper_value), x)
+def _substitute_complex(lower: ComplexEntries, upper: ComplexEntries, x: Complex2) -> None:
+    _substitute(lower, upper, x)
