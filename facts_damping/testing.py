@@ -39,11 +39,7 @@ class Loopback:
 
         `name`: how errors call it; `arguments`: as on a command line (`--ros-args ...`).
         """
-        return opening.start(self._world, name, main, arguments, os.environ, sys.stdout, sys.stderr)
-
-    def sleep(self, seconds: float) -> None:
-        """Let simulated time pass, in which nodes work."""
-        opening.sleep(seconds)
+        return self._world.start(name, main, arguments, os.environ, sys.stdout, sys.stderr)
 
     def run(
         self, run: str | PathLike[str] | None, out: Path, mode: str = "lockstep", timeout: float = 5.0, **fields: Any
@@ -55,11 +51,6 @@ class Loopback:
         """
         outcome = graph.run(case_of(run, fields), mode, out, lambda _done, _of: None, timeout)
         return load_recording(outcome.recording)
-
-    @property
-    def now_s(self) -> float:
-        """Simulated time since the beginning, s."""
-        return self._world.now_ns * 1e-9
 
 
 @pytest.fixture

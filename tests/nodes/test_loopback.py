@@ -130,7 +130,7 @@ def test_a_node_that_fails_or_never_waits_is_named(loopback: Any, tmp_path: Path
         raise ValueError("of its own")
 
     process = loopback.start("mine", fails)
-    loopback.sleep(0.1)
+    time.sleep(0.1)
     assert process.exitcode == 1
 
 

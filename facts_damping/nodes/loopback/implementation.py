@@ -25,11 +25,6 @@ from facts_damping.nodes.loopback.waiting import Clock, GuardCondition, Timer, W
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-CLASSES = (
-    *(Client, Clock, Context, Destroyable, GuardCondition, Node, Publisher, Service, Subscription, Timer),
-    *(TypeDescriptionService, WaitSet, rmw_request_id_t, rmw_service_info_t),
-)
-
 
 class EventHandle:
     """Ends here tell of nothing."""
@@ -118,3 +113,17 @@ def rclpy_logging_fini() -> None:
 def rclpy_get_rmw_implementation_identifier() -> str:
     """What carries messages."""
     return "loopback"
+
+
+NAMES = {
+    one.__name__: one
+    for one in (
+        *(Client, Clock, Context, Destroyable, EventHandle, GuardCondition, Node, Publisher, Service, Subscription),
+        *(Timer, TypeDescriptionService, WaitSet, rmw_request_id_t, rmw_service_info_t),
+        *(rclpy_resolve_name, rclpy_remap_topic_name, rclpy_get_topic_names_and_types),
+        *(rclpy_get_service_names_and_types, rclpy_get_publishers_info_by_topic),
+        *(rclpy_get_subscriptions_info_by_topic, rclpy_get_rmw_implementation_identifier),
+        *(register_sigint_guard_condition, unregister_sigint_guard_condition),
+        *(rclpy_logging_configure, rclpy_logging_fini),
+    )
+}

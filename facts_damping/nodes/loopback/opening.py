@@ -22,16 +22,16 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
-from facts_damping.nodes import forked, loaded, node
+from facts_damping.nodes import forked, loaded, node  # noqa: F401 (all nodes, so that all see it)
 from facts_damping.nodes.loopback import implementation
-from facts_damping.nodes.loopback.processes import FIRST_PID, Process, World, current, never, wall_ns, world
+from facts_damping.nodes.loopback.processes import FIRST_PID, Process, World, current, never, process, wall_ns, world
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from rclpy.executors import Executor
 
-PATCHED = "rclpy", *{name.rpartition(".")[0] for name in (node.__name__, loaded.__name__)}  # modules that see it
+PATCHED = "rclpy", "facts_damping.nodes"  # whose modules see it
 
 
 class StandIn:
@@ -45,7 +45,7 @@ class StandIn:
         found = self._names.get(name)
         if found is None:
             return getattr(self.module, name)
-        return found.of(_process()) if isinstance(found, Mine) else found
+        return found.of(process()) if isinstance(found, Mine) else found
 
 
 class Mine:
@@ -56,19 +56,12 @@ class Mine:
         self.of = of
 
 
-def _process() -> Process:
-    found = current.get()
-    if found is None:
-        raise RuntimeError("no loopback in this thread")
-    return found
-
-
 def _handle_signal(number: int, handler: Any) -> None:
-    _process().handlers[number] = handler
+    process().handlers[number] = handler
 
 
 STAND_INS = (
-    StandIn(rclpy_implementation, vars(implementation)),
+    StandIn(rclpy_implementation, implementation.NAMES),
     StandIn(
         sys,
         {
@@ -83,7 +76,7 @@ STAND_INS = (
 
 
 def _default_context(*, shutting_down: bool = False) -> Context:
-    values = _process().values
+    values = process().values
     context: Context = values.setdefault("context", Context())
     if shutting_down:
         del values["context"]
@@ -95,10 +88,11 @@ def _try_shutdown(*, context: Context | None = None) -> None:
 
 
 def _executor() -> Executor:
-    values = _process().values
-    if "executor" not in values:
-        values["executor"] = SingleThreadedExecutor(context=_default_context())
-    found: Executor = values["executor"]
+    here = process()
+    if "executor" not in here.values:
+        here.values["executor"] = SingleThreadedExecutor(context=_default_context())
+        here.at_end.append(here.values["executor"].shutdown)
+    found: Executor = here.values["executor"]
     return found
 
 
@@ -140,28 +134,9 @@ def _start(
     """As `forked.start`."""
     own = importlib.import_module(f"facts_damping.nodes.{module}")
     streams = [open(name, "a", buffering=1) for name in (output, errors)]  # noqa: SIM115, PTH123 (closed at its end)
-    return start(here, module, own.main, arguments, environment, *streams)
-
-
-def start(
-    here: World,
-    name: str,
-    main: Callable[[], Any],
-    arguments: Sequence[str],
-    environment: Mapping[str, str],
-    output: Any,
-    errors: Any,
-) -> Process:
-    """Start a node by its entry point."""
-
-    def run() -> None:
-        try:
-            main()
-        finally:
-            if (executor := _process().values.pop("executor", None)) is not None:
-                executor.shutdown()
-
-    return here.start(name, run, [name, *arguments], dict(environment), output, errors)
+    started = here.start(module, own.main, arguments, environment, *streams)
+    started.at_end += [stream.close for stream in streams]
+    return started
 
 
 @contextmanager

@@ -23,12 +23,17 @@ BEGINS_NS = 1_700_000_000_000_000_000  # wall time at the start, ns since 1970
 current: contextvars.ContextVar[Process | None] = contextvars.ContextVar("current", default=None)
 
 
-def world() -> World:
-    """The world of the process whose turn it is."""
-    process = current.get()
-    if process is None:
+def process() -> Process:
+    """The process whose turn it is."""
+    found = current.get()
+    if found is None:
         raise RuntimeError("no loopback in this thread")
-    return process.world
+    return found
+
+
+def world() -> World:
+    """Its world."""
+    return process().world
 
 
 def wall_ns() -> int:
@@ -59,6 +64,7 @@ class Process:
     exitcode: int | None = None
     handlers: dict[int, Any] = field(default_factory=dict)  # of signals
     values: dict[str, Any] = field(default_factory=dict)  # of the middleware
+    at_end: list[Callable[[], Any]] = field(default_factory=list)  # what is called then
     turn: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(0))
     ready: Callable[[], bool] = never
     until_ns: int = 0
@@ -107,7 +113,8 @@ class World:
         errors: Any,
     ) -> Process:
         """Start a process; it has its first turn when another one waits."""
-        process = Process(self, name, list(arguments), environment, output, errors, FIRST_PID + len(self.processes))
+        pid = FIRST_PID + len(self.processes)
+        process = Process(self, name, [name, *arguments], dict(environment), output, errors, pid)
         process.until_ns = self.now_ns
         self.processes.append(process)
         threading.Thread(target=self._be, args=(process, run), daemon=True, name=name).start()
@@ -127,9 +134,8 @@ class World:
         except BaseException as error:  # noqa: BLE001 (as a process would end)
             process.errors.write(f"{type(error).__name__}: {error}\n")
             status = 1
-        for stream in (process.output, process.errors):
-            if stream not in (sys.stdout, sys.stderr):
-                stream.close()
+        for close in process.at_end:
+            close()
         process.exitcode = -9 if process.killed else status
         process.ready, process.until_ns = never, NEVER
         self._next(process).turn.release()

@@ -32,45 +32,51 @@ class rmw_service_info_t:
     received_timestamp: int = 0
 
 
-class Service(Destroyable):
-    """A queue of requests."""
+class End(Destroyable):
+    """What services and clients have in common: a queue."""
 
     def __init__(self, node: Node, kind: Any, name: str, qos: Any) -> None:
         super().__init__()
         self.node, self.kind, self.name, self.qos = node, kind, node.resolve(name), qos
         self.waiting: deque[tuple[bytes, rmw_service_info_t]] = deque()
-        domain().services.append(self)
 
     def get_logger_name(self) -> str:
         return self.node.logger_name()
 
-    def service_take_request(self, kind: type[Any]) -> tuple[Any, Any]:
+    def is_ready(self) -> bool:
+        """Whether there is something to take."""
+        return bool(self.waiting)
+
+    def take(self, kind: type[Any]) -> tuple[Any, Any]:
+        """What has waited longest, with its header; none where nothing does."""
         if not self.waiting:
             return None, None
         data, header = self.waiting.popleft()
         return real.rclpy_deserialize(data, kind), header
 
+
+class Service(End):
+    """A queue of requests."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        domain().services.append(self)
+
+    def service_take_request(self, kind: type[Any]) -> tuple[Any, Any]:
+        return self.take(kind)
+
     def service_send_response(self, response: Any, request: rmw_request_id_t) -> None:
         data = real.rclpy_serialize(response, type(response))
         request.client.waiting.append((data, rmw_service_info_t(request)))
 
-    def is_ready(self) -> bool:
-        """Whether there is something to answer."""
-        return bool(self.waiting)
 
-
-class Client(Destroyable):
+class Client(End):
     """A queue of answers."""
 
-    def __init__(self, node: Node, kind: Any, name: str, qos: Any) -> None:
-        super().__init__()
-        self.node, self.kind, self.service_name, self.qos = node, kind, node.resolve(name), qos
-        self.waiting: deque[tuple[bytes, rmw_service_info_t]] = deque()
-        self._count = 0
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.service_name, self._count = self.name, 0
         domain().clients.append(self)
-
-    def get_logger_name(self) -> str:
-        return self.node.logger_name()
 
     def _server(self) -> Service | None:
         return next((one for one in domain().services if one.name == self.service_name), None)
@@ -86,14 +92,8 @@ class Client(Destroyable):
         return self._count
 
     def take_response(self, kind: type[Any]) -> tuple[Any, Any]:
-        if not self.waiting:
-            return None, None
-        data, header = self.waiting.popleft()
-        return header, real.rclpy_deserialize(data, kind)
-
-    def is_ready(self) -> bool:
-        """Whether there is an answer."""
-        return bool(self.waiting)
+        response, header = self.take(kind)
+        return header, response
 
 
 class TypeDescriptionService(Destroyable):
