@@ -25,9 +25,9 @@ CONNECT_S = 10  # longest wait for a scheduler
 MOST_AT_ONCE = 16  # handed to a process: the more, the less it waits; a kill costs what was under way
 TASKS_AHEAD = 4  # for each thread of a cluster: enough that none waits, few enough that a scheduler stays small
 
-# How many runs an interrupted sweep has made and not kept, or not ended, joblib says in two lines of its own.
-warnings.filterwarnings("ignore", r"\d+ tasks (have been successfully|which were still being)", UserWarning)
-
+# What joblib tells of an interrupted sweep, and of a worker that it replaced because its memory grew or because it had
+# long been idle. Neither concerns a result. As an error the second ends the thread that waits for the workers.
+_LIBRARYS_WARNINGS = r"\d+ tasks (have been successfully|which were still being)|A worker stopped while some jobs"
 
 _state = {"worker": False}  # whether this process is one
 
@@ -73,6 +73,7 @@ def workers(jobs: int, scheduler: str | None = None) -> Iterator[Each]:
 
 def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]) -> Iterator[Any]:
     """One BLAS thread each: on matrices as small as these several wait for each other longer than they work."""
+    warnings.filterwarnings("ignore", _LIBRARYS_WARNINGS, UserWarning)
     many = min(jobs, max(1, len(todo)))
     batch = max(1, min(MOST_AT_ONCE, len(todo) // (8 * many)))
     with parallel_config("loky", inner_max_num_threads=1):
