@@ -18,4 +18,4 @@ def growing(number: int) -> int:
 
 def test_a_worker_whose_memory_grows_is_replaced_and_nothing_is_lost() -> None:
     """The library warns of it in a thread: as an error, as here, the warning must not end the thread."""
-    assert run_all(growing, range(6), 2, lambda _done, _all: None) == list(range(6))
+    assert run_all(growing, range(8), 2, lambda _done, _all: None) == list(range(8))
