@@ -27,7 +27,7 @@ REQUESTS_S = 0.05  # wall time between two looks for requests, and for whether t
 HEARD_S = 2.0  # wall time that a node that was stopped waits at most for its last messages to arrive
 MOST = 100  # messages of a subscription that are taken at once: others' turn comes, whoever floods it
 
-_told: ContextVar[Event] = ContextVar("_told", default=Event())  # noqa: B039 (that of a process that takes no signals)
+_told: ContextVar[Event | None] = ContextVar("_told", default=None)  # None: the process takes no signals
 
 
 class Stopped(Exception):  # noqa: N818 (not an error: a signal told the node to stop)
@@ -39,8 +39,11 @@ class BeginAgain(Exception):  # noqa: N818 (not an error: another run has begun)
 
 
 def stop_by_signals() -> None:
-    """Take SIGINT and SIGTERM, here and not in rclpy, which shuts the middleware down under a node that works."""
-    told = Event()
+    """Take SIGINT and SIGTERM, here and not in rclpy, which shuts the middleware down under a node that works.
+
+    Who takes them already has heard those that have come.
+    """
+    told = _told.get() or Event()
     _told.set(told)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: told.set())
@@ -48,7 +51,8 @@ def stop_by_signals() -> None:
 
 def told_to_stop() -> bool:
     """Whether such a signal has come."""
-    return _told.get().is_set()
+    told = _told.get()
+    return told is not None and told.is_set()
 
 
 def check_wanted() -> None:
