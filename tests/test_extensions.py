@@ -1,6 +1,6 @@
-"""The extensions of CONTRIBUTING, carried out as written, and sent through every command that meets them.
+"""The package of docs/extensions.md, installed as its text says, and sent through every command that meets its rows.
 
-The package is copied, each block goes where its first line says, and one process gives the commands after each other.
+One process gives the commands after each other.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ import json
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -18,18 +17,28 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from facts_damping import extensions
+from facts_damping.analysis.indices import INDICES, Index
+from facts_damping.control.table import ControllerKind
+from facts_damping.errors import InputError
+from facts_damping.parameters.devices import DeviceModel
 from facts_damping.recording import load
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```python\n# ([\w/.]+)(?:: (import|above|in)(?: (\w+))?)?\n(.*?)```", PAGE, re.DOTALL)
-NEW = {"proportional", "sech", "ANFShMoC", "parabolic", "exponential", "current_source", "IT2AE"}
+PAGE = (ROOT / "docs" / "extensions.md").read_text(encoding="utf-8")
+FILES = dict(re.findall(r"```python\n# ([\w/.]+)\n(.*?)```", PAGE, re.DOTALL))
+PROJECT = tomllib.loads("".join(re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)))["project"]
 
 LINK = "{up: [{model: exponential, delay: 0.02, mean: 0.03}], down: [{delay: 0.05}]}"
 EVENT = "{time: 0.1, kind: load_step, load: load_2, change: -0.1}"
 RUN = f"""
-system: my_grid
-scenario: step
+system: my_grid.yaml
+scenario: step.yaml
 devices: [sssc, source]
 controllers:
   - {{name: proportional, devices: [source], signals: [speed], parameters: {{K: 3}}}}
@@ -47,18 +56,18 @@ tables: {{figures: [ITAE, IT2AE]}}
 """
 GIVEN = f"""
 list controllers: list controllers
-list scenarios: list scenarios
 simulate: simulate own.yaml --out simulated --json simulate.json
 run: run own.yaml --out ran --json run.json
 analyze: analyze ran/recording --report report.html --json analyze.json
 replay: replay ran/recording --json replay.json
-modes: modes my_grid --devices sssc,source --json modes.json
+modes: modes my_grid.yaml --devices sssc,source --json modes.json
 margin: margin own.yaml --set "controllers=[{LINEAR}]" --set link=delay_100ms --max-delay 0.2 --json margin.json
-tune: tune my_grid proportional --devices source --budget 24 --jobs 1 --out tuned.yaml --json tune.json
+tune: tune my_grid.yaml proportional --scenario step.yaml --devices source --budget 24 --jobs 1 --out tuned.yaml \
+--json tune.json
 search: search two_area proportional sech+parabolic --devices sssc --link own_link.yaml --budget 10 --json search.json
 sweep: sweep own_study.yaml --out swept --jobs 1 --json sweep.json
-compare: sweep comparison --set system=my_grid --only kind=none,LLC,proportional,ANFShMoC* --set link=own_link.yaml \
---jobs 1 --out compared --json compare.json
+compare: sweep comparison --set system=my_grid.yaml --set scenario=step.yaml --set link=own_link.yaml \
+--only kind=none,LLC,proportional,ANFShMoC* --jobs 1 --out compared --json compare.json
 LQG: simulate own.yaml --set "controllers=[{{name: LQG}}]" --json lqg.json
 LQG for 0.1 s: simulate own.yaml --set "controllers=[{{name: LQG, parameters: {{loop_delay: 0.1}}}}]" --json lqg_1.json
 LQG for none: simulate own.yaml --set "controllers=[{{name: LQG, parameters: {{loop_delay: 0}}}}]" --json lqg_0.json
@@ -101,50 +110,39 @@ class Carried(NamedTuple):
         return json.loads((self.folder / name).read_text(encoding="utf-8"))
 
 
-def put(root: Path, file: str, where: str, name: str, text: str) -> None:
-    """Carry out a block: a new file, lines among the imports, above a definition, or at the end of a table."""
-    path = root / file
-    if not where:
-        assert not path.exists()
-        path.write_text(text, encoding="utf-8")
-        return
-    lines = path.read_text(encoding="utf-8").splitlines()
-    if where == "import":
-        at = next(i for i, line in enumerate(lines) if line.startswith("from facts_damping"))
-    else:
-        at = next(i for i, line in enumerate(lines) if re.match(rf"((def|class) )?{name}\b", line))
-        if where == "in":
-            at = next(i for i in range(at, len(lines)) if lines[i] in ("}", "]"))
-        while where == "above" and lines[at - 1].startswith(("#", "@")):
-            at -= 1
-    lines[at:at] = [*text.rstrip().splitlines(), *(["", ""] if where == "above" else [])]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+def install(folder: Path, files: dict[str, str], groups: dict[str, dict[str, str]]) -> None:
+    """Put a package where Python finds it, with the entry points that an installation writes."""
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    metadata = folder / "my_extension-1.0.dist-info"
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: my_extension\nVersion: 1.0\n", encoding="utf-8")
+    lines = [
+        line
+        for group, points in groups.items()
+        for line in (f"[{group}]", *(f"{name} = {value}" for name, value in points.items()))
+    ]
+    (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
 def carried(tmp_path_factory: pytest.TempPathFactory, module_domain: int) -> Carried:
-    root, folder = tmp_path_factory.mktemp("extended"), tmp_path_factory.mktemp("commands")
-    for name in ("facts_damping", "config"):
-        shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(ROOT / "package.xml", root)
-    for block in BLOCKS:
-        put(root, *block)
+    root, folder = tmp_path_factory.mktemp("installed"), tmp_path_factory.mktemp("commands")
+    install(root, FILES, PROJECT["entry-points"])
     grid = (ROOT / "config" / "systems" / "two_area.yaml").read_text(encoding="utf-8")
     device = "  - {name: source, kind: current_source, bus: B8W, v_max: 0.5, rate_max: 5}\n"
     own = re.sub(r"(\ndevices:.*\n)", rf"\1{device}", grid.replace("name: two_area", "name: my_grid", 1), count=1)
     assert own.count("my_grid") == own.count("current_source") == 1
-    (root / "config" / "systems" / "my_grid.yaml").write_text(own, encoding="utf-8")
-    (root / "config" / "scenarios" / "my_grid").mkdir()
-    for name in ("step", "training"):
-        text = f"name: {name}\nduration: 1\nevents: [{EVENT}]\n"
-        (root / "config" / "scenarios" / "my_grid" / f"{name}.yaml").write_text(text, encoding="utf-8")
-    for name, text in {"own.yaml": RUN, "own_study.yaml": STUDY, "own_link.yaml": LINK}.items():
+    step = f"name: step\nduration: 1\nevents: [{EVENT}]\n"
+    texts = {"my_grid.yaml": own, "step.yaml": step, "own.yaml": RUN, "own_study.yaml": STUDY, "own_link.yaml": LINK}
+    for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     (folder / "commands.json").write_text(json.dumps(COMMANDS), encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(root), "ROS_DOMAIN_ID": str(module_domain), "NUMBA_OPT": "1"},
+        env={**os.environ, "PYTHONPATH": f"{root}:{ROOT}", "ROS_DOMAIN_ID": str(module_domain)},
         capture_output=True,
         text=True,
         check=False,
@@ -154,11 +152,63 @@ def carried(tmp_path_factory: pytest.TempPathFactory, module_domain: int) -> Car
     return Carried(folder, {name: Told(*said) for name, said in json.loads((folder / "told.json").read_text()).items()})
 
 
-def test_the_blocks_are_all_that_is_new() -> None:
-    """What the page adds is what is looked for below."""
-    text = "".join(text for *_, text in BLOCKS)
-    assert all(name in text for name in NEW)
-    assert len(BLOCKS) == PAGE.count("```python\n")
+def test_the_page_has_a_row_for_every_group_and_a_file_for_every_row() -> None:
+    assert set(PROJECT["entry-points"]) | {"facts_damping.policies"} == {
+        f"facts_damping.{g}" for g in extensions.GROUPS
+    }
+    named = {value.partition(":")[0] for points in PROJECT["entry-points"].values() for value in points.values()}
+    assert {name.removesuffix(".py").replace("/", ".") for name in FILES} == named
+    assert len(FILES) == PAGE.count("```python\n")
+
+
+POINTS = {"proportional": "one:ROW"}
+TABLES: dict[str, Any] = {
+    "controlers": ("controllers", ControllerKind),
+    "controllers": ("controllers", ControllerKind),
+    "indices": ("indices", Index, INDICES),
+    "devices": ("devices", DeviceModel),
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "groups", "said"),
+    [
+        (
+            "",
+            {"controlers": POINTS},
+            r"proportional = one:ROW of facts_damping.controlers \(my_extension\): no such group; .*",
+        ),
+        ("", {"controllers": POINTS}, r".*: AttributeError: .*no attribute 'ROW'; allowed: module:row, .*"),
+        ("ROW = 1", {"controllers": POINTS}, r".*: int given; allowed: ControllerKind"),
+        ("ROW = 1", {"indices": {"IAE": "one:ROW"}}, r"IAE .*: the name is taken; allowed: another than .*"),
+        ("ROW = 1", {"devices": POINTS}, r".*: stands alone; allowed: with proportional of facts_damping.device_kinds"),
+    ],
+)
+def test_what_is_no_row_is_told_in_one_line(
+    text: str, groups: dict[str, dict[str, str]], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(tmp_path, {"one.py": text}, {f"facts_damping.{name}": points for name, points in groups.items()})
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "one", raising=False)
+    caches = (extensions.given, extensions.every)
+    try:
+        for cache in caches:
+            cache.cache_clear()
+        with pytest.raises(InputError) as told:
+            extensions.rows(*TABLES[next(iter(groups))])
+    finally:
+        for cache in caches:
+            cache.cache_clear()
+    assert re.fullmatch(f"entry point {said}", str(told.value))
+
+
+def test_a_command_ends_with_that_line(tmp_path: Path) -> None:
+    install(tmp_path, {"one.py": ""}, {"facts_damping.controllers": POINTS})
+    command = [sys.executable, "-m", "facts_damping", "simulate", "two_area_small"]
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert re.fullmatch(r"facts-damping: entry point proportional = one:ROW .*\n", done.stderr)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -173,7 +223,6 @@ def test_they_are_listed(carried: Carried) -> None:
     assert {"proportional", "ANFShMoC"} <= {
         line.split()[0] for line in carried.told["list controllers"].out.splitlines()
     }
-    assert "my_grid/step" in carried.told["list scenarios"].out
 
 
 def test_a_graph_of_nodes_gives_the_figures_of_the_run_in_process(carried: Carried) -> None:

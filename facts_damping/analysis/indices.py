@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from facts_damping.extensions import rows
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -26,6 +28,7 @@ INDICES = {
     "ITSE": Index(1, 2, "p.u.² s²"),
     "ISE": Index(0, 2, "p.u.² s"),
 }
+INDICES |= rows("indices", Index, INDICES)
 THESIS_INDICES = ("ITAE", "IAE", "ITSE", "ISE")  # those of its tables, of scores and of agreement; no other ones
 EDGE = 0.05  # of an index's final value: so much lies before its cliff, and so much after it
 

@@ -9,6 +9,7 @@ import numpy as np
 from facts_damping.control import lead_lag
 from facts_damping.elementary import log
 from facts_damping.errors import InputError, check_known
+from facts_damping.extensions import rows
 from facts_damping.neurofuzzy.learning import RATES
 from facts_damping.neurofuzzy.table import (
     ANTECEDENTS,
@@ -346,6 +347,7 @@ def _neuro_fuzzy(network: Variant) -> ControllerKind:
 
 
 CONTROLLERS |= {name: _neuro_fuzzy(variant) for name, variant in VARIANTS.items()}
+CONTROLLERS |= rows("controllers", ControllerKind, CONTROLLERS)
 # What the compiled steps read: a record with a field for each parameter of any kind; and the laws that they call.
 SETTINGS = np.dtype(
     [(name, "f8") for name in dict.fromkeys(name for row in CONTROLLERS.values() for name in row.parameters)]

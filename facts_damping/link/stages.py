@@ -12,6 +12,7 @@ import numpy as np
 
 from facts_damping import random_numbers
 from facts_damping.elementary import exp
+from facts_damping.extensions import rows
 from facts_damping.link import draws
 from facts_damping.parameters.stages import LONGEST_S
 from facts_damping.signals import CHANNELS, LOST, NANOSECONDS
@@ -67,6 +68,7 @@ MODELS = {
     "noise": StageKind(NOISE, number="std"),
     "flip": StageKind(FLIP),
 }
+MODELS |= rows("stage_kinds", StageKind, MODELS)
 
 
 def draw(stage: Any, size: Shape, channels: Sequence[str], random: np.random.Generator) -> NDArray[np.int64]:

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.elementary import exp
+from facts_damping.extensions import rows
 from facts_damping.neurofuzzy import antecedent, consequent
 from facts_damping.neurofuzzy.antecedent import POINTS
 from facts_damping.neurofuzzy.consequent import DEGREES, HARMONICS, WAVELETS
@@ -61,6 +62,14 @@ class Consequent(NamedTuple):
     start: Callable[[float, float, Numbers, Numbers], Sequence[float]]
     description: str
     bounded: bool = False
+
+
+class Variant(NamedTuple):
+    """A network of the thesis (tables C.1, C.2): antecedent, consequent, identifier that goes with it."""
+
+    antecedent: str
+    consequent: str
+    identifier: str
 
 
 def _degrees(h: float, s: float) -> list[float]:
@@ -142,6 +151,8 @@ CONSEQUENTS = {
         "sum_db rho_db phi_db(F), (3.22, 3.24)",
     ),
 }
+ANTECEDENTS |= rows("antecedents", Antecedent, ANTECEDENTS)
+CONSEQUENTS |= rows("consequents", Consequent, CONSEQUENTS)
 # Codes of the compiled functions: their places.
 MEMBERSHIP_FUNCTIONS = list(dict.fromkeys(row.function for row in ANTECEDENTS.values()))
 CONSEQUENT_FUNCTIONS = list(dict.fromkeys(row.function for row in CONSEQUENTS.values()))
@@ -153,14 +164,6 @@ IDENTIFIERS = {"ANFTSI": ("gaussian", "singleton"), "ANFGuMoI": ("gaussian", "mo
 
 # Consequents of the thesis's networks where there are several outputs (6.4), (6.9).
 MIMO_FORM = {"singleton": "affine"}
-
-
-class Variant(NamedTuple):
-    """A network of the thesis (tables C.1, C.2): antecedent, consequent, identifier that goes with it."""
-
-    antecedent: str
-    consequent: str
-    identifier: str
 
 
 VARIANTS = {
@@ -176,6 +179,7 @@ VARIANTS = {
     "ANFBsC": Variant("b-spline", "singleton", "ANFTSI"),
     "HBsWC": Variant("b-spline", "morlet", "ANFGuMoI"),
 }
+VARIANTS |= rows("variants", Variant, VARIANTS)
 
 
 def has_dilation(consequent: str) -> bool:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, model_validator
 
+from facts_damping.extensions import rows
 from facts_damping.parameters.base import Name, ParameterModel, quantity
 
 
@@ -221,4 +222,5 @@ DEVICES: list[type[DeviceModel]] = [
     Statcom,
     Svc,
     Hvdc,
+    *rows("devices", DeviceModel).values(),
 ]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, model_validator
 
+from facts_damping.extensions import rows
 from facts_damping.parameters.base import Name, ParameterModel, quantity
 from facts_damping.parameters.stations import Channel
 
@@ -282,4 +283,5 @@ STAGES: list[type[StageModel]] = [
     Noise,
     Flip,
     Spoof,
+    *rows("stages", StageModel).values(),
 ]

@@ -9,6 +9,7 @@ import numpy as np
 
 from facts_damping.compiling import branching, compiled
 from facts_damping.elementary import expm1
+from facts_damping.extensions import rows
 from facts_damping.plant import hvdc, sssc, statcom, svc
 from facts_damping.plant.watchdog import WATCHDOG
 from facts_damping.signals import to_ns
@@ -85,6 +86,7 @@ KINDS = {
         other_end=OtherEnd(hvdc.from_end, hvdc.from_derivatives),
     ),
 }
+KINDS |= rows("device_kinds", DeviceKind, KINDS)
 CODES = {name: code for code, name in enumerate(KINDS)}  # in compiled code
 
 # A device: its ports (`other`, at a second bus; 0: none), kind and states, its dead time, the state and time constant

@@ -9,17 +9,15 @@ import os
 import sys
 import traceback
 from contextlib import contextmanager, suppress
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, one_line
+from facts_damping.extensions import given
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-GROUP = "facts_damping.policies"  # of entry points
 
 _loaded: dict[Path, tuple[int, Any]] = {}  # files that were run, and when they had been written
 
@@ -28,7 +26,7 @@ def find(text: str, where: str) -> Any:
     """The class that a text names. Raises `InputError`."""
     place, colon, name = text.rpartition(":")
     if not colon:
-        known = {one.name: one for one in entry_points(group=GROUP)}
+        known = given("policies")
         if text not in known:
             others = ", ".join(["module:Class", "path/to/file.py:Class", *known])
             raise InputError(f"{where}: '{text}' given; allowed: {others}")

@@ -1,0 +1,75 @@
+"""Rows that installed packages add to tables of this one, by entry points (docs/extensions.md)."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.errors import InputError, one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from importlib.metadata import EntryPoint
+
+PREFIX = "facts_damping."  # of groups
+PAIRS = (("devices", "device_kinds"), ("stages", "stage_kinds"))  # fields of a kind, and what it does
+GROUPS = (
+    "antecedents",
+    "consequents",
+    "controllers",
+    "device_kinds",
+    "devices",
+    "indices",
+    "policies",
+    "stage_kinds",
+    "stages",
+    "variants",
+)
+
+
+@cache
+def given(group: str) -> dict[str, EntryPoint]:
+    """Entry points of a group, by their names in alphabetical order."""
+    return {one.name: one for one in sorted(every(), key=lambda one: one.name) if one.group == PREFIX + group}
+
+
+@cache
+def every() -> list[EntryPoint]:
+    """Those of all groups. Raises `InputError` where a group is none of this package, or half of a pair is missing."""
+    known = entry_points()
+    found = [one for group in sorted(known.groups) if group.startswith(PREFIX) for one in known.select(group=group)]
+    for one in found:
+        group = one.group.removeprefix(PREFIX)
+        if group not in GROUPS:
+            raise InputError(f"{_named(one)}: no such group; allowed: {', '.join(PREFIX + group for group in GROUPS)}")
+        for pair in PAIRS:
+            other = PREFIX + pair[1 - pair.index(group)] if group in pair else ""
+            if other and not any(two.group == other and two.name == one.name for two in found):
+                raise InputError(f"{_named(one)}: stands alone; allowed: with {one.name} of {other}")
+    return found
+
+
+def rows(group: str, row: type, own: Collection[str] = ()) -> dict[str, Any]:
+    """Rows of a table that packages add, by their names.
+
+    `row`: what each is, or is a class of; `own`: names that are taken. Raises `InputError` where one cannot be loaded,
+    is something else, or has a name that is taken.
+    """
+    found = {}
+    for name, one in given(group).items():
+        if name in own:
+            raise InputError(f"{_named(one)}: the name is taken; allowed: another than {', '.join(own)}")
+        try:
+            found[name] = one.load()
+        except Exception as error:
+            text = f"{_named(one)}: {type(error).__name__}: {one_line(error)}"
+            raise InputError(f"{text}; allowed: module:row, of a module that imports no table but its own") from error
+        if not (isinstance(found[name], row) or (isinstance(found[name], type) and issubclass(found[name], row))):
+            raise InputError(f"{_named(one)}: {type(found[name]).__name__} given; allowed: {row.__name__}")
+    return found
+
+
+def _named(one: EntryPoint) -> str:
+    """An entry point in a message."""
+    return f"entry point {one.name} = {one.value} of {one.group} ({one.dist.name if one.dist else 'no package'})"
