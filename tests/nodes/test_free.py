@@ -1,4 +1,7 @@
-"""Nodes that are started one by one and run free: nobody waits, everybody comes, goes and comes again."""
+"""Nodes that are started one by one and run free: nobody waits, everybody comes, goes and comes again.
+
+On the loopback, and one of them on DDS, too: nodes that begin again make all that they have there anew.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +27,8 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-# The recorder comes at 5 s, link and controller at 10 s, leave at 30 s, come again at 40 s; the plant ends at 60 s.
-WHOLE_S = float(os.environ.get("FREE_RUN_S", "24"))
+# Of 60 s: the recorder comes at 5 s, link and controller at 10 s, leave at 30 s, come again at 40 s.
+WHOLE_S = float(os.environ.get("FREE_RUN_S", "12"))
 RATE = 60
 FREE = {"mode": "free"}
 
@@ -49,10 +52,10 @@ def replayed(record: Record) -> replay.Difference | None:
 
 
 def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
-    start: Callable[..., Any], client: Any, tmp_path: Path
+    loopback: Any, start: Callable[..., Any], client: Any, tmp_path: Path
 ) -> None:
     """All of it is in a recording that began under way, which is replayed to the bit."""
-    common = {**FREE, "duration": WHOLE_S, "set": "[watchdog.timeout=1.0]"}  # which a loaded machine keeps
+    common = {**FREE, "duration": WHOLE_S}
     part = WHOLE_S / 60.0
     plant = start("plant_sim", **common)
     until(plant, 5 * part)
@@ -96,34 +99,44 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     at_rest = (record.time_s > release["time_s"] + 0.6) & (record.time_s < release["rearmed_s"])
     assert np.all(reference[at_rest] == 0.0)
     assert np.any(record.issued["tick"] / RATE > came[1])
-    # A recorder may be the last to find a link; what it delivered till then is missing, and a replay ends there.
-    assert record.gap_tick in (None, *(one["tick"] for one in record.changes if one["role"] == "link"))
+    assert record.gap_tick is None
     assert replayed(record) is None
     assert "/plant_sim" in record.publishers.values()
 
 
 @pytest.mark.parametrize("stamp", ["simulated", "wall"])
-def test_another_plant_is_followed_and_ends_a_recording(start: Callable[..., Any], tmp_path: Path, stamp: str) -> None:
+def test_another_plant_is_followed_and_ends_a_recording(
+    loopback: Any, start: Callable[..., Any], tmp_path: Path, stamp: str
+) -> None:
+    assert_followed(start, tmp_path, stamp)
+
+
+def test_another_plant_is_followed_on_dds(start: Callable[..., Any], tmp_path: Path) -> None:
+    assert_followed(start, tmp_path, "simulated")
+
+
+def assert_followed(start: Callable[..., Any], tmp_path: Path, stamp: str) -> None:
     """By link, controller and identifier, who begin again; a recording is of one run."""
     common = {**FREE, "set": str(["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])}
     recorder = start("recorder", output=tmp_path / "bag", **common)
     others = [start(name, **common) for name in ("wan_link", "controller", "identifier")]
     plant = start("plant_sim", stamp=stamp, **common)
-    until(plant, 2.0)
+    until(plant, 1.0)
     stop(plant)
     second = start("plant_sim", stamp=stamp, **common)
     recorder.communicate(timeout=PATIENCE_S)
     assert recorder.returncode == 0
     bag = start("recorder", output=tmp_path / "second", **common)
-    until(second, 5.0)
+    wait_until_recording(tmp_path / "second", BEGUN)
+    until(second, ticks(second) / RATE + 1.0)
     stop(second, *others, bag)
-    assert load(tmp_path / "bag").ticks[-1] >= 119
+    assert load(tmp_path / "bag").ticks[-1] >= 59
     record = load(tmp_path / "second")
     assert set(record.issued["controller"]) == {0}
     assert len(record.estimates) > 0
 
 
-def test_the_clock_is_the_simulated_time(start: Callable[..., Any], domain: int) -> None:
+def test_the_clock_is_the_simulated_time(loopback: Any, start: Callable[..., Any]) -> None:
     """Of a node of anybody's with `use_sim_time`; ours take it, too."""
     plant = start("plant_sim", use_sim_time="true", **FREE)
     controller = start("controller", use_sim_time="true", **FREE)
@@ -139,7 +152,9 @@ def test_the_clock_is_the_simulated_time(start: Callable[..., Any], domain: int)
 
 
 @pytest.mark.parametrize("executable", ["plant_sim", "wan_link", "controller"])
-def test_a_killed_plant_or_peer_leaves_the_others_running(start: Callable[..., Any], executable: str) -> None:
+def test_a_killed_plant_or_peer_leaves_the_others_running(
+    loopback: Any, start: Callable[..., Any], executable: str
+) -> None:
     nodes = {name: start(name, **FREE) for name in ("plant_sim", "wan_link", "controller")}
     until(nodes["plant_sim"], 1.5)
     nodes.pop(executable).send_signal(signal.SIGKILL)
@@ -148,12 +163,12 @@ def test_a_killed_plant_or_peer_leaves_the_others_running(start: Callable[..., A
     stop(*nodes.values())
 
 
-def test_stamps_may_be_wall_time(start: Callable[..., Any], tmp_path: Path) -> None:
+def test_stamps_may_be_wall_time(loopback: Any, start: Callable[..., Any], tmp_path: Path) -> None:
     """On the wire, so that `ros2 topic delay` is sensible; what is read of the recording begins with 0."""
     common = {
         "mode": "realtime",
         "recorder": "true",
-        "duration": 4.0,
+        "duration": 3.0,
         "start_timeout": PATIENCE_S,
         "set": str(["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "scenario=large"]),
     }
@@ -172,20 +187,15 @@ def test_stamps_may_be_wall_time(start: Callable[..., Any], tmp_path: Path) -> N
             assert now - PATIENCE_S < seconds <= now, topic
     record = load(tmp_path / "recording")
     assert record.notes == []
-    assert record.time_ns.tolist() == [tick * 10**9 // RATE for tick in range(240)]
+    assert record.time_ns.tolist() == [tick * 10**9 // RATE for tick in range(180)]
     assert summarise(record)["latency_ms"]["max"] < 1000.0
     assert record.events[0]["time_ns"] == 10**9
-    assert len(record.estimates) > 200
-    assert record.estimates["measured_ns"].max() < 4 * 10**9
-    assert replayed(record) is None or ticks_missed(plant)
+    assert len(record.estimates) > 150
+    assert record.estimates["measured_ns"].max() < 3 * 10**9
+    assert replayed(record) is None
 
 
-def ticks_missed(plant: Any) -> bool:
-    """Whether the machine was too slow: then an answer came late, and its replay is not the same."""
-    return any(line.split()[3] != "0" for line in plant.said()[0].splitlines() if line.startswith("tick "))
-
-
-def test_stamps_in_lockstep_are_simulated(start: Callable[..., Any]) -> None:
+def test_stamps_in_lockstep_are_simulated(loopback: Any, start: Callable[..., Any]) -> None:
     plant = start("plant_sim", stamp="wall")
     errors = plant.communicate(timeout=PATIENCE_S)[1]
     assert (plant.returncode, errors) == (

@@ -10,7 +10,7 @@ from rclpy.expand_topic_name import expand_topic_name
 from rclpy.impl.implementation_singleton import rclpy_implementation as real
 
 from facts_damping.nodes.loopback.arguments import Arguments, parse
-from facts_damping.nodes.loopback.processes import world
+from facts_damping.nodes.loopback.processes import process, world
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -93,6 +93,12 @@ class Node(Destroyable):
         self.ends = itertools.count(1)
         domain().nodes.append(self)
         self.rosout = rosout
+        process().at_end.append(self.leave)
+
+    def leave(self) -> None:
+        """Nobody finds it, or an end of it, any more, however its process has ended."""
+        for ends in vars(domain()).values():
+            ends[:] = [one for one in ends if one is not self and getattr(one, "node", None) is not self]
 
     def get_node_name(self) -> str:
         return self._name

@@ -113,6 +113,8 @@ def sleep(seconds: float) -> None:
 TIME: dict[str, Callable[..., Any]] = {
     "monotonic": lambda: world().now_ns * 1e-9,
     "monotonic_ns": lambda: world().now_ns,
+    "perf_counter": lambda: world().now_ns * 1e-9,
+    "perf_counter_ns": lambda: world().now_ns,
     "time": lambda: wall_ns() * 1e-9,
     "time_ns": wall_ns,
     "sleep": sleep,

@@ -59,10 +59,10 @@ class End(Destroyable):
 
 def fit(publisher: End, subscription: End) -> bool:
     """Whether two ends meet: a reader wants no more than is offered."""
+    if publisher.topic != subscription.topic or publisher.kind is not subscription.kind:
+        return False
     reliable = int(publisher.qos["reliability"]) == RELIABLE or int(subscription.qos["reliability"]) != RELIABLE
-    durable = publisher.transient() or not subscription.transient()
-    same = publisher.topic == subscription.topic and publisher.kind is subscription.kind
-    return same and reliable and durable
+    return reliable and (publisher.transient() or not subscription.transient())
 
 
 class Publisher(End):
