@@ -50,11 +50,11 @@ def soon_forgotten(folder: Path) -> Iterator[None]:
 
 
 class Graph:
-    """A graph of nodes that are started one by one, in real time."""
+    """A graph of nodes that are started one by one, in real time, until it is told to stop."""
 
-    def __init__(self, start: Callable[..., Any], folder: Path, duration: float, **more: Any) -> None:
+    def __init__(self, start: Callable[..., Any], folder: Path, **more: Any) -> None:
         self.start, self.folder = start, folder
-        self.common = {"scenario": "large", "duration": duration, "mode": "realtime", "recorder": "true", **more}
+        self.common = {"scenario": "large", "duration": 60.0, "mode": "realtime", "recorder": "true", **more}
         self.common["start_timeout"] = PATIENCE_S
         self.recorder = start("recorder", output=folder / "bag", **self.common)
         self.nodes: dict[str, Any] = {}
@@ -70,6 +70,8 @@ class Graph:
 
     def finish(self) -> Any:
         plant = self.nodes["plant_sim"]
+        self.run_until(ticks(plant) + RATE // 2)
+        plant.terminate()
         _, errors = plant.communicate(timeout=PATIENCE_S)
         assert (plant.returncode, errors) == (0, "")
         self.recorder.send_signal(signal.SIGTERM)
@@ -79,7 +81,7 @@ class Graph:
 
 @pytest.fixture
 def graph(start: Callable[..., Any], tmp_path: Path) -> Callable[..., Graph]:
-    return lambda duration, **more: Graph(start, tmp_path, duration, **more)
+    return lambda **more: Graph(start, tmp_path, **more)
 
 
 def say(node: Any) -> str:
@@ -87,18 +89,18 @@ def say(node: Any) -> str:
 
 
 def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, client: Any, tmp_path: Path) -> None:
-    run = graph(12.0)
+    run = graph()
     run.add("wan_link", join="true")
     with soon_forgotten(tmp_path):
         first = run.add("controller", join="true")
     run.add("plant_sim")
-    run.run_until(120)
+    run.run_until(RATE)
     first.send_signal(signal.SIGKILL)
     second = run.add("controller", join="true")
     second.wait(lambda: "joined at" in say(second), PATIENCE_S)
     joined = ticks(run.nodes["plant_sim"])
     assert not client(Trigger, "/wan_link/arm", Trigger.Request()).success
-    run.run_until(joined + 3 * RATE)  # by then the first one is forgotten
+    run.run_until(joined + 2 * RATE)  # by then the first one is forgotten
     armed = client(Trigger, "/controller/arm", Trigger.Request())
     assert (armed.success, armed.message) == (True, "armed")
     again = client(Trigger, "/controller/arm", Trigger.Request())
@@ -121,17 +123,17 @@ def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, clien
     assert np.any(reference[record.time_s > release["rearmed_s"]] != 0.0)
 
 
-def test_a_link_and_an_identifier_are_joined_too(graph: Any, client: Any, tmp_path: Path) -> None:
+def test_a_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, client: Any, tmp_path: Path) -> None:
     """Also where messages are signed: each signs as a session of its own."""
     add_key(tmp_path / "keys.yaml")
     sets = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect", f"security.keys={tmp_path / 'keys.yaml'}"]
-    run = graph(10.0, set=str(sets))
+    run = graph(set=str(sets))
     link = run.add("wan_link", join="true")
     run.add("controller", join="true")
     weights = tmp_path / "identifier.yaml"
     identifier = run.add("identifier", join="true", save=weights)
     run.add("plant_sim")
-    run.run_until(120)
+    run.run_until(RATE)
     for one in (link, identifier):
         one.terminate()
         one.communicate(timeout=PATIENCE_S)
@@ -164,7 +166,9 @@ def test_a_link_and_an_identifier_are_joined_too(graph: Any, client: Any, tmp_pa
         ("controller", {"resume": "true"}, "controller: resume: true given; allowed: with save"),
     ],
 )
-def test_what_cannot_be_joined_is_refused(start: Any, executable: str, given: dict[str, str], said: str) -> None:
+def test_what_cannot_be_joined_is_refused(
+    loopback: Any, start: Any, executable: str, given: dict[str, str], said: str
+) -> None:
     node = start(executable, **given)
     assert node.communicate(timeout=PATIENCE_S) == ("", f"{said}\n")
     assert node.returncode == 2
