@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 NEVER = 2**63 - 1
 FIRST_PID = 2**30  # more than any process of the system has
-STEP_NS = 20_000  # that a wait takes at least
+STEP_NS = 100_000  # that a wait takes at least, as about with DDS
 BEGINS_NS = 1_700_000_000_000_000_000  # wall time at the start, ns since 1970
 current: contextvars.ContextVar[Process | None] = contextvars.ContextVar("current", default=None)
 
