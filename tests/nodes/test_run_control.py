@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+pytestmark = pytest.mark.usefixtures("loopback")
+
 SETS = [
-    *("scenario=large", "duration=12", "watchdog={good: 3}", "link=delay_100ms"),
+    *("scenario=large", "duration=7", "watchdog={good: 3}", "link=delay_100ms"),
     *("controllers.0.name=HBsWC", "controllers.0.scheme=indirect", "controllers.0.signals=[frequency]"),
     "measurement=p_class",
 ]
@@ -118,16 +120,18 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
 
 def test_a_pause_is_taken_for_silence_by_nobody(start: Any, client: Any, tmp_path: Path) -> None:
     """Also where it is longer than others' patience with a plant that is silent."""
-    common = {"recorder": "true", "start_timeout": PATIENCE_S, "timeout": 1.5, "duration": 30}
+    common = {"recorder": "true", "start_timeout": PATIENCE_S, "timeout": 1.5, "duration": 2}
     recorder = start("recorder", output=tmp_path / "recording", **common)
-    nodes = [start(name, **common) for name in ("wan_link", "controller", "plant_sim")]
-    nodes[-1].wait(lambda: "tick" in nodes[-1].said()[0], PATIENCE_S)
+    plant = start("plant_sim", **common)
     assert client(Trigger, "/plant_sim/pause", Trigger.Request()).success
+    nodes = [start(name, **common) for name in ("wan_link", "controller")]
+    assert client(Step, "/plant_sim/step", Step.Request(ticks=60)).success
     time.sleep(4.0)
+    assert plant.said()[0].splitlines()[-1].split()[1] == "60"
     until_ns = time.time_ns()  # after the run nothing comes indeed
     assert client(Trigger, "/plant_sim/resume", Trigger.Request()).success
-    assert nodes[-1].communicate(timeout=PATIENCE_S)[1] == ""
-    assert [nodes[-1].returncode, *(node.poll() for node in nodes[:-1])] == [0, None, None]
+    assert plant.communicate(timeout=PATIENCE_S)[1] == ""
+    assert [plant.returncode, *(node.poll() for node in nodes)] == [0, None, None]
     recorder.terminate()
     recorder.communicate(timeout=PATIENCE_S)
     told = payloads(tmp_path, until_ns)["/diagnostics"]
