@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 from std_srvs.srv import Trigger
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
+from facts_damping.nodes import graph
+from facts_damping.nodes.live_plant import LivePlant
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop, replay
 from tests.nodes.graphs import PATIENCE_S, assert_same, run_graph, ticks
@@ -30,6 +34,29 @@ def test_release_and_return_of_a_graph_are_those_of_the_in_process_run(loopback:
     assert replay.first_difference(recorded, issued) is None
     (row,) = summarise(recorded)["releases"]
     assert row["rearmed_s"] is not None
+
+
+def test_a_plant_that_is_slow_lets_go_by_the_clock(
+    loopback: Any, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In real time, of a link that has stopped: before so much simulated time has passed."""
+    advance = LivePlant.advance
+
+    def slowly(self: LivePlant, *given: Any) -> None:
+        time.sleep(0.1 if self.tick > 90 else 0.0)
+        advance(self, *given)
+
+    def strike(done: int, _of: int) -> None:
+        if done > 90 and "wan_link" in started:
+            os.kill(started.pop("wan_link").process.pid, signal.SIGSTOP)
+
+    monkeypatch.setattr(LivePlant, "advance", slowly)
+    record = load(graph.run(load_case(None, ["duration=2"]), "realtime", tmp_path, strike).recording)
+    (told,) = record.changes
+    assert (told["role"], told["kind"], told["name"]) == ("plant", "release", "sssc")
+    (row,) = summarise(record)["releases"]
+    assert row["time_s"] == pytest.approx(told["tick"] / 60, abs=1e-6)
+    assert 2 <= told["tick"] - record.applied["tick"].max() <= 4  # 0.2 s by the clock, not 12 ticks
 
 
 def test_a_stopped_controller_s_device_lets_go_and_is_re_armed_by_an_operator(
