@@ -28,7 +28,7 @@ from facts_damping.parameters.validation import check
 from facts_damping.studies import scoring
 from facts_damping.studies import search as study
 from facts_damping.studies.optimisers import METHODS, Found
-from facts_damping.studies.scoring import LOST, REFERENCE, Score, draws, score
+from facts_damping.studies.scoring import LOST, REFERENCE, Figures, Score, draws, score
 from facts_damping.studies.search import CHOICES, GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
 from facts_damping.studies.structures import Choice, Structure, started, structures
 
@@ -45,11 +45,11 @@ TINY = ["smib", "gaussian+sam", "--budget", "1", "--seed", "4", "--jobs", "1"]
 BEST = sorted(name for name in shipped("runs") if name.startswith(("best_", "lead_lag_", "search_")))
 
 
+MANY = 16  # draws of a search's last rung
+
+
 def quiet(_done: int, _of: int) -> None:
     """No progress."""
-
-
-same_draws = cache(draws)  # of several shipped runs: made once
 
 
 def assert_close(again: Mapping[str, Value], values: Mapping[str, Value]) -> None:
@@ -67,6 +67,27 @@ def nominal() -> list[Draw]:
     return draws("smib", None, 3)
 
 
+@pytest.fixture
+def each_run_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A controller that is scored again on the same draw is not run again."""
+    known: dict[tuple[int, str], tuple[dict[str, Any], Figures]] = {}  # the content stays, and so its id its own
+    plain = scoring.run
+
+    def run(content: dict[str, Any], controller: Controller | None) -> Figures:
+        key = id(content), "" if controller is None else controller.model_dump_json()
+        if key not in known:
+            known[key] = content, plain(content, controller)
+        return known[key][1]
+
+    monkeypatch.setattr(scoring, "run", run)
+
+
+@pytest.fixture
+def few_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first points of a structure are few."""
+    monkeypatch.setattr(study, "POPULATION", 6)
+
+
 # The score
 
 
@@ -81,6 +102,7 @@ def test_without_control_all_is_worse(nominal: list[Draw]) -> None:
     assert min(found.ratios.values()) > 1.0
 
 
+@pytest.mark.usefixtures("each_run_once")
 def test_a_score_is_the_worst_index_and_the_price_of_what_effort_is_more(nominal: list[Draw]) -> None:
     weak = Controller(name="LLC", parameters={"gain": 1.0})
     strong = Controller(name="LLC", parameters={"gain": 1000.0})
@@ -94,6 +116,7 @@ def test_a_score_is_the_worst_index_and_the_price_of_what_effort_is_more(nominal
         assert found.value == pytest.approx(worst + priced)
 
 
+@pytest.mark.usefixtures("each_run_once")
 @pytest.mark.parametrize(("worst", "counted"), [(1, 1), (33, 1), (34, 2), (100, 3)])
 def test_of_the_worst_draws_of_each_index_the_mean_counts(worst: int, counted: int, nominal: list[Draw]) -> None:
     weak = Controller(name="LLC", parameters={"gain": 1.0})
@@ -108,12 +131,18 @@ def test_of_the_worst_draws_of_each_index_the_mean_counts(worst: int, counted: i
     assert (found.ratios, found.undamped) == (every.ratios, every.undamped)
 
 
-def test_by_medians_the_largest_of_any_index_in_any_group_counts() -> None:
-    """Groups are what the study lists; the plain run of training is one by itself."""
-    against = draws("smib", None, 1 + 2 * 16, "search_smib_groups")
-    groups = Counter(draw.group for draw in against)
+def test_groups_are_what_the_study_lists(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The plain run of training is one by itself."""
+    monkeypatch.setattr(scoring, "run", lambda *_: Figures(1.0, {}, 0.0, damped=True))
+    groups = Counter(draw.group for draw in draws("smib", None, 1 + 2 * 16, "search_smib_groups"))
     assert groups.pop(()) == 1
     assert groups == dict.fromkeys(product([0.02, 0.5], [6, 1000], [840, 1260, 1620, 2050]), 2)
+
+
+@pytest.mark.usefixtures("each_run_once")
+def test_by_medians_the_largest_of_any_index_in_any_group_counts() -> None:
+    groups: list[tuple[int, ...]] = [(), (1,), (2,), (1,), (2,), (1,)]
+    against = [draw._replace(group=group) for draw, group in zip(draws("smib", None, 6), groups, strict=True)]
     weak = Controller(name="LLC", parameters={"gain": 50.0})
     told = pd.DataFrame(
         {"group": str(draw.group), "index": name, "log": np.log(one[name] / draw.reference.indices[name])}
@@ -126,6 +155,7 @@ def test_by_medians_the_largest_of_any_index_in_any_group_counts() -> None:
     more = every.value - max(np.log(ratio) for ratio in every.ratios.values())  # of effort and what is not damped
     assert found.value - more == pytest.approx(medians.max())
     assert medians.max() > told.groupby("index")["log"].mean().max() + 0.01  # so that it matters which counts
+    assert medians.max() < told["log"].max() - 0.01
     assert (found.ratios, found.undamped) == (every.ratios, every.undamped)
 
 
@@ -190,6 +220,7 @@ def test_parameters_have_the_place_that_they_came_from(name: str, scheme: Scheme
         assert_close(again, values)
 
 
+@pytest.mark.usefixtures("each_run_once")
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
 def test_a_start_from_tuned_parameters_has_the_tuned_controller_among_its_points(scheme: Scheme) -> None:
     tuned = Controller.model_validate({"name": "ANFBsC", "scheme": scheme})
@@ -307,10 +338,11 @@ def test_in_another_profile_signals_are_its_and_the_reference_may_be_no_control(
     assert score(weak, against).value == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.usefixtures("few_points")
 def test_what_all_came_to_is_a_file_that_runs_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "tuned.yaml"
     given = ["two_area", "Hinf", "--profile", "deployment", "--against", "none", "--devices", "sssc", "--keep-all"]
-    monkeypatch.setattr(study, "POPULATION", 6)
+    monkeypatch.setattr(study, "RUNGS", 1)
     assert main(["search", *given, "--budget", "1", "--jobs", "1", "--tuned", str(out)]) == 0
     made = check(Tuned, files.read_table(out), "test")
     assert (made.profile, made.signals, made.devices) == ("deployment", ["frequency"], ["sssc"])
@@ -321,8 +353,12 @@ def test_what_all_came_to_is_a_file_that_runs_take(tmp_path: Path, monkeypatch: 
         assert {name: own.parameters[name] for name in row.parameters} == row.parameters
 
 
-def test_the_same_seed_gives_the_same_for_any_jobs_and_another_another() -> None:
-    task, names = SearchTask("smib", "pdci_100ms", (), 1, 4), ["gaussian+sam"]
+def test_the_same_seed_gives_the_same_for_any_jobs_and_another_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    def short(*asked: Any) -> list[Draw]:
+        return [draw._replace(content=draw.content | {"duration": 3.0}) for draw in draws(*asked)]
+
+    monkeypatch.setattr(study, "draws", short)
+    task, names = SearchTask("smib", "pdci_100ms", (), 1, 4, scheme="indirect"), ["gaussian+sam"]
     found = [search(task, names, jobs, quiet) for jobs in (1, 2)]
     told = [[(e.structure, e.controller, e.scores) for e in one] for one in found]
     assert told[0] == told[1]
@@ -332,6 +368,7 @@ def test_the_same_seed_gives_the_same_for_any_jobs_and_another_another() -> None
     assert [(e.structure, e.controller, e.scores) for e in again] != told[0]
 
 
+@pytest.mark.usefixtures("few_points")
 def test_a_rung_goes_on_from_the_population_of_the_one_before(nominal: list[Draw]) -> None:
     """On the same draws nothing is lost: the best is at least as good."""
     task, entry = SearchTask("smib", None, (), 1, 4), Entry(Structure("LLC-tuned", None, ("sssc",)))
@@ -341,6 +378,7 @@ def test_a_rung_goes_on_from_the_population_of_the_one_before(nominal: list[Draw
     assert second.scores[1] == score(second.controller or Controller(), nominal[:1])
 
 
+@pytest.mark.usefixtures("few_points")
 def test_no_scenario_but_training_is_read_and_the_written_run_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -377,9 +415,10 @@ def test_every_method_can_be_asked_for() -> None:
     assert [parser().parse_args(["search", "smib", "--method", name]).method for name in METHODS] == list(METHODS)
 
 
+@pytest.mark.usefixtures("few_points")
 def test_without_a_file_the_run_of_the_best_network_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     told = tmp_path / "told.json"
-    assert main(["search", *TINY, "--json", str(told)]) == 0
+    assert main(["search", *TINY, "--scheme", "direct", "--json", str(told)]) == 0
     text = capsys.readouterr().out
     path = tmp_path / "best.yaml"
     path.write_text(text[text.index("# facts-damping search") :])
@@ -457,6 +496,19 @@ def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str, capsy
 # What is shipped
 
 
+@cache
+def fresh_draws(task: SearchTask, structures: int) -> list[Draw]:
+    """Draws that no rung of a search of so many structures has used; of many every ninth, of each group some."""
+    first = task.cases * GROWTH ** (rungs(structures) - 1)
+    if first < MANY:
+        return draws(task.system, task.link, first + GROWTH * first, task.study)[first:]
+    plan = scoring.ensemble(task.system, task.study)
+    points = plan.points[first - 1 : first + GROWTH * first - 1 : 9]  # before them there is the plain run of training
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(scoring, "ensemble", lambda *_: plan._replace(points=points))
+        return draws(task.system, task.link, 1 + len(points), task.study)[1:]
+
+
 @pytest.mark.parametrize("name", BEST)
 def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     text = shipped("runs")[name].read_text()
@@ -475,7 +527,6 @@ def test_shipped_runs_reach_on_fresh_draws_what_they_say(name: str) -> None:
     )
     assert f"# {task.command(asked.controllers)}" == text.splitlines()[0]
     searched = structures(load_system(asked.system), asked.controllers, devices, asked.scheme)
-    first = asked.cases * GROWTH ** (rungs(len(searched)) - 1)
-    fresh = same_draws(asked.system, asked.link, first + GROWTH * first, asked.study)[first:]
+    fresh = fresh_draws(SearchTask(asked.system, asked.link, (), 0, 0, asked.cases, asked.study), len(searched))
     found = score(case.run.controllers[0], fresh, asked.worst, medians=asked.medians)
     assert found.value == pytest.approx(float(said[1]), abs=0.02)

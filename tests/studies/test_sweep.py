@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
+from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,12 +29,11 @@ from facts_damping.simulation import loop
 from facts_damping.studies import axes, batch, sweep
 from facts_damping.studies.batch import RunRequest, make, names, one_run
 from facts_damping.studies.journal import Journal
-from facts_damping.studies.pool import workers
 from facts_damping.studies.results import cell
 from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 ONE = """
 run: two_area_small
@@ -314,87 +313,126 @@ def rows_there(out: Path) -> int:
 
 MANY = """
 run: two_area_small
-set: {duration: 3}
-sweep: [{field: link.up.0.delay, range: {start: 0, step: 0.0005, number: 400}}]
+set: {duration: 2}
+sweep: [{field: link.up.0.delay, range: {start: 0, step: 0.005, number: 24}}]
 modes: false
 """
+STRUCK = 6  # runs in the journal when something strikes
+APPEND = Journal.append
 
 
 def table(out: Path) -> list[dict[str, Any]]:
     return list(pq.read_table(out / "rows.parquet").to_pylist())
 
 
-# The command, which waits once it has made 20 runs, so that whatever strikes it does so before its end.
+def at_strike(monkeypatch: pytest.MonkeyPatch, strike: Callable[[], None]) -> None:
+    """What happens as soon as the journal holds `STRUCK` runs."""
+
+    def append_and_strike(journal: Journal, key: str, row: dict[str, Any]) -> None:
+        APPEND(journal, key, row)
+        if len(journal.rows) == STRUCK:
+            strike()
+
+    monkeypatch.setattr(Journal, "append", append_and_strike)
+
+
+def goes_on(path: Path, out: Path) -> None:
+    """The same command ends what was begun: what is there stays, nothing is run twice, the table is that of a whole."""
+    kept = (out / sweep.JOURNAL).read_bytes()
+    assert main(["sweep", str(path), "--jobs", "1", "--out", str(out)]) == 0
+    assert (out / sweep.JOURNAL).read_bytes().startswith(kept)
+    assert rows_there(out) == 24
+    assert main(["sweep", str(path), "--jobs", "1", "--out", str(out.parent / "whole")]) == 0
+    assert table(out) == table(out.parent / "whole")
+
+
+# The command, which says that it is struck and waits for it.
 WAITING = """
 import sys, time
-from pathlib import Path
 from facts_damping.cli.main import main
-from facts_damping.studies.journal import Journal
+from tests.studies.test_sweep import at_strike
+import pytest
 
-append = Journal.append
-
-def append_and_wait(journal, key, row):
-    append(journal, key, row)
-    while len(journal.rows) == 20 and not Path(sys.argv[1]).exists():
-        time.sleep(0.01)
-
-Journal.append = append_and_wait
-sys.exit(main(sys.argv[2:]))
+at_strike(pytest.MonkeyPatch(), lambda: (print("struck", flush=True), time.sleep(600)))
+main(sys.argv[1:])
 """
 
 
-def started(tmp_path: Path) -> tuple[subprocess.Popen[bytes], list[str]]:
-    """A sweep that has made 20 of 400 runs and waits for a file `go`, and the command's arguments."""
-    arguments = ["sweep", str(study(tmp_path, MANY)), "--jobs", "2"]
-    command = [sys.executable, "-c", WAITING, str(tmp_path / "go"), *arguments, "--out", str(tmp_path / "out")]
-    child = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, preexec_fn=_as_at_a_terminal)  # noqa: PLW1509 (no threads here)
-    began = time.monotonic()
-    while rows_there(tmp_path / "out") < 20:
-        assert child.poll() is None, child.communicate()
-        assert time.monotonic() - began < 120
-        time.sleep(0.01)
-    return child, arguments
-
-
-def _as_at_a_terminal() -> None:
-    """Where the tests themselves run in the background, what they start would ignore interrupts."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["kill -9", "Ctrl-C"])
-def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path: Path, number: signal.Signals) -> None:
-    out = tmp_path / "out"
-    child, arguments = started(tmp_path)
-    left = children(child.pid)
-    os.kill(child.pid, number)
-    _, said = child.communicate(timeout=60)
-    if number == signal.SIGINT:
-        assert child.returncode == 130
-        assert said.decode() == f"facts-damping: interrupted; the same command goes on where it stopped: {out}\n"
+def test_a_sweep_that_is_killed_leaves_no_process_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    path, out = study(tmp_path, MANY), tmp_path / "out"
+    command = [sys.executable, "-c", WAITING, "sweep", str(path), "--jobs", "2", "--out", str(out)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == b"struck\n"
+        left = children(child.pid)
+        child.kill()
+    assert len(left) >= 2
     gone(left)
-    before = rows_there(out)
-    assert before == 20
-    kept = (out / sweep.JOURNAL).read_bytes().splitlines()[1 : 1 + before]
-    assert main([*arguments, "--out", str(out)]) == 0
-    assert (out / sweep.JOURNAL).read_bytes().splitlines()[1 : 1 + before] == kept
-    assert rows_there(out) == 400  # none twice
-    assert main([*arguments, "--out", str(tmp_path / "whole")]) == 0
-    assert table(out) == table(tmp_path / "whole")
+    assert rows_there(out) == STRUCK
+    goes_on(path, out)
 
 
-def test_a_process_that_is_killed_ends_the_sweep_with_one_line(tmp_path: Path) -> None:
-    child, arguments = started(tmp_path)
-    left = children(child.pid)
-    os.kill(next(pid for pid in left if b"popen_loky" in Path(f"/proc/{pid}/cmdline").read_bytes()), signal.SIGKILL)
-    (tmp_path / "go").touch()
-    _, said = child.communicate(timeout=60)
-    assert child.returncode == 1
-    assert said.decode().startswith("facts-damping: a process of the sweep was killed")
-    assert said.count(b"\n") == 1
+def test_an_interrupted_sweep_leaves_no_process_and_goes_on_where_it_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C, which strikes the command alone: its processes are its own to end."""
+    path, out, left = study(tmp_path, MANY), tmp_path / "out", list[int]()
+
+    def interrupt() -> None:
+        left.extend(pid for pid in children(os.getpid()) if is_worker(pid))
+        signal.raise_signal(signal.SIGINT)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # as at a terminal, not in the background
+    try:
+        with monkeypatch.context() as patched:
+            at_strike(patched, interrupt)
+            assert main(["sweep", str(path), "--jobs", "2", "--out", str(out)]) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
+    said = capsys.readouterr().err
+    assert said == f"facts-damping: interrupted; the same command goes on where it stopped: {out}\n"
+    assert len(left) >= 2
     gone(left)
-    assert 20 <= rows_there(tmp_path / "out") < 400
-    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
-    assert rows_there(tmp_path / "out") == 400
+    assert rows_there(out) == STRUCK
+    goes_on(path, out)
+
+
+DEADLY = """
+import os, signal
+from pathlib import Path
+
+
+class Deadly:
+    def __init__(self, spec):
+        if not Path(__file__).with_name("spared").exists():
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def step(self, t_s, y, age_s, fresh):
+        return [0.0]
+"""
+
+
+def test_a_process_that_is_killed_ends_the_sweep_with_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last run kills it; the others stay, and are not run again."""
+    (tmp_path / "deadly.py").write_text(DEADLY, encoding="utf-8")
+    deadly = f"{{controllers.0.name: mine, controllers.0.policy: '{tmp_path / 'deadly.py'}:Deadly'}}"
+    path = study(
+        tmp_path,
+        "run: two_area_small\nset: {duration: 1, controllers: [{}]}\nsweep:\n"
+        f"  - {{rows: [{'{controllers.0.name: LLC}, ' * 8}{deadly}]}}\n",
+    )
+    assert main(["sweep", str(path), "--jobs", "2", "--out", str(tmp_path / "out")]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("facts-damping: a process of the sweep was killed")
+    assert said.count("\n") == 1
+    gone([pid for pid in children(os.getpid()) if is_worker(pid)])
+    kept = (tmp_path / "out" / sweep.JOURNAL).read_bytes()
+    (tmp_path / "spared").touch()
+    assert main(["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / sweep.JOURNAL).read_bytes().startswith(kept)
+    assert rows_there(tmp_path / "out") == 9
 
 
 def children(pid: int) -> list[int]:
@@ -402,14 +440,20 @@ def children(pid: int) -> list[int]:
     return [int(one) for one in text.split()]
 
 
+def is_worker(pid: int) -> bool:
+    with suppress(FileNotFoundError):
+        return b"popen_loky" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    return False
+
+
 def gone(pids: list[int]) -> None:
     """No process is left behind, but for those that only wait to be collected."""
-    assert pids
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 60
     for pid in pids:
-        while Path(f"/proc/{pid}/stat").exists() and ") Z" not in Path(f"/proc/{pid}/stat").read_text(encoding="ascii"):
-            assert time.monotonic() < deadline, Path(f"/proc/{pid}/cmdline").read_bytes()
-            time.sleep(0.05)
+        with suppress(OSError):  # it ends while its state is read
+            while ") Z" not in Path(f"/proc/{pid}/stat").read_text(encoding="ascii"):
+                assert time.monotonic() < deadline, Path(f"/proc/{pid}/cmdline").read_bytes()
+                time.sleep(0.05)
 
 
 def test_a_torn_or_damaged_line_costs_its_run_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -677,16 +721,19 @@ def cells(line: str) -> list[str]:
 @pytest.mark.parametrize(
     ("name", "page", "every"),
     [
-        ("delay_margin", "delay_studies.md", 1),
-        ("compensation", "compensation.md", 1),
-        ("asymmetric_signals", "delay_studies.md", 6),
-        ("asymmetric_devices", "delay_studies.md", 6),
+        ("delay_margin", "delay_studies.md", 5),
+        ("compensation", "compensation.md", 7),
+        ("asymmetric_signals", "delay_studies.md", 11),
+        ("asymmetric_devices", "delay_studies.md", 11),
     ],
 )
 def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_ones(
     name: str, page: str, every: int
 ) -> None:
-    """By single runs; they were found by `facts-damping sweep`. All points of the study are there, twice."""
+    """By single runs; they were found by `facts-damping sweep`. All points of the study are there, twice.
+
+    Of them every so many are run, so that each value of each column is there.
+    """
     plan = sweep.plan(name, [])
     margin = plan.study.margin
     assert margin is not None
@@ -718,8 +765,7 @@ def test_margins_in_the_docs_hold_at_their_lower_ends_and_fail_at_their_upper_on
                 key = f"{place} {value}"
                 tasks[key] = RunRequest(key, both.changes, {})
                 expected.append((key, criterion, fails))
-    with workers(2) as each:
-        rows = dict(each(partial(one_run, plan.base), list(tasks.values())))
+    rows = dict(one_run(plan.base, task) for task in tasks.values())
     assert len(expected) >= 1.5 * len(written[::every]) - 2 * sum(text.endswith("~") for *_, text in written)
     assert [one for one in expected if sweep.FAILED[one[1]](rows[one[0]]) is not one[2]] == []
 
