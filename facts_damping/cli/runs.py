@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +33,9 @@ def out_folder(arguments: argparse.Namespace, name: str) -> Path:
     """Folder for results: `--out`, or a new one under `results`, named by date and run."""
     if arguments.out is not None:
         return Path(arguments.out)
-    return Path("results") / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
+    begun = f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
+    numbered = (Path("results") / (begun if k == 1 else f"{begun}-{k}") for k in count(1))  # several in a second
+    return next(folder for folder in numbered if not folder.exists())
 
 
 def say(arguments: argparse.Namespace, text: str) -> None:

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +17,10 @@ import pytest
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
-from facts_damping.cli.runs import check_ended_well
+from facts_damping.cli.runs import check_ended_well, out_folder
 from facts_damping.errors import DegradedError
 from facts_damping.nodes.graph import Outcome
+from facts_damping.parameters.files import new_folder
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
@@ -285,3 +287,10 @@ def test_what_did_not_go_well_is_one_line() -> None:
     with pytest.raises(DegradedError) as caught:
         check_ended_well(joined, replace(record, gap_tick=7), bad)
     assert str(caught.value) == said
+
+
+def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("time.strftime", lambda _: "20260101-120000")
+    made = [new_folder(out_folder(Namespace(out=None), "one")) for _ in range(3)]
+    assert [one.name for one in made] == [f"20260101-120000-one{more}" for more in ("", "-2", "-3")]
