@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import pytest
 
-from facts_damping.nodes import forked, graph
+from facts_damping.nodes import forked, graph, plant_sim
 from facts_damping.testing import loopback
 from tests.nodes.graphs import PATIENCE_S, somebody
 
@@ -31,7 +31,7 @@ __all__ = ["loopback"]  # a fixture
 
 @pytest.fixture
 def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """The processes that a graph starts, by name."""
+    """The processes that a graph starts, by name; on the loopback the plant tells of every few ticks."""
     found: dict[str, Any] = {}
     original = graph.start
 
@@ -40,6 +40,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         return found[name]
 
     monkeypatch.setattr(graph, "start", spy)
+    monkeypatch.setattr(plant_sim, "PROGRESS_S", 0.02)
     return found
 
 
