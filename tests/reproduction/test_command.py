@@ -12,15 +12,21 @@ import pytest
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
-from facts_damping.reproduction import pictures
+from facts_damping.reproduction import pictures, results
+from facts_damping.reproduction.printed import SCENARIOS, cells
 from facts_damping.reproduction.results import TITLES
 from facts_damping.simulation import loop
 
+WHO = {"LLC", "ANFTSC", "HBsWC"}
+CELLS = [cell for cell in cells(["6.1"]) if cell.controller in WHO and cell.scenario != "multiple"]
+
 
 @pytest.fixture(scope="module", autouse=True)
-def few_pictures() -> Iterator[None]:
-    """One kind of nine, in three scenarios: each takes longer than the runs that it shows."""
+def few() -> Iterator[None]:
+    """Of table 6.1 three controllers in two of three scenarios; one kind of pictures of nine."""
     with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(SCENARIOS, "two_area", {"I": "small", "II": "large"})
+        patched.setattr(results, "cells", lambda tables: CELLS if tables else [])
         patched.setattr(pictures, "KINDS", [kind for kind in pictures.KINDS if kind.stem == "mimo_jacobian"])
         yield
 
@@ -28,20 +34,22 @@ def few_pictures() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("reproduce")
-    options = ["--draws", "2", "--jobs", "2", "--out", str(made), "--json", str(made / "told.json")]
+    options = ["--draws", "2", "--jobs", "1", "--out", str(made), "--json", str(made / "told.json")]
     assert main(["reproduce", "3.1", "6.1", *options]) == 0
     return made
 
 
-@pytest.mark.timeout(900)
-def test_a_second_run_with_other_jobs_that_goes_on_from_most_of_the_studies_gives_the_same(
+def test_a_second_run_that_goes_on_from_most_of_the_runs_in_another_order_gives_the_same(
     folder: Path, tmp_path: Path
 ) -> None:
     again = tmp_path / "again"
-    studies = sorted(path.name for path in (folder / "runs").iterdir())
-    assert len(studies) >= 6
-    for study in [study for i, study in enumerate(studies) if i % 4]:
-        shutil.copytree(folder / "runs" / study, again / "runs" / study)
+    shutil.copytree(folder / "runs", again / "runs")
+    journals = sorted((again / "runs").glob("*/rows.jsonl"))
+    assert len(journals) >= 6
+    for number, journal in enumerate(journals):
+        head, *rows = journal.read_bytes().splitlines(keepends=True)
+        journal.write_bytes(b"".join([head, *reversed(rows[number % 2 :])]))
+    shutil.rmtree(journals[0].parent)
     assert main(["reproduce", "3.1", "6.1", "--draws", "2", "--jobs", "1", "--out", str(again)]) == 0
     names = sorted(path.name for path in folder.iterdir() if path.suffix in (".md", ".csv", ".html", ".png"))
     assert {"reproduction.md", "tables.md", "cells.csv", "ensembles.csv", "complexity.csv"} <= set(names)
@@ -53,10 +61,9 @@ def test_what_is_told_is_what_is_written(folder: Path) -> None:
     content = json.loads((folder / "told.json").read_text())
     assert content["tables"] == ["3.1", "6.1"]
     with (folder / "cells.csv").open() as file:
-        assert len(content["cells"]) == len(list(csv.DictReader(file))) == 33
+        assert len(content["cells"]) == len(list(csv.DictReader(file))) == len(CELLS)
 
 
-@pytest.mark.timeout(900)
 def test_what_is_written_holds_together(folder: Path) -> None:
     page = "\n".join((folder / name).read_text() for name in ("reproduction.md", "tables.md"))
     for picture in re.findall(r"\]\(([^)]+\.png)\)", page):
@@ -82,7 +89,7 @@ def test_cells_are_those_of_a_run(folder: Path) -> None:
     with (folder / "cells.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if (row["architecture"], row["controller"]) == ("MIMO", "ANFTSC")]
     assert {row["quantity"] for row in rows} == {"smoothness"}
-    assert {row["scenario"] for row in rows} == {"small", "large", "multiple"}
+    assert {row["scenario"] for row in rows} == {"small", "large"}
     for row in rows:
         sets = [f"scenario={row['scenario']}", "controllers.0.name=ANFTSC", "link=ideal"]
         told = summarise(loop.run(load_case("two_area_centralised", sets)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 from collections import Counter
 from functools import cache
@@ -33,7 +34,7 @@ from facts_damping.studies.search import CHOICES, GROWTH, KEPT, Entry, Rung, Sea
 from facts_damping.studies.structures import Choice, Structure, started, structures
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -353,19 +354,24 @@ def test_what_all_came_to_is_a_file_that_runs_take(tmp_path: Path, monkeypatch: 
         assert {name: own.parameters[name] for name in row.parameters} == row.parameters
 
 
-def test_the_same_seed_gives_the_same_for_any_jobs_and_another_another(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_seed_gives_the_same_in_any_process_and_another_another(monkeypatch: pytest.MonkeyPatch) -> None:
     def short(*asked: Any) -> list[Draw]:
         return [draw._replace(content=draw.content | {"duration": 3.0}) for draw in draws(*asked)]
 
+    def from_copies(function: Callable[[Any], Any], todo: Sequence[Any], *_: Any) -> list[Any]:
+        """As processes have them, the last one first."""
+        return [make(one) for make, one in pickle.loads(pickle.dumps([(function, one) for one in todo]))[::-1]][::-1]
+
     monkeypatch.setattr(study, "draws", short)
     task, names = SearchTask("smib", "pdci_100ms", (), 1, 4, scheme="indirect"), ["gaussian+sam"]
-    found = [search(task, names, jobs, quiet) for jobs in (1, 2)]
-    told = [[(e.structure, e.controller, e.scores) for e in one] for one in found]
-    assert told[0] == told[1]
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_array_equal(one.population, other.population)
-    again = search(task._replace(seed=5), names, 1, quiet)
-    assert [(e.structure, e.controller, e.scores) for e in again] != told[0]
+    first = search(task, names, 1, quiet)
+    other = search(task._replace(seed=5), names, 1, quiet)
+    monkeypatch.setattr(study, "run_all", from_copies)
+    again = search(task, names, 2, quiet)
+    told = [[(e.structure, e.controller, e.scores) for e in one] for one in (first, again, other)]
+    assert told[0] == told[1] != told[2]
+    for one, two in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.population, two.population)
 
 
 @pytest.mark.usefixtures("few_points")
