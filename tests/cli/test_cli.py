@@ -10,7 +10,7 @@ import sys
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import pytest
 
@@ -22,6 +22,7 @@ from facts_damping.errors import DegradedError
 from facts_damping.nodes.graph import Outcome
 from facts_damping.parameters.files import new_folder
 from facts_damping.simulation import loop
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -29,22 +30,31 @@ if TYPE_CHECKING:
     Inside = Callable[..., str]
 
 
-def call(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "facts_damping.cli.main", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        cwd=cwd,
-        env=dict(os.environ),
-    )
+def call(*arguments: str, output: int | IO[str] = subprocess.PIPE) -> subprocess.CompletedProcess[str]:
+    """The program as a process of its own."""
+    command = [sys.executable, "-m", "facts_damping.cli.main", *arguments]
+    return subprocess.run(command, stdout=output, stderr=subprocess.PIPE, text=True, check=False, timeout=300)
 
 
-def json_of(*arguments: str) -> Any:
-    done = call(*arguments, "--json", "-")
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+@pytest.fixture
+def inside(capsys: pytest.CaptureFixture[str]) -> Iterator[Inside]:
+    """The program within this process, which is quicker: standard output of a call that must succeed."""
+    handler = signal.getsignal(signal.SIGTERM)
+
+    def run(*arguments: str) -> str:
+        status = main(list(arguments))
+        out, err = capsys.readouterr()
+        assert (status, err) == (0, "")
+        return out
+
+    yield run
+    signal.signal(signal.SIGTERM, handler)
+
+
+@pytest.fixture
+def json_of(inside: Inside) -> Callable[..., Any]:
+    """What a command says as JSON, with nothing around it."""
+    return lambda *arguments: json.loads(inside(*arguments, "--json", "-"))
 
 
 def test_the_digest_is_the_last_line_where_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -59,7 +69,7 @@ def test_the_digest_is_the_last_line_where_it_is_asked_for(tmp_path: Path, capsy
     assert not told[2].startswith("digest")
 
 
-def test_simulate_gives_the_promised_fields() -> None:
+def test_simulate_gives_the_promised_fields(json_of: Callable[..., Any]) -> None:
     result = json_of("simulate", "two_area_small", "--set", "link=delay_100ms")
     assert set(result["indices"]) == {"ITAE", "IAE", "ITSE", "ISE"}
     assert all(value > 0 for value in result["indices"].values())
@@ -85,15 +95,14 @@ def test_a_run_whose_device_let_go_ends_with_3_and_one_line() -> None:
 
 @pytest.mark.parametrize(("json_to", "named"), [("/dev/full", "/dev/full"), ("-", "standard output")])
 def test_a_full_disk_is_told_in_one_line(json_to: str, named: str) -> None:
-    command = [sys.executable, "-m", "facts_damping.cli.main", "list", "runs", "--json", json_to]
     with Path("/dev/full" if json_to == "-" else os.devnull).open("w") as output:
-        done = subprocess.run(command, stdout=output, stderr=subprocess.PIPE, text=True, check=False)
+        done = call("list", "runs", "--json", json_to, output=output)
     assert done.returncode == 2
     told = "cannot be written: No space left on device; allowed: a place with room for it"
     assert done.stderr == f"facts-damping: {named}: {told}\n"
 
 
-def test_unstable_run_is_a_result() -> None:
+def test_unstable_run_is_a_result(json_of: Callable[..., Any]) -> None:
     result = json_of("simulate", "two_area_large", "--set", "controllers=[]")
     assert result["stable"] is False
     assert result["damped"] is False
@@ -102,7 +111,7 @@ def test_unstable_run_is_a_result() -> None:
     assert result["latency_ms"] is None or result["latency_ms"]["mean"] is None
 
 
-def test_control_damps_what_grows_without_it() -> None:
+def test_control_damps_what_grows_without_it(json_of: Callable[..., Any]) -> None:
     without = json_of("simulate", "two_area_small", "--set", "controllers=[]")
     with_control = json_of("simulate", "two_area_small")
     assert without["stable"] is True
@@ -112,16 +121,15 @@ def test_control_damps_what_grows_without_it() -> None:
         assert value < 0.5 * without["indices"][name]
 
 
-def test_simulate_writes_pictures(tmp_path: Path) -> None:
-    done = call("simulate", "two_area_small", "--set", "duration=3", "--out", str(tmp_path / "out"))
-    assert done.returncode == 0, done.stderr
+def test_simulate_writes_pictures(tmp_path: Path, inside: Inside) -> None:
+    inside("simulate", "two_area_small", "--set", "duration=3", "--out", str(tmp_path / "out"))
     pictures = sorted((tmp_path / "out").glob("*.png"))
     assert {p.stem for p in pictures} >= {"speeds", "tie_power", "injected_voltage"}
     assert all(p.read_bytes().startswith(b"\x89PNG") and p.stat().st_size > 5000 for p in pictures)
     assert (tmp_path / "out" / "result.json").is_file()
 
 
-def test_modes_of_two_area_are_the_thesis_s() -> None:
+def test_modes_of_two_area_are_the_thesis_s(json_of: Callable[..., Any]) -> None:
     result = json_of("modes", "two_area")
     buses = {bus["name"]: bus for bus in result["power_flow"]["buses"]}
     # Thesis 4.5.2, four digits on 900 MVA.
@@ -139,7 +147,7 @@ def test_modes_of_two_area_are_the_thesis_s() -> None:
     ("kind", "some"),
     [("systems", "two_area"), ("scenarios", "two_area/small"), ("controllers", "LLC"), ("links", "delay_100ms")],
 )
-def test_list_names_what_there_is(kind: str, some: str) -> None:
+def test_list_names_what_there_is(json_of: Callable[..., Any], kind: str, some: str) -> None:
     assert some in {row["name"] for row in json_of("list", kind)}
 
 
@@ -152,7 +160,6 @@ def test_list_names_what_there_is(kind: str, some: str) -> None:
         ["simulate", "--frobnicate"],
         ["simulate", "two_area_small", "--set", "scenario.0.load=load_9"],
         ["run", "two_area_small", "--mode", "warp"],
-        ["run", "two_area_small", "--set", "scenario.0.load=load_9"],
         ["run", "two_area_small", "--timeout", "-1"],
         ["modes", "no_such_system"],
         ["modes", "two_area", "--set", "machines.0.H=-1"],
@@ -162,32 +169,26 @@ def test_list_names_what_there_is(kind: str, some: str) -> None:
         ["run", "--json", "no/such/folder/result.json"],
         ["list", "unicorns"],
         ["frobnicate"],
-        [],
     ],
     ids=" ".join,
 )
-def test_bad_input_is_exit_2_one_line_and_nothing_else(tmp_path: Path, arguments: list[str]) -> None:
-    done = call(*arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1
-    assert "Traceback" not in done.stderr
+def test_bad_input_is_exit_2_one_line_and_nothing_else(
+    tmp_path: Path, arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert_one_line(2, arguments, "facts-damping: ", capsys)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.fixture
-def inside(capsys: pytest.CaptureFixture[str]) -> Iterator[Inside]:
-    """The program within this process, which is quicker: standard output of a call that must succeed."""
-    handler = signal.getsignal(signal.SIGTERM)
-
-    def run(*arguments: str) -> str:
-        status = main(list(arguments))
-        out, err = capsys.readouterr()
-        assert (status, err) == (0, "")
-        return out
-
-    yield run
-    signal.signal(signal.SIGTERM, handler)
+@pytest.mark.parametrize("arguments", [["run", "two_area_small", "--set", "scenario.0.load=load_9"], []], ids=" ".join)
+def test_a_process_says_no_more_of_bad_input(
+    tmp_path: Path, arguments: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = call(*arguments)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert done.stderr.startswith("facts-damping: ")
+    assert list(tmp_path.iterdir()) == []
 
 
 MODE = {"real", "imag", "frequency_hz", "damping_ratio", "label", "participation", "shape", "residues"}
