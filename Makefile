@@ -1,5 +1,7 @@
 # make demo    set everything up in .venv, then run the closed loop as a ROS 2 graph
-# make test    the same set-up, then all checks and tests
+# make test    the same set-up, then all checks and tests; ALL=1 also those whose inputs are what they were when they passed
+# make test-fast  what a change most likely breaks, in a minute
+# make coverage   lines that tests reach
 # make explore tests with random examples for MINUTES=10
 # make pages   all tables and pictures that follow from runs, into results/pages, and those that docs quote (an hour)
 # make wheel   wheels of the package, with compiled kernels inside, and of the messages, into dist
@@ -40,19 +42,33 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHE
 endif
 
 .DELETE_ON_ERROR:
-.PHONY: demo test explore pages wheel setup test-setup prerequisites clean
+.PHONY: demo test test-fast coverage lint explore pages wheel setup test-setup prerequisites clean
 
 demo: setup
 	@$(BIN)/python -m facts_damping.cli.demo
 
-# A test more at once than there are processors: those with graphs mostly wait. In the order of tests/conftest.py. Types
-# are those of Kilted's rclpy: that of Jazzy has few.
-test: test-setup
+# A test more at once than there are processors: those with graphs mostly wait. mypy goes beside them, and tells at the
+# end. Types are those of Kilted's rclpy: that of Jazzy has few.
+TYPES := $(if $(filter kilted,$(ROS)),$(BIN)/mypy,true)
+PYTEST := $(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadgroup --no-loadscope-reorder
+test: test-setup lint
+	@$(TYPES) > $(VENV)/types.txt & types=$$!; \
+	echo "$(PYTEST)"; $(PYTEST); status=$$?; \
+	wait $$types || status=$$?; echo "$(TYPES)"; cat $(VENV)/types.txt; exit $$status
+
+# What a change most likely breaks, in a minute (tests/fast.py).
+test-fast: test-setup lint
+	$(TYPES)
+	$(PYTEST) --fast 60
+
+# Lines of Python that tests reach; compiled functions are no Python when they run.
+coverage: test-setup
+	$(PYTEST) --cov --cov-report=term:skip-covered
+
+lint:
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(if $(filter kilted,$(ROS)),$(BIN)/mypy)
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadgroup --no-loadscope-reorder
 
 # Random examples instead of the same ones, until a test fails or the minutes are over: what it prints then goes into the
 # test as an example of its own. MINUTES=60 make explore

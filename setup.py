@@ -177,6 +177,7 @@ setup(
             "playwright>=1.50,<2",  # drives Debian's Chromium, brings no browser of its own
             "mypy==2.4.1",  # exact, as ruff: a new release finds new faults
             "pytest>=8,<9.2",  # from there on pytest-xdist 3.8 knows no groups
+            "pytest-cov>=7,<8",
             "pytest-timeout>=2.3,<3",
             "pytest-xdist>=3.6,<4",
             "pythonfmu==0.7.0",

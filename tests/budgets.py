@@ -1,25 +1,25 @@
 """What tests cost: seconds of processor of each file, beside those on record.
 
-    make test RECORD=1    writes tests/data/budgets.yaml
+    make test ALL=1 RECORD=1    writes tests/data/budgets.yaml
 
-Own seconds of a test's process count, and those of processes that it has started. Machines differ: a file has grown if it
-has more than the others by half, compared with its record.
+Own seconds of a test's process count, and those of processes that it has started. Machines differ: a file has grown if
+it has more than the others by half, compared with its record.
 """
 
 from __future__ import annotations
 
 import os
 import statistics
-from collections import defaultdict
+from collections import Counter, defaultdict
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
 import yaml
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator
 
 RECORD = Path(__file__).parent / "data" / "budgets.yaml"
 DEAREST = 5
@@ -27,6 +27,19 @@ GROWN = 1.5
 LEAST_S = 2.0  # below it, chance
 _TICKS = os.sysconf("SC_CLK_TCK")
 _spent: dict[str, float] = defaultdict(float)
+_tests: Counter[str] = Counter()
+
+
+class Cost(NamedTuple):
+    """What the tests of a file cost: s of processor, and how many they are."""
+
+    seconds: float
+    tests: int
+
+
+def recorded() -> dict[str, Cost]:
+    """What is on record, by file."""
+    return {name: Cost(*one) for name, one in yaml.safe_load(RECORD.read_text(encoding="utf-8")).items()}
 
 
 def _of_running(pid: int) -> float:
@@ -46,14 +59,16 @@ def processor_s() -> float:
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
     """Give a test's last report what the test has cost."""
     item.stash[_BEGIN] = processor_s()
     return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     if call.when == "teardown":
         report.user_properties.append(("processor_s", max(0.0, processor_s() - item.stash[_BEGIN])))
@@ -65,25 +80,23 @@ _BEGIN = pytest.StashKey[float]()
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Add up by file; where tests run in several processes, in the one that tells."""
-    _spent[report.nodeid.partition("::")[0]] += sum(
-        value for name, value in report.user_properties if name == "processor_s" and isinstance(value, float)
-    )
+    name = report.nodeid.partition("::")[0]
+    _tests[name] += report.when == "setup"
+    _spent[name] += sum(float(str(value)) for key, value in report.user_properties if key == "processor_s")
 
 
 def grown(now: dict[str, float], record: dict[str, float]) -> list[str]:
     """Files that have grown by half, against the median of all, so that machines and loads matter little."""
     ratios = {name: now[name] / record[name] for name in now if record.get(name, 0) >= LEAST_S and now[name] >= LEAST_S}
     usual = statistics.median(ratios.values()) if ratios else 1.0
-    return sorted(
-        name for name, value in now.items() if value > GROWN * usual * max(record.get(name, 0.0), LEAST_S)
-    )
+    return sorted(name for name, value in now.items() if value > GROWN * usual * max(record.get(name, 0.0), LEAST_S))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     """The dearest files, and those that have grown."""
     if hasattr(config, "workerinput") or not _spent:
         return
-    record = yaml.safe_load(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {}
+    record = {name: one.seconds for name, one in recorded().items()}
     total = sum(_spent.values())
     terminalreporter.write_line(f"{total:.0f} s of processor in tests; the dearest files:")
     for name in sorted(_spent, key=_spent.__getitem__, reverse=True)[:DEAREST]:
@@ -93,5 +106,5 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
         text = "new" if before is None else f"{before:.1f} s on record"
         terminalreporter.write_line(f"grown by half or more: {name}, {_spent[name]:.1f} s ({text})")
     if os.environ.get("RECORD"):
-        told = {name: round(value, 1) for name, value in sorted(_spent.items()) if value >= LEAST_S / 4}
-        RECORD.write_text(yaml.safe_dump(told), encoding="utf-8")
+        lines = [f"{name}: [{_spent[name]:.1f}, {_tests[name]}]\n" for name in sorted(_spent)]
+        RECORD.write_text("".join(lines), encoding="utf-8")

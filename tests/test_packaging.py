@@ -10,6 +10,14 @@ from pathlib import Path
 import pytest
 
 import facts_damping
+from tests.passed import inputs
+
+# Of the package's modules it matters here which there are: that they load is seen by all other tests.
+pytestmark = inputs(
+    contents=["*.toml", "*.py", "*.cfg", "*.xml", "*.pkg", "Makefile", "facts_damping/version.py"]
+    + [f"{part}/**/*" for part in ("msg_defs", "ros_package", "launch", "resource")],
+    names=["facts_damping/**/*", "config/**/*"],
+)
 
 ROOT = Path(__file__).parents[1]
 PARTS = ["facts_damping", "msg_defs", "ros_package", "config", "launch", "resource"]
