@@ -1,18 +1,17 @@
-"""What a run starts from has the same bits on every processor, whatever libraries choose for it.
+"""What a run starts from, and digests of whole runs, have the same bits on every processor.
 
 The C library, NumPy and OpenBLAS take other code with AVX2, FMA or AVX-512 than without, and it rounds differently.
-Here each of them is told to leave out what the processor has, in a process of its own.
+OpenBLAS sums in another order in several threads, and LLVM compiles our functions for a processor. Here each of them is
+told of another one, in a process of its own.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import math
 import os
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.simulation.loop import build_loop
+from tests.data import digests as table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -71,14 +71,20 @@ CASES: dict[str, tuple[str | None, list[str]]] = {
     ),
 }
 LACKING = "-AVX2,-FMA,-FMA4,-AVX512F,-AVX2_Usable,-FMA_Usable,-FMA4_Usable,-AVX512F_Usable"  # as glibc spells it
-FLAGS = Path("/proc/cpuinfo").read_text(encoding="utf-8").split() if Path("/proc/cpuinfo").exists() else []
-KINDS = {"Prescott": "pni", "Haswell": "avx2", "SkylakeX": "avx512bw", "Zen": "avx2"}
-ENVIRONMENTS = [
-    {"GLIBC_TUNABLES": f"glibc.cpu.hwcaps={LACKING}"},
-    {"NPY_DISABLE_CPU_FEATURES": "X86_V4"},
-    {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4"},
-    *({"OPENBLAS_CORETYPE": kind} for kind, flag in KINDS.items() if flag in FLAGS),
-]
+FLAGS = Path("/proc/cpuinfo").read_text(encoding="utf-8").split()
+# Kernels of OpenBLAS: the flag of a processor that can run them, and what OpenBLAS then says that it runs; and what
+# others are told meanwhile.
+PROCESSORS: dict[str, tuple[str, str, dict[str, str]]] = {
+    "Prescott": (
+        *("pni", "Katmai"),
+        {"GLIBC_TUNABLES": f"glibc.cpu.hwcaps={LACKING}", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4"},
+    ),
+    "Haswell": (
+        *("avx2", "Haswell"),
+        {"NPY_DISABLE_CPU_FEATURES": "X86_V4", "NUMBA_CPU_NAME": "haswell" if "avx2" in FLAGS else "nehalem"},
+    ),
+    "SkylakeX": ("avx512bw", "SkylakeX", {"OPENBLAS_NUM_THREADS": "4"}),
+}
 
 
 def arrays(part: Any, name: str) -> Iterator[tuple[str, bytes]]:
@@ -93,8 +99,7 @@ def arrays(part: Any, name: str) -> Iterator[tuple[str, bytes]]:
         yield name, np.asarray(part).tobytes()
 
 
-@cache
-def digests() -> dict[str, str]:
+def starts() -> dict[str, str]:
     """The hash of each array that compiled ticks are given, by its case and place."""
     found = {}
     for case, (run, sets) in CASES.items():
@@ -105,38 +110,39 @@ def digests() -> dict[str, str]:
     return found
 
 
-def functions() -> str:
-    """The hash of what the C library's and NumPy's functions, and BLAS, make of some numbers."""
-    x = np.linspace(0.1, 3.0, 1001)
-    z = x + 1j * x[::-1]
-    libm = np.array([f(v) for f in (math.sin, math.exp, math.log, math.tanh) for v in x.tolist()])
-    blas = np.outer(x, x[::3]).T @ np.outer(x[::-1], x)
-    made = [libm, np.exp(x), z * z[::-1], np.abs(z), np.tanh(x), blas]
-    return " ".join(hashlib.sha256(part.tobytes()).hexdigest()[:8] for part in made)
+def main() -> None:
+    """Print the table of digests, made anew, and what runs start from."""
+    sys.argv[1:] = ["--print"]
+    table.main()
+    print(json.dumps(starts()))
 
 
-@cache
-def plain() -> dict[str, str]:
-    """The environment without what chooses for a processor."""
+@pytest.fixture(scope="module")
+def here() -> dict[str, str]:
+    return starts()
+
+
+@pytest.mark.parametrize("name", PROCESSORS)
+def test_bits_are_those_of_other_processors(name: str, here: dict[str, str]) -> None:
+    flag, kernels, environment = PROCESSORS[name]
     chosen = ("OPENBLAS", "GLIBC_TUNABLES", "NPY_")
-    return {name: value for name, value in os.environ.items() if not name.startswith(chosen)}
-
-
-def elsewhere(what: str, environment: dict[str, str]) -> Any:
-    """What a function of this module returns in a process with such an environment."""
-    code = f"import json, tests.test_processors as t; print(json.dumps(t.{what}()))"
+    plain = {one: value for one, value in os.environ.items() if not one.startswith(chosen)}
+    kind = {"OPENBLAS_CORETYPE": name} if flag in FLAGS else {}
     made = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code],
-        env={**plain(), **environment},
+        [sys.executable, "-W", "ignore", "-m", "tests.test_processors"],
+        env={**plain, **kind, **environment},
+        cwd=table.ROOT,
         capture_output=True,
         text=True,
         check=True,
     )
-    return json.loads(made.stdout.splitlines()[-1])
-
-
-@pytest.mark.parametrize("environment", ENVIRONMENTS, ids=str)
-def test_what_a_run_starts_from_has_the_same_bits(environment: dict[str, str]) -> None:
-    here, there = digests(), elsewhere("digests", environment)
+    first, *digests, last = made.stdout.splitlines()
+    assert not kind or first.endswith(f": {kernels}")
+    assert digests == [f"{row['digest']} {row['name']}" for row in table.rows()]
+    there = json.loads(last)
     assert {place for place in here if here[place] != there[place]} == set()
     assert here.keys() == there.keys()
+
+
+if __name__ == "__main__":
+    main()

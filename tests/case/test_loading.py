@@ -85,9 +85,9 @@ def assert_refused_in_one_line_or_built(content: Any) -> None:
 
 
 INLINE = load_case("two_area_multiple").document()
-NEURO = load_case("two_area_multiple", ["controllers.0.name=ANFTSC"]).document()
+NEURO = load_case(None, ["system=smib", "scenario=nominal", "controllers.0.name=ANFTSC"]).document()
 NEURO["controllers"][0]["weights"] = {"name": "ANFTSC", "scheme": "indirect", "controller": [0.5] * 10}
-GUARDED = load_case("two_area_multiple", ["supervision=probed", "arm_at=20", "supervision.authority.rate=1"]).document()
+GUARDED = load_case("smib_supervised", ["supervision=probed", "arm_at=20", "supervision.authority.rate=1"]).document()
 GUARDED["supervision"] |= {
     "monitors": {"stale": {"limit": 0.5, "lasts": 0.1, "follows": "trip"}, "harm": None},
     "fault": {"kind": "dead", "start": 1.0, "duration": 1.0},
@@ -98,7 +98,7 @@ OF_SUPERVISION = [(GUARDED, path) for path in leaves(GUARDED) if path[0] in ("su
 BASES = OF_RUN + 4 * OF_NETWORK + 4 * OF_SUPERVISION
 
 
-@settings(deadline=None, max_examples=250)
+@settings(deadline=None, max_examples=200)
 @given(
     base=st.sampled_from(BASES),
     how=st.sampled_from(["replace", "remove", "rename"]),
@@ -109,14 +109,25 @@ def test_random_mutation_is_refused_in_one_line_or_runs(base: Any, how: str, jun
     assert_refused_in_one_line_or_built(mutate(base[0], base[1], how, junk))
 
 
-@pytest.mark.parametrize("extreme", [5e-324, 1e-160, 1e160, -1e-160], ids=str)
-def test_every_number_at_an_extreme_is_refused_in_one_line_or_runs(extreme: float) -> None:
-    """Squares and quotients of what is let in do not overflow."""
-    numbers = [
-        (base, path) for base, path in OF_RUN + OF_NETWORK + OF_SUPERVISION if type(at(base, path)) in (int, float)
-    ]
-    assert len(numbers) > 300
-    for base, path in numbers:
+def numbers() -> Iterator[list[tuple[Any, tuple[Any, ...]]]]:
+    """Each number of the runs with its path: those of a field in rows of a list that are of one kind together."""
+    found: dict[Any, list[tuple[Any, tuple[Any, ...]]]] = {}
+    for name, bases in (("run", OF_RUN), ("network", OF_NETWORK), ("supervision", OF_SUPERVISION)):
+        for base, path in bases:
+            if type(at(base, path)) in (int, float):
+                rows = [at(base, path[: i + 1]) for i in range(len(path))]
+                kinds = [row.get("kind") if isinstance(row, dict) else None for row in rows]
+                field = [(k, kind) if isinstance(k, str) else ("", kind) for k, kind in zip(path, kinds, strict=True)]
+                found.setdefault((name, *field), []).append((base, path))
+    return iter(found.values())
+
+
+@pytest.mark.parametrize(("extreme", "row"), [(5e-324, 0), (1e-160, -1), (1e160, 0), (-1e-160, -1)], ids=str)
+def test_every_number_at_an_extreme_is_refused_in_one_line_or_runs(extreme: float, row: int) -> None:
+    """Squares and quotients of what is let in do not overflow; of several rows of a kind the first or the last one."""
+    chosen = [alike[row] for alike in numbers()]
+    assert len(chosen) > 200
+    for base, path in chosen:
         assert_refused_in_one_line_or_built(mutate(base, path, "replace", extreme))
 
 

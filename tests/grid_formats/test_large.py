@@ -49,7 +49,8 @@ def test_the_modes_of_a_large_grid_fit_the_eye(modal: Modal, tmp_path: Path) -> 
     assert len(lines) < 450
     assert sum(line.startswith("\n") and "swing against each other" in line for line in lines) == MOST_MODES
     assert any(line.startswith("and ") and line.endswith("all in --json") for line in lines)
-    document = modal_analysis.document(modal)
+    few = dict(list(modal.system.signals.items())[:2])  # zeros of a transfer function of 500 states take a while
+    document = modal_analysis.document(modal._replace(system=modal.system.model_copy(update={"signals": few})))
     rows = [len(mode["residues"]) for mode in document["modes"] if mode["residues"]]
     assert set(rows) == {47}  # all of them
     assert max(line.count(",") for line in lines if line.startswith("  G")) <= MOST_MACHINES
@@ -58,8 +59,7 @@ def test_the_modes_of_a_large_grid_fit_the_eye(modal: Modal, tmp_path: Path) -> 
     assert modal_analysis.drawn(modal) == sorted(modal_analysis.drawn(modal), key=lambda mode: mode.damping_ratio)
     made = modal_analysis.plot(modal, tmp_path)
     assert [path.name for path in made] == ["one_line.png", "mode_shapes.png", "transfer_functions.png"]
-    for transfer in document["transfer_functions"]:
-        assert np.isfinite(transfer["gain"])
+    assert [np.isfinite(transfer["gain"]) for transfer in document["transfer_functions"]] == [True, True]
 
 
 def test_flows_of_a_diagram_are_those_of_the_power_flow(modal: Modal) -> None:
