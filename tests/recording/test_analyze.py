@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,17 +11,16 @@ from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
 
-@pytest.fixture
-def recording(tmp_path: Path, write_record: Callable[..., None]) -> Iterator[Path]:
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory, written: Callable[..., None]) -> Path:
     """Five seconds of the default run."""
-    write_record(loop.run(load_case(None, ["duration=5"])), tmp_path / "recording")
-    handler = signal.getsignal(signal.SIGTERM)
-    yield tmp_path / "recording"
-    signal.signal(signal.SIGTERM, handler)
+    folder = tmp_path_factory.mktemp("analyzed") / "recording"
+    written(loop.run(load_case(None, ["duration=5"])), folder)
+    return folder
 
 
 @pytest.mark.parametrize(

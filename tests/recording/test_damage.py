@@ -48,7 +48,7 @@ def test_cut_anywhere(tmp_path: Path, random_record: Callable[..., Record], writ
     assert summary is not None
     ends = [one.chunk_start_offset + one.chunk_length for one in summary.chunk_indexes]
     assert len(ends) == 10
-    lengths = [0, 1, 8, len(whole) - 1, *random.Random(0).sample(range(len(whole)), 150)]
+    lengths = [0, 1, 8, len(whole) - 1, *random.Random(0).sample(range(len(whole)), 30)]
     for length in [*lengths, *(end + more for end in ends for more in (-1, 0, 1))]:
         cut.write_bytes(whole[:length])
         ticks = 3 * sum(end <= length for end in ends)
@@ -60,22 +60,6 @@ def test_cut_anywhere(tmp_path: Path, random_record: Callable[..., Record], writ
             with pytest.raises(RecordingError) as caught:
                 load(cut)
             assert "\n" not in str(caught.value)
-
-
-def test_flipped_bytes(tmp_path: Path, random_record: Callable[..., Record], write_record: Any) -> None:
-    write_record(random_record(12), tmp_path / "run", chunk=3)
-    whole = (tmp_path / "run" / "run_0.mcap").read_bytes()
-    dice = random.Random(1)
-    for _ in range(150):
-        damaged = bytearray(whole)
-        for position in dice.sample(range(len(whole)), 3):
-            damaged[position] ^= 1 << dice.randrange(8)
-        file = tmp_path / "damaged.mcap"
-        file.write_bytes(damaged)
-        try:
-            load(file)
-        except RecordingError as error:
-            assert "\n" not in str(error)  # noqa: PT017 (many flips harm nothing)
 
 
 @pytest.mark.parametrize("chunk", [0, 1, 2])
