@@ -173,8 +173,9 @@ class Recorder:
     def drain(self) -> None:
         """Empty the queues, rest, and flush by the clock; told to stop, until nothing comes, for a while at most."""
         flushed = reported = told = time.monotonic()
+        more = True  # also of what is refused, before which the graph's own may wait
         while not told_to_stop() or (
-            time.monotonic() - self.guard.heard < QUIET_S and time.monotonic() - told < HEARD_S
+            (more or time.monotonic() - self.guard.heard < QUIET_S) and time.monotonic() - told < HEARD_S
         ):
             more, now = self.take(), time.monotonic()
             if now - flushed > FLUSH_S:

@@ -1,16 +1,35 @@
-"""Messages that nobody means: bytes of every kind, and messages with odd values in every field."""
+"""Messages of somebody else's: forged ones that would act, bytes of every kind, odd values in every field."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from facts_damping_msgs.msg import PmuDataFrame, VoltageSetpoint, VoltageSetpoints
 from rclpy.serialization import serialize_message
 from rosidl_parser.definition import AbstractSequence, Array, BasicType, NamespacedType
 
+from facts_damping.nodes.tables import FramesMessage, SetpointsMessage, start_of
+from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.random import Generator
+
+    from facts_damping.case.model import Case
+
+CONTROLLER, IDENTIFIER = "controller_0_HBsWC", "identifier_0_ANFGuMoI"  # of these runs
+SETS = ["scenario=large", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
+HEARD = {
+    "pmu/frames": {"wan_link"},
+    "pmu/delivered": {CONTROLLER, IDENTIFIER},
+    f"{IDENTIFIER}/estimate": {CONTROLLER},
+    f"{CONTROLLER}/setpoints": {"wan_link", IDENTIFIER},
+    "setpoints/delivered": {"plant_sim"},
+}  # by topic: who listens beside the recorder
+FAR = 10**9  # ticks
+IN_2038 = 2_145_916_800 * NANOSECONDS
 
 FLOATS = (0.0, -0.0, 0.05, -0.1, 1e308, float("nan"), float("inf"), -float("inf"), 5e-324)
 NAMES = ("", "G1", "sssc", "statcom", "wan_link", "controller_0_LLC", "B8W", "\n", "x" * 300, "ünï\t", "\x00")
@@ -69,3 +88,36 @@ def hostile(rng: Generator, kind: Any, genuine: Sequence[bytes] = ()) -> bytes:
         data[at : at + 4] = rng.bytes(4) if rng.random() < 0.5 else b"\xff\xff\xff\xff"[: len(data) - at]
     end = int(rng.integers(1, len(data))) if rng.random() < 0.2 else len(data)
     return bytes(data[:end]) + rng.bytes(int(rng.integers(0, 16)) if rng.random() < 0.2 else 0)
+
+
+def forgeries(case: Case) -> list[tuple[str, Callable[[int], bytes]]]:
+    """Messages that would act, or once lost a run: topic, and the bytes at a tick."""
+    frames, setpoints = FramesMessage(case), SetpointsMessage(case)
+
+    def start(tick: int) -> int:
+        return start_of(tick, case.run.frame_rate)
+
+    def measured(at: int) -> Any:
+        rows = np.zeros(1, DELIVERY)
+        rows["measured_ns"] = rows["arrival_ns"] = at
+        rows["values"] = 0.02
+        return rows
+
+    def setpoint(tick: int) -> Any:
+        rows = np.zeros(1, SETPOINT)
+        rows["measured_ns"] = rows["issued_ns"] = rows["effective_ns"] = start(tick)
+        rows["value"] = 0.1 if tick % 2 else -0.1
+        return rows
+
+    unknown = VoltageSetpoints(setpoints=[VoltageSetpoint(device="of nobody", controller=CONTROLLER, value_pu=0.1)])
+    none = np.zeros(0, SETPOINT)
+    return [
+        ("setpoints/delivered", lambda _: setpoints.fill(FAR, start(FAR), none, "")),
+        ("setpoints/delivered", lambda tick: setpoints.fill(tick, start(tick), setpoint(tick), "")),
+        ("setpoints/delivered", lambda _: serialize_message(unknown)),
+        (f"{CONTROLLER}/setpoints", lambda tick: setpoints.fill(tick, start(tick), setpoint(tick), CONTROLLER)),
+        ("pmu/frames", lambda _: frames.fill(FAR, start(FAR), measured(0), 1)),
+        ("pmu/frames", lambda _: serialize_message(PmuDataFrame(tick=2**64 - 1))),
+        ("pmu/delivered", lambda tick: frames.fill(tick, IN_2038, measured(IN_2038), 1)),
+        ("pmu/delivered", lambda tick: np.random.default_rng(tick).bytes(60)),
+    ]

@@ -1,12 +1,16 @@
-"""What lost the grid, or the run, before devices let go and messages were checked: each with real nodes.
+"""Nothing of somebody else's acts: what lost the grid, or the run, before devices let go and messages were checked.
 
-Elsewhere: a node that is killed at any time (`test_kills.py`), and started again (`test_joining.py`), a controller that
-stands still (`test_watchdog.py`), readers and recorders that stop reading (`test_outsiders.py`), odd messages of all
-kinds by the thousand (`test_guard.py`), a foreign message in a recording (`tests/recording/test_sifting.py`).
+Elsewhere: what a guard lets in, and odd messages in the name of a known publisher (`test_guard.py`), nodes that are
+killed (`test_kills.py`), and started again (`test_joining.py`), a controller that stands still (`test_watchdog.py`),
+readers and recorders that stop reading (`test_outsiders.py`), a foreign message in a recording
+(`tests/recording/test_sifting.py`).
 """
 
 from __future__ import annotations
 
+import itertools
+import os
+import signal
 import time
 from collections import Counter
 from contextlib import suppress
@@ -14,135 +18,207 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from facts_damping_msgs.msg import PmuDataFrame, VoltageSetpoint, VoltageSetpoints
+import rclpy
+from facts_damping_msgs.msg import PmuDataFrame
+from facts_damping_msgs.srv import Step
+from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.serialization import serialize_message
+from std_srvs.srv import Trigger
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
-from facts_damping.nodes import graph
-from facts_damping.nodes.node import HEARING
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.nodes import graph, recorder
+from facts_damping.nodes.node import HEARING, HEARING_LATE
 from facts_damping.recording.reader import load
-from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
 from facts_damping.simulation import loop
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, odd_requests
-from tests.nodes.test_guard import HEARD, attacker
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, odd_requests, quiet, somebody
+from tests.nodes.hostile import HEARD, IDENTIFIER, SETS, forgeries, hostile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from rclpy.node import Node
+
     from facts_damping.case.model import Case
+    from facts_damping.nodes.graph import Outcome
 
-RATE = 60
-FAR = 10**9  # ticks
-IN_2038 = 2_145_916_800 * NANOSECONDS
-FLOOD_S = 3.0
-
-
-def start_of(tick: int) -> int:
-    return tick * NANOSECONDS // RATE
+HOSTILE = int(os.environ.get("HOSTILE_MESSAGES", "4000")) // 2  # to each of two graphs on the loopback
+FLOOD = 3000  # messages
+BEGUN = 10  # tick by which a graph is complete: who is there before would be refused as another one's
 
 
-def forgeries(case: Case) -> dict[str, tuple[str, Callable[[int], bytes]]]:
-    """Messages by what they are: topic, and the bytes at a tick."""
-    frames, setpoints, controller = FramesMessage(case), SetpointsMessage(case), "controller_0_LLC"
+class Attacker:
+    """Somebody who says what would act, and odd things, on every topic of a graph."""
 
-    def measured(at: int) -> Any:
-        rows = np.zeros(1, DELIVERY)
-        rows["measured_ns"] = rows["arrival_ns"] = at
-        rows["values"] = 0.02
-        return rows
+    def __init__(self, node: Node, case: Case) -> None:
+        self.node, self.rng, self.forged = node, np.random.default_rng(7), forgeries(case)
+        self.kinds = list(recorder.topics(case).items())
+        self.publishers = {
+            topic: node.create_publisher(kind, topic, HEARING_LATE if topic in recorder.LATE else HEARING)
+            for topic, kind in self.kinds
+        }
+        self.sent: Counter[str] = Counter()
 
-    def setpoint(tick: int) -> Any:
-        rows = np.zeros(1, SETPOINT)
-        rows["measured_ns"] = rows["issued_ns"] = rows["effective_ns"] = start_of(tick)
-        rows["value"] = 0.1 if tick % 2 else -0.1
-        return rows
+    def missing(self) -> list[str]:
+        """Topics that some of their listeners have not found here."""
+        found = {topic: publisher.get_subscription_count() for topic, publisher in self.publishers.items()}
+        return [topic for topic, count in found.items() if count <= len(HEARD.get(topic, ()))]
 
-    unknown = VoltageSetpoints(setpoints=[VoltageSetpoint(device="of nobody", controller=controller, value_pu=0.1)])
-    none = np.zeros(0, SETPOINT)
-    return {
-        "empty, far": ("setpoints/delivered", lambda _: setpoints.fill(FAR, start_of(FAR), none, "")),
-        "frames, far": ("pmu/frames", lambda _: frames.fill(FAR, start_of(FAR), measured(0), 1)),
-        "of 2038": ("pmu/delivered", lambda tick: frames.fill(tick, IN_2038, measured(IN_2038), 1)),
-        "valid": ("setpoints/delivered", lambda tick: setpoints.fill(tick, start_of(tick), setpoint(tick), "")),
-        "in its name": (
-            f"{controller}/setpoints",
-            lambda tick: setpoints.fill(tick, start_of(tick), setpoint(tick), controller),
-        ),
-        "random": ("pmu/delivered", lambda tick: np.random.default_rng(tick).bytes(60)),
-        "last tick": ("pmu/frames", lambda _: serialize_message(PmuDataFrame(tick=2**64 - 1))),
-        "unknown device": ("setpoints/delivered", lambda _: serialize_message(unknown)),
-    }
+    def say(self, topic: str, data: bytes) -> None:
+        """Publish something."""
+        self.publishers[topic].publish(data)
+        self.sent[topic] += 1
+
+    def forge(self, tick: int) -> None:
+        """All that would act at a tick."""
+        for topic, make in self.forged:
+            self.say(topic, make(tick))
+
+    def hostile(self) -> tuple[str, bytes]:
+        """A topic, and a message for it that nobody means."""
+        topic, kind = self.kinds[self.rng.integers(len(self.kinds))]
+        return topic, hostile(self.rng, kind)
+
+
+def assert_all_refused(sent: Counter[str], outcome: Outcome, recorded: Any) -> None:
+    """Each message is counted by all who heard it, as of nobody of the graph, and the recording has these counts."""
+    assert {how[1] for how in outcome.messages_refused} <= {"publisher", "request"}
+    refused: Counter[tuple[str, str]] = Counter()
+    for (listener, cause, topic, _), count in outcome.messages_refused.items():
+        refused[listener, topic] += count * (cause == "publisher")
+    for topic, count in sent.items():
+        for listener in {"recorder"} | HEARD.get(topic, set()):
+            assert refused[listener, topic if topic.startswith("/") else f"/{topic}"] == count, (listener, topic)
+    for row in recorded.refused:
+        assert (
+            row["count"] == outcome.messages_refused[row["node"].strip("/"), row["cause"], row["topic"], row["source"]]
+        )
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
-def test_no_forgery_acts(domain: int, tmp_path: Path, started: dict[str, Any], mode: str) -> None:
-    case = load_case(None, ["scenario=large", f"duration={60 if mode == 'lockstep' else 6}"])
-    forged = forgeries(case)
-    sent: Counter[str] = Counter()
-    with attacker() as node:
-        kinds = {"pmu": PmuDataFrame}
-        publishers: dict[str, Any] = {}
+def test_nothing_that_is_forged_or_odd_acts(loopback: Any, tmp_path: Path, started: dict[str, Any], mode: str) -> None:
+    """At each tick, on every topic: in lockstep, and by the clock."""
+    case = load_case(None, [*SETS, "duration=4"])
+    ends = case.ticks - case.run.frame_rate  # later, nodes may be leaving
+    each = -(-HOSTILE // (ends - BEGUN))
+    said: Counter[str] = Counter()
 
-        def progress(done: int, of: int) -> None:
-            if not 1 < done < of - RATE:  # later, nodes may be leaving
-                return
-            if not publishers:
-                for topic, _ in forged.values():
-                    kind = kinds.get(topic.split("/")[0], VoltageSetpoints)
-                    publishers[topic] = publishers.get(topic) or node.create_publisher(kind, topic, HEARING)
+    def attack() -> None:
+        rclpy.init()
+        node = rclpy.create_node("forger")
+        ticks = itertools.count()
+        attackers: list[Attacker] = []
+        plant: list[bytes] = []
+
+        def on_frame(_: bytes, information: Any) -> None:
+            if plant[:1] not in ([], [information["publisher_gid"]["data"]]):
+                return  # its own
+            plant.append(information["publisher_gid"]["data"])
+            tick = next(ticks)
+            if tick == BEGUN:
+                if mode == "lockstep":  # nodes may not have looked at anything yet: ticks take no time
+                    pause(started, signal.SIGSTOP)
+                    time.sleep(0.1)
+                    pause(started, signal.SIGCONT)
+                attackers.append(Attacker(node, case))
                 odd_requests(node, started)
-                deadline = time.monotonic() + PATIENCE_S
-                while any(one.get_subscription_count() < 2 for one in publishers.values()):
-                    assert time.monotonic() < deadline
-                    time.sleep(0.01)
-            for topic, make in forged.values():
-                publishers[topic].publish(make(done))
-                sent[topic] += 1
+            if BEGUN <= tick < ends:
+                attackers[0].forge(tick)
+                for _ in range(each):
+                    attackers[0].say(*attackers[0].hostile())
+                said.update(attackers[0].sent)
+                attackers[0].sent.clear()
 
-        outcome = graph.run(case, mode, tmp_path, progress, LOADED_S)
-    recorded, computed = load(outcome.recording), loop.run(case)
-    if mode == "lockstep" or outcome.deadline_misses == 0:
-        assert_same(recorded, computed)
-    assert summarise(recorded)["stable"] == summarise(computed)["stable"]
-    refused: Counter[tuple[str, str]] = Counter()
-    for (listener, cause, topic, _), count in outcome.messages_refused.items():
-        assert cause in ("publisher", "request")
-        refused[listener, topic] += count * (cause == "publisher")
-    assert min(sent.values()) > 3
-    for topic, count in sent.items():
-        assert refused[HEARD[topic], f"/{topic}"] == refused["recorder", f"/{topic}"] == count
+        node.create_subscription(PmuDataFrame, "pmu/frames", on_frame, HEARING, raw=True)
+        rclpy.spin(node)
+
+    loopback.start("forger", attack)
+    outcome = graph.run(case, mode, tmp_path, quiet, LOADED_S)
+    recorded = load(outcome.recording)
+    assert said.total() >= HOSTILE
+    assert set(said) == set(recorder.topics(case))
+    assert outcome.deadline_misses == 0
+    assert_same(recorded, loop.run(case))
+    assert_all_refused(said, outcome, recorded)
+
+
+def pause(started: dict[str, Any], number: int) -> None:
+    """A run waits for its identifier."""
+    os.kill(started[IDENTIFIER].process.pid, number)
+
+
+def test_nothing_of_another_participant_acts(
+    domain: int, tmp_path: Path, started: dict[str, Any], client: Callable[[Any, str, Any], Any]
+) -> None:
+    """As above on DDS, whose identities, counts and queues they are; the run pauses until the other one is found."""
+    case = load_case(None, [*SETS, "duration=2"])
+    attackers: list[Attacker] = []
+    asked: list[bool] = []
+
+    def look(tick: int, _nodes: Any) -> None:
+        if not asked:  # the plant answers while it waits for the others
+            pause(started, signal.SIGSTOP)
+            asked.append(client(Trigger, "/plant_sim/pause", Trigger.Request()).success)
+            asked.append(client(Step, "/plant_sim/step", Step.Request(ticks=BEGUN)).success)
+            pause(started, signal.SIGCONT)
+        if tick < BEGUN or attackers:
+            return
+        attackers.append(Attacker(node, case))
+        wait(lambda: not attackers[0].missing())
+        odd_requests(node, started)
+        for ahead in range(30):
+            attackers[0].forge(tick + ahead)
+            attackers[0].say(*attackers[0].hostile())
+        for publisher in attackers[0].publishers.values():  # who leaves takes no more than what is there
+            assert publisher.wait_for_all_acked(Duration(seconds=LOADED_S)), publisher.topic_name
+        asked.append(client(Trigger, "/plant_sim/resume", Trigger.Request()).success)
+
+    with somebody("forger") as (node, _):
+        outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S, look=look)
+    recorded = load(outcome.recording)
+    assert asked == [True] * 3
+    assert set(attackers[0].sent) >= set(HEARD)
+    assert_same(recorded, loop.run(case))
+    assert_all_refused(attackers[0].sent, outcome, recorded)
+
+
+def wait(what: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not what():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 def test_a_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: Path) -> None:
-    """In real time: of one who sends as fast as he can to all that listen to setpoints and frames."""
-    case = load_case(None, ["scenario=large", "duration=6"])
-    sent = 0
-    with attacker() as node:
-        publishers: dict[str, Any] = {}
+    """In real time, of one who sends as fast as he can to all.
+
+    How much time it costs is the machine's: a device may let go, and a recorder may lack something. Both are told.
+    """
+    case = load_case(None, [*SETS, "duration=5"])
+    with somebody("forger") as (node, _):
+        attackers: list[Attacker] = []
 
         def flood(done: int, _of: int) -> None:
-            nonlocal sent
-            if done < RATE or publishers:
+            if done < case.run.frame_rate or attackers:
                 return
-            for topic, make in forgeries(case).values():
-                kind = PmuDataFrame if topic.startswith("pmu") else VoltageSetpoints
-                publishers[topic] = (node.create_publisher(kind, topic, HEARING), make(done))
-            until = time.monotonic() + FLOOD_S
-            while time.monotonic() < until:
-                for publisher, data in publishers.values():
-                    with suppress(rclpy_implementation.RCLError):  # too many at once
-                        publisher.publish(data)
-                        sent += 1
+            one = Attacker(node, case)
+            attackers.append(one)
+            wait(lambda: not one.missing())
+            odd = [one.hostile() for _ in range(100)] + [(topic, make(done)) for topic, make in one.forged] * 10
+            for topic, data in itertools.islice(itertools.cycle(odd), FLOOD):
+                with suppress(rclpy_implementation.RCLError):  # too many at once
+                    one.say(topic, data)
 
         outcome = graph.run(case, "realtime", tmp_path, flood, LOADED_S)
-    record, computed = load(outcome.recording), loop.run(case)
-    assert len(record.time_ns) == case.ticks
-    assert sent > 1000
+    record, computed, sent = load(outcome.recording), loop.run(case), attackers[0].sent.total()
+    summary = summarise(record)
+    assert sent > FLOOD / 2
     assert sum(outcome.messages_refused.values()) > sent / 2
     assert {cause for _, cause, _, _ in outcome.messages_refused} == {"publisher"}
-    assert set(record.applied["value"].tolist()) <= set(record.issued["value"].tolist())
-    assert summarise(record)["stable"] == summarise(computed)["stable"]
+    assert outcome.fallen == []
+    if not record.notes:
+        assert len(record.time_ns) == case.ticks
+        assert set(record.applied["value"].tolist()) <= set(record.issued["value"].tolist())
+    if not summary["releases"]:
+        assert summary["stable"] == summarise(computed)["stable"]
