@@ -19,47 +19,57 @@ from tests.nodes.graphs import nodes_left
 from tests.nodes.letting_go import assert_let_go
 
 KILLS = int(os.environ.get("KILLS", "1"))  # of each node
-SETS = ["scenario=small", "duration=3", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
-NODES = ("plant_sim", "wan_link", "controller_0_HBsWC", "identifier_0_ANFGuMoI", "recorder")
+LINK = "controller_1_LLC/wan_link"
+SETS = [
+    *("scenario=small", "duration=3", "devices=[sssc, statcom]"),
+    "controllers=[{name: HBsWC, scheme: indirect}, {name: LLC, signals: [speed], devices: [statcom], link: pdci}]",
+]
+SERVED = {"controller_0_HBsWC": 0, LINK: 1}  # devices that let go without them
 END_S = 1.0  # so long a plant waits at the end for readers that do not answer
-NEEDED = ("plant_sim", "recorder")  # without these a run ends
 RANDOM = np.random.default_rng(1)
-STRIKES = [(node, int(tick)) for node in NODES for tick in RANDOM.integers(60, 130, KILLS)]
+GOES_ON = [
+    {"identifier_0_ANFGuMoI": int(a), "controller_0_HBsWC": int(b), LINK: int(c)}
+    for a, b, c in zip(*(RANDOM.integers(*when, KILLS) for when in ((30, 60), (80, 120), (80, 120))), strict=True)
+]
+ENDS = [{node: int(tick)} for node in ("plant_sim", "recorder") for tick in RANDOM.integers(20, 90, KILLS)]
 
 
 def middleware_files() -> set[str]:
     return {path.name for path in Path("/dev/shm").iterdir() if path.name.startswith(("fast", "sem.fast"))}
 
 
-@pytest.mark.parametrize(("node", "tick"), STRIKES)
-def test_a_killed_node(
-    domain: int, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch, node: str, tick: int
+@pytest.mark.parametrize("ticks", [*GOES_ON, *ENDS])
+def test_killed_nodes(
+    domain: int, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch, ticks: dict[str, int]
 ) -> None:
+    """A run goes on without identifier, controller and link; it ends without plant or recorder."""
     forked.load()  # whose folder is that of the tests
     passing = tmp_path / "tmp"
     passing.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(passing))
     monkeypatch.setenv("TMPDIR", str(passing))
-    shared, case = middleware_files(), load_case(None, SETS)
+    shared, case, struck = middleware_files(), load_case(None, SETS), dict[str, int]()
 
     def strike(done: int, _of: int) -> None:
-        if done > tick and node in started:
-            os.kill(started.pop(node).process.pid, signal.SIGKILL)
+        for node in [node for node, tick in ticks.items() if done > tick and node not in struck]:
+            struck[node] = done
+            os.kill(started[node].process.pid, signal.SIGKILL)
 
-    if node in NEEDED:
+    if len(ticks) == 1:
+        (node,) = ticks
         with pytest.raises(RunError, match=f"^{node} was killed by SIGKILL"):
             graph.run(case, "realtime", tmp_path / "out", strike, END_S)
         record = load(tmp_path / "out" / "recording")
         assert 5 < len(record.time_ns) < case.ticks
     else:
         outcome = graph.run(case, "realtime", tmp_path / "out", strike, END_S)
-        assert outcome.fallen == [f"{node} was killed by SIGKILL"]
+        assert sorted(outcome.fallen) == sorted(f"{node} was killed by SIGKILL" for node in ticks)
         record = load(outcome.recording)
         assert len(record.time_ns) == case.ticks
-        if not node.startswith("identifier"):  # without that a controller goes on
-            assert_let_go(case, record, outcome.deadline_misses)
-        elif outcome.deadline_misses == 0:
-            assert not record.devices["released"].any()
+        assert_let_go(case, record, outcome.deadline_misses)
+        if outcome.deadline_misses == 0:  # without its identifier a controller goes on
+            for node, device in SERVED.items():
+                assert not record.devices["released"][: struck[node], device].any()
     assert nodes_left(tmp_path) == []
     assert list(passing.iterdir()) == []
     assert middleware_files() == shared
