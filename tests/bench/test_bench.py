@@ -170,8 +170,18 @@ def test_without_a_sweep_there_are_ladders_alone(table: dict[str, Program]) -> N
     assert all(one["sweep"] is None for one in pages.document(results, [])["programs"])
 
 
+WAITS = """
+import time
+from pathlib import Path
+
+def prepare(grid, folder):
+    Path(__file__).with_name("at work").touch()
+    time.sleep(600)
+"""
+
+
 def waits(path: Path) -> str:
-    path.joinpath("waits.py").write_text("import time\ndef prepare(grid, folder):\n    time.sleep(600)\n")
+    path.joinpath("waits.py").write_text(WAITS)
     return "waits"
 
 
@@ -188,20 +198,22 @@ def test_an_interrupt_leaves_no_process(table: dict[str, Program], tmp_path: Pat
         one.read()
 
 
-@pytest.mark.parametrize("wait", [0.0, 0.3, 2.0])
+@pytest.mark.parametrize("starts", [True, False])
 def test_a_killed_command_leaves_no_process(
-    table: dict[str, Program], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wait: float
+    table: dict[str, Program], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, starts: bool
 ) -> None:
-    """Whether it is killed while the other starts, or later."""
+    """Whether it is killed while the other starts, or while that is at work."""
     text = "import sys\nfrom facts_damping.bench.session import session\nwith session('waits') as one:\n"
     waits(tmp_path)
     monkeypatch.setenv("TMPDIR", str(tmp_path))  # its folder is left
     told = [sys.executable, "-c", text + "    print(one.process.pid, flush=True)\n    sys.stdin.read()\n"]
+    end = time.monotonic() + 60.0
     with subprocess.Popen(told, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
         pid = int(parent.stdout.readline())
-        end = time.monotonic() + 60.0
-        time.sleep(wait)
+        while not (starts or (tmp_path / "at work").exists()):
+            assert time.monotonic() < end
+            time.sleep(0.02)
         parent.send_signal(signal.SIGKILL)
     while not gone(pid):
         assert time.monotonic() < end

@@ -263,62 +263,62 @@ TRIP: list[Row] = [{"kind": "generator_trip", "time": 0.5, "machine": "G4"}]
 LIMITED_DC = {**DC, "KA": 100.0, "minimum": 0.0, "maximum": 4.0}
 
 CASES: dict[str, Case] = {
-    "smib": Case(lambda: content("smib"), [fault("line_1", 0.5, 5 / 60)], SSSC, 2.5, 2e-6),
-    "hydro": Case(hydro, [PUSH, PULL], {"sssc": [(0.2, 0.02)]}, 4.0, 2e-7),
-    "two_area": Case(lambda: two_area(BOTH), [load_step("load_2", -0.02)], SMALL, 1.1, 1e-9, "LSODA"),
+    "smib": Case(lambda: content("smib"), [fault("line_1", 0.5, 5 / 60)], SSSC, 1.8, 2e-6),
+    "hydro": Case(hydro, [PUSH, PULL], {"sssc": [(0.2, 0.02)]}, 2.5, 2e-7),
+    "two_area": Case(lambda: two_area(BOTH), [load_step("load_2", -0.02)], SMALL, 1.0, 1e-9, "LSODA"),
     "two_area_limited": Case(lambda: two_area(BOTH), [load_step("load_2", -0.1)], LARGE, 1.0, 2e-7, "LSODA"),
     "two_area_faults": Case(lambda: two_area(("sssc",)), AREA_FAULTS, SSSC, 1.5, 1e-6),
     "infinite": Case(infinite, [fault()], SMALL, 0.9, 5e-7, "LSODA"),
-    "in_lines": Case(in_lines, [fault()], IN_LINES, 2.0, 5e-8),
-    "compensated": Case(compensated, [load_step("load_2", -0.05)], {**IN_LINES, **EACH}, 1.1, 2e-9, "LSODA"),
+    "in_lines": Case(in_lines, [fault()], IN_LINES, 1.5, 5e-8),
+    "compensated": Case(compensated, [load_step("load_2", -0.05)], {**IN_LINES, **EACH}, 1.05, 2e-9, "LSODA"),
     "deployed": Case(deployed, [load_step("load_2", -0.03)], LARGE, 1.0, 2e-6, "LSODA"),  # bypassed at times
-    "hvdc": Case(hvdc, [load_step("load_2", -0.05)], HVDC, 2.0, 1e-9),
+    "hvdc": Case(hvdc, [load_step("load_2", -0.05)], HVDC, 1.6, 1e-9),
     "hvdc_limited": Case(
         lambda: hvdc(v_max=3.0, rate_max=5.0, P_min=100.0, pf_to=1.0, dead_time=0.03, response_time=0.0),
         [fault(location=0.9, x=0.01)],
         MODULATED,
-        1.6,
+        1.3,
         1e-6,
     ),
-    "svcs": Case(svcs, [fault()], SVCS, 1.6, 1e-8),
-    "in_lines_limited": Case(in_lines_limited, [fault()], BEYOND, 2.0, 5e-8),
-    "in_lines_out": Case(in_lines, OUT_AND_IN, IN_LINES, 1.6, 1e-8),
-    "current": Case(lambda: kundur(load={"P_shares": CURRENT}), [fault()], {}, 2.0, 1e-9),
-    "mixture": Case(lambda: kundur(load={"P_shares": MIXED_P, "Q_shares": MIXED_Q}), [fault()], {}, 2.0, 1e-9),
+    "svcs": Case(svcs, [fault()], SVCS, 1.4, 1e-8),
+    "in_lines_limited": Case(in_lines_limited, [fault()], BEYOND, 1.5, 5e-8),
+    "in_lines_out": Case(in_lines, OUT_AND_IN, IN_LINES, 1.4, 1e-8),
+    "current": Case(lambda: kundur(load={"P_shares": CURRENT}), [fault()], {}, 1.2, 1e-9),
+    "mixture": Case(lambda: kundur(load={"P_shares": MIXED_P, "Q_shares": MIXED_Q}), [fault()], {}, 1.2, 1e-9),
     "power": Case(
         lambda: kundur(load={"P_shares": POWER, "Q_shares": POWER}, exciters=at_all(**STATIC)),
         [fault(duration=0.05)],
         {},
-        1.5,
+        1.1,
         1e-9,
     ),
     "nominal": Case(
         lambda: kundur(load={"P_shares": MIXED_P, "Q_shares": CURRENT, "at": "nominal", "V_min": 0.8}),
         [fault()],
         {},
-        2.0,
+        1.2,
         1e-9,
     ),
-    "saturation": Case(lambda: kundur(SATURATION), [fault()], {}, 2.0, 1e-9),
+    "saturation": Case(lambda: kundur(SATURATION), [fault()], {}, 1.2, 1e-9),
     "saturation_cascade": Case(
         lambda: two_area(("sssc",), {"S10": 0.06, "S12": 0.3, **APART}, exciters=at_all(**FEEDBACK)),
         [fault()],
         SSSC,
-        2.0,
+        1.6,
         1e-9,
     ),
     "two_axis": Case(
-        lambda: kundur({"S10": 0.0, "S12": 0.3, "model": "two_axis"}, exciters=at_all(**DC)), [fault()], {}, 2.0, 1e-9
+        lambda: kundur({"S10": 0.0, "S12": 0.3, "model": "two_axis"}, exciters=at_all(**DC)), [fault()], {}, 1.2, 1e-9
     ),
-    "classical": Case(lambda: kundur({"model": "classical", "D": 1.0}), [fault()], {}, 2.0, 1e-9),
+    "classical": Case(lambda: kundur({"model": "classical", "D": 1.0}), [fault()], {}, 1.2, 1e-9),
     "salient": Case(
-        lambda: kundur({**SALIENT, **APART, **SATURATION}, exciters=at_all(**DC, KE=0.9)), [fault()], {}, 2.0, 1e-9
+        lambda: kundur({**SALIENT, **APART, **SATURATION}, exciters=at_all(**DC, KE=0.9)), [fault()], {}, 1.2, 1e-9
     ),
-    "limited": Case(lambda: kundur(SALIENT, exciters=at_all(**LIMITED_DC)), [fault()], {}, 1.5, 5e-5),
+    "limited": Case(lambda: kundur(SALIENT, exciters=at_all(**LIMITED_DC)), [fault()], {}, 1.2, 5e-5),
     "limited_fine": Case(
-        lambda: kundur(SALIENT, exciters=at_all(**LIMITED_DC)), [fault()], {}, 1.5, 5e-6, step=1 / 7680
+        lambda: kundur(SALIENT, exciters=at_all(**LIMITED_DC)), [fault()], {}, 1.2, 5e-6, step=1 / 7680
     ),
-    "various": Case(various, [load_step("load_1", 0.05)], {}, 2.0, 1e-9),
+    "various": Case(various, [load_step("load_1", 0.05)], {}, 1.5, 1e-9),
     "controls": Case(
         lambda: kundur(
             exciters=at_all(**STATIC),
@@ -327,11 +327,11 @@ CASES: dict[str, Case] = {
         ),
         [load_step("load_2", 0.08), {**PUSH, "time": 1.0, "machine": "G3"}],
         {},
-        3.0,
+        2.0,
         1e-9,
     ),
-    "reduction": Case(reduced, [load_step("load_1", 0.05)], {}, 2.0, 1e-9),
-    "reduction_limited": Case(reduced, [fault()], {}, 2.0, 1e-6),
+    "reduction": Case(reduced, [load_step("load_1", 0.05)], {}, 1.5, 1e-9),
+    "reduction_limited": Case(reduced, [fault()], {}, 1.5, 1e-6),
     "trip": Case(
         lambda: kundur(
             load={"P_shares": CURRENT}, exciters=at_all(**STATIC, minimum=-5.0, maximum=6.0), governors=at_all()

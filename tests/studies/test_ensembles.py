@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import pytest
 
@@ -13,6 +16,9 @@ from facts_damping.simulation.build import build_plant
 from facts_damping.studies import sweep
 from facts_damping.studies.batch import make, one_run
 
+if TYPE_CHECKING:
+    from facts_damping.case.model import Case
+
 ENSEMBLES = [name for name in shipped("studies") if name.startswith("ensemble_")]
 SYSTEMS = ("smib", "two_area")
 
@@ -23,16 +29,28 @@ def test_there_is_one_a_scenario() -> None:
     assert sorted(f"ensemble_{name}" for name in wanted) == ENSEMBLES
 
 
+@cache
+def drawn(name: str) -> tuple[list[dict[str, Any]], list[Case]]:
+    """What is drawn, and the cases."""
+    plan = sweep.plan(name, [])
+    return [point.columns for point in plan.points], [make(plan.base, point.changes) for point in plan.points]
+
+
 @pytest.mark.parametrize("name", ENSEMBLES)
 def test_every_draw_starts_from_an_equilibrium_of_its_own(name: str) -> None:
-    """Also the limits of all controls admit it: the plant can be built. No two draws are alike in anything."""
-    plan = sweep.plan(name, [])
-    assert len(plan.points) == (8 if name.endswith("training") else 100)
-    cases = [make(plan.base, point.changes) for point in plan.points]
-    starts = {build_plant(case).state.x.tobytes() for case in cases}
-    assert len(starts) == len(plan.points)
-    for column in plan.points[0].columns:
-        assert len({point.columns[column] for point in plan.points}) == len(plan.points), column
+    """Also the limits of all controls admit it: the plant can be built. No two draws are alike in anything.
+
+    Built are the draws with the least and the largest value of anything, and some others.
+    """
+    columns, cases = drawn(name)
+    assert len(cases) == (8 if name.endswith("training") else 100)
+    built = set(range(0, len(cases), 10))
+    for column in columns[0]:
+        values = [row[column] for row in columns]
+        assert len(set(values)) == len(cases), column
+        built |= {values.index(min(values)), values.index(max(values))}
+    starts = {build_plant(cases[i]).state.x.tobytes() for i in built}
+    assert len(starts) == len(built)
     rated = {m.name: m.rating for m in load_system(name.removeprefix("ensemble_").rpartition("_")[0]).machines}
     for case in cases:
         assert all((m.P or 0.0) < 1.001 * rated[m.name] for m in case.system.machines)
@@ -42,13 +60,11 @@ def test_every_draw_starts_from_an_equilibrium_of_its_own(name: str) -> None:
 def test_an_ensemble_holds_the_scenario_that_it_is_named_after(name: str) -> None:
     """Each number of its events and each dispatched power lies within what is drawn; the kinds are the same."""
     system, _, scenario = name.removeprefix("ensemble_").rpartition("_")
-    plan = sweep.plan(name, [])
-    own = load_case(None, [f"system={system}", f"scenario={scenario}"])
-    drawn = [make(plan.base, point.changes) for point in plan.points]
-    assert all(case.duration == own.duration and len(case.run.controllers) == 1 for case in drawn)
+    own, (_, cases) = load_case(None, [f"system={system}", f"scenario={scenario}"]), drawn(name)
+    assert all(case.duration == own.duration and len(case.run.controllers) == 1 for case in cases)
     for i, event in enumerate(own.scenario.events):
         for field, value in event.model_dump().items():
-            found = [case.scenario.events[i].model_dump()[field] for case in drawn]
+            found = [case.scenario.events[i].model_dump()[field] for case in cases]
             if not isinstance(value, float):
                 assert set(found) == {value}
             elif len(set(found)) > 1 and field != "location":  # places are drawn along a whole line
@@ -57,7 +73,7 @@ def test_an_ensemble_holds_the_scenario_that_it_is_named_after(name: str) -> Non
                 assert found[0] == value
     for m, power in enumerate(one.P for one in own.system.machines):
         if power is not None:
-            found = [float(case.system.machines[m].P or 0.0) for case in drawn]
+            found = [float(case.system.machines[m].P or 0.0) for case in cases]
             assert min(found) < power <= 1.001 * max(found)
 
 

@@ -16,6 +16,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel
+from facts_damping.studies import linear_margin_runs
 from facts_damping.studies.linear_closed_loop import (
     DelayedLoop,
     Discrete,
@@ -71,7 +72,7 @@ def crossing(signal: str, gain: float = 10.0, system: str = "two_area") -> float
     def opened(w: float) -> complex:
         return complex(lead_lag(1j * w, gain) * model.response(1j * w)[at, 0])
 
-    w = np.linspace(0.5, 60, 20_000)
+    w = np.linspace(0.5, 60, 4_000)
     size = np.array([abs(opened(one)) for one in w]) - 1
     delays = []
     for i in np.flatnonzero(size[1:] * size[:-1] < 0):
@@ -252,6 +253,13 @@ def test_linear_figures_are_those_of_the_page() -> None:
             assert f"{mode.damping_ratio:.4f}" == ratio
 
 
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search of a scenario's bounds begins with fewer runs."""
+    monkeypatch.setattr(linear_margin_runs, "COARSE", 0.02)
+
+
+@pytest.mark.usefixtures("coarse")
 def test_bounds_of_a_scenario_lie_between_two_runs() -> None:
     case = load_case(None, ["scenario=large"])
     found_ = bounds(case, 0.22, lambda: None)
@@ -304,6 +312,7 @@ def test_command_gives_json_alone(inside: Callable[..., tuple[int, str, str]]) -
     assert "time_domain" not in made
 
 
+@pytest.mark.usefixtures("coarse")
 def test_command_gives_what_runs_say(inside: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     target = tmp_path / "found.json"
     status, out, err = inside("two_area_large", "--max-delay", "0.2", "--time-domain", "--json", str(target))
