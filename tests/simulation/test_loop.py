@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -160,13 +162,14 @@ def test_an_identifier_learns_from_what_its_controllers_own_link_delivers() -> N
     assert record.estimates["measured_ns"].tolist() == newest
 
 
-PAIRS = [f"{a}+{c}" for a in ANTECEDENTS for c in CONSEQUENTS]
+# Each consequent once, with the antecedents in turn: `tests/neurofuzzy` has them all together.
+PAIRS = [f"{a}+{c}" for a, c in zip(itertools.cycle(ANTECEDENTS), CONSEQUENTS, strict=False)]
 
 
 @pytest.mark.parametrize("profile", ["deployed", "thesis"])
 @pytest.mark.parametrize("scheme", ["direct", "indirect"])
 @pytest.mark.parametrize("name", PAIRS)
-def test_every_pair_of_antecedent_and_consequent_runs_within_its_limits(name: str, scheme: str, profile: str) -> None:
+def test_every_antecedent_and_consequent_runs_within_its_limits(name: str, scheme: str, profile: str) -> None:
     own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"controllers.0.profile={profile}"]
     record = loop.run(load_case(None, ["scenario=large", "duration=5", *own]))
     assert np.isfinite(record.issued["value"]).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,10 +59,14 @@ def states(found: Record, controller: int = 0) -> list[tuple[str, str]]:
     return [one for k, one in enumerate(told) if k == 0 or one != told[k - 1]]
 
 
+@cache
+def run(*sets: str) -> Record:
+    return loop.run(load_case(None, list(sets)))
+
+
 @pytest.mark.parametrize("name", RUNS)
 def test_the_same_bits_tick_by_tick_and_in_a_replay(name: str) -> None:
-    case = load_case(None, [*ON, *RUNS[name]])
-    whole = loop.run(case)
+    case, whole = load_case(None, [*ON, *RUNS[name]]), run(*ON, *RUNS[name])
     assert np.any(whole.supervised["value"] != 0.0)
     assert_same(rerun(case, []), whole)
     built = build_loop(case)
@@ -78,7 +83,7 @@ def test_the_same_bits_tick_by_tick_and_in_a_replay(name: str) -> None:
 
 
 def test_what_happens_in_these_runs() -> None:
-    found = {name: states(loop.run(load_case(None, [*ON, *RUNS[name]]))) for name in RUNS}
+    found = {name: states(run(*ON, *RUNS[name])) for name in RUNS}
     armed = ("armed", "schedule")
     assert found["fallback by its own link"][1:] == [armed, ("fallback", "missing"), ("armed", "missing")]
     assert found["probe"] == [("shadow", ""), armed]
@@ -159,9 +164,7 @@ FREE = ["scenario=large", "duration=4", "controllers.0.name=HBsWC", "controllers
 def faulty(kind: str, **more: Any) -> tuple[Record, Record]:
     """A run with a fault from 2 to 2.5 s, and without; nothing supervised."""
     fault = {"kind": kind, "start": 2.0, "duration": 0.5, **more}
-    return tuple(
-        loop.run(load_case(None, [*FREE, *sets])) for sets in ([f"controllers.0.faults=[{json.dumps(fault)}]"], [])
-    )  # type: ignore[return-value]
+    return loop.run(load_case(None, [*FREE, f"controllers.0.faults=[{json.dumps(fault)}]"])), run(*FREE)
 
 
 def between(found: Record, first: int = 120, end: int = 150) -> Any:

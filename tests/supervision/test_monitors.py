@@ -12,7 +12,6 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.monitors import MONITORS, STATES, cause_name
 from facts_damping.simulation import loop
-from facts_damping.simulation.build import build_supervisors
 
 if TYPE_CHECKING:
     from facts_damping.signals import Record
@@ -126,7 +125,8 @@ class Seen(NamedTuple):
 @cache
 def seen(*sets: str) -> Seen:
     case = load_case(None, ["supervision=standard", "arm_at=0", "duration=9", *sets])
-    record, rows = loop.run(case), build_supervisors(case)[0].thresholds[0]
+    built = loop.build_loop(case)
+    record, rows = loop.finish(case, built), built.control.supervisors.thresholds[0]
     told, ends, acted = record.supervision, (record.ticks + 1.0) / record.frame_rate, dict[str, float]()
     for m, name in enumerate(MONITORS):
         since = np.inf

@@ -111,7 +111,7 @@ def see(model: Model, told: Told, t: Tick, k: int) -> None:
     model.see(told.values, None if t.reserve is None else (start + end) / 2.0, end)
 
 
-@settings(max_examples=120)
+@settings(max_examples=80)
 @given(script=scripts(), follows=FOLLOWS, arm_at=st.sampled_from([None, 0.0, 0.21]))
 def test_states_are_those_of_a_model_by_other_means(
     script: list[Tick], follows: dict[str, str], arm_at: float | None
@@ -126,7 +126,7 @@ def test_states_are_those_of_a_model_by_other_means(
         assert (told.state, told.cause, told.refused) == (model.state, model.why, model.refused), k
 
 
-@settings(max_examples=120)
+@settings(max_examples=80)
 @given(
     script=scripts(devices=2),
     share=st.sampled_from([1.0, 0.4]),
@@ -193,14 +193,13 @@ def test_armed_and_ramped_setpoints_are_the_controller_s_to_the_bit(said: list[f
         assert row["value"].tobytes() == np.float64(value).tobytes()
 
 
-@pytest.mark.parametrize("devices", [1, 2])
-@pytest.mark.parametrize("energy", [0.5, 6.0])
+@pytest.mark.parametrize(("energy", "devices"), [(0.5, 2), (6.0, 1)])
 def test_no_minute_has_more_energy_than_is_allowed(energy: float, devices: int) -> None:
     """Of a controller that asks for all there is, now and then for some of it, and rests at times."""
     given = {"monitors": watching(), "arming": {"ramp": 0.0}, "authority": {"energy": energy}}
     guarded, random = Guarded(given, list(LIMITS)[:devices]), np.random.default_rng(0)
     guarded.arm()
-    asked = np.repeat(random.choice([0.0, 0.5, 1.0, 1.0, 1e300], 60), 2 * RATE)
+    asked = np.repeat(random.choice([0.0, 0.5, 1.0, 1.0, 1e300], 45), 2 * RATE)
     said = np.array([guarded.give([factor * limit for limit in guarded.limits]).said["value"] for factor in asked])
     used = np.sum((said / guarded.limits) ** 2, axis=1) * TICK
     total = np.concatenate([[0.0], np.cumsum(used)])
