@@ -25,6 +25,7 @@ from facts_damping.report.contents import Chart, Maps, ReportedRun, ReportTable
 from facts_damping.report.tables import ranked
 from facts_damping.report.traces import detailed, envelope, steps
 from facts_damping.signals import DEVICE_TRUTH
+from tests.analysis.conftest import make_record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -38,6 +39,7 @@ START = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",
 )  # fmt: skip
+DESK = {"viewport": {"width": 1280, "height": 900}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 IDLE = "Bokeh.documents.length > 0 && Bokeh.documents.every((one) => one.is_idle)"
 TIME = "(() => { const t = Bokeh.documents[0].get_model_by_name('time'); return [t.start, t.end]; })()"
@@ -246,7 +248,7 @@ def test_names_are_text_not_markup(tmp_path: Path, swing_record: Callable[..., R
 
 
 def test_a_long_record_makes_a_small_file(tmp_path: Path, swing_record: Callable[..., Record]) -> None:
-    long = swing_record(108_000)  # half an hour
+    long = swing_record(54_000)  # a quarter of an hour
     assert written(tmp_path, ("long", long)).stat().st_size < 4_000_000
 
 
@@ -283,30 +285,41 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         started.close()
 
 
+class Pages:
+    """A report of three runs in the browser, each way of looking at it once, and what was said and asked for."""
+
+    def __init__(self, browser: Any, path: Path) -> None:
+        self.browser, self.path = browser, path
+        self.there: dict[str, Any] = {}
+        self.wrong: list[str] = []
+        self.requests: list[str] = []
+
+    def __call__(self, **options: Any) -> Any:
+        if str(options) not in self.there:
+            page = self.there[str(options)] = self.browser.new_context(**options).new_page()
+            page.on("console", lambda one: self.wrong.append(one.text) if one.type in ("error", "warning") else None)
+            page.on("pageerror", lambda one: self.wrong.append(str(one)))
+            page.on("request", lambda one: self.requests.append(one.url))
+            page.goto(self.path.as_uri())
+            page.wait_for_function(IDLE, timeout=120_000)
+        return self.there[str(options)]
+
+
+def three(swing_record: Callable[..., Record]) -> list[tuple[str, Record]]:
+    return [("slow", swing_record(damping=0.1)), ("quick", swing_record()), ("lost", unstable(swing_record()))]
+
+
+@pytest.fixture(scope="module")
+def pages(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Pages:
+    return Pages(browser, written(tmp_path_factory.mktemp("report"), *three(make_record)))
+
+
 @pytest.fixture
-def opened(browser: Any, tmp_path: Path, swing_record: Callable[..., Record]) -> Iterator[Callable[..., Any]]:
-    """A report of three runs in the browser, drawn; that nothing went wrong is asserted at the end."""
-    wrong: list[str] = []
-    requests: list[str] = []
-    contexts = []
-    runs = [("slow", swing_record(damping=0.1)), ("quick", swing_record()), ("lost", unstable(swing_record()))]
-    path = written(tmp_path, *runs)
-
-    def open_(**options: Any) -> Any:
-        contexts.append(browser.new_context(**options))
-        page = contexts[-1].new_page()
-        page.on("console", lambda one: wrong.append(one.text) if one.type in ("error", "warning") else None)
-        page.on("pageerror", lambda one: wrong.append(str(one)))
-        page.on("request", lambda one: requests.append(one.url))
-        page.goto(path.as_uri())
-        page.wait_for_function(IDLE, timeout=120_000)
-        return page
-
-    yield open_
-    for one in contexts:
-        one.close()
-    assert wrong == []
-    assert set(requests) == {path.as_uri()}
+def opened(pages: Pages) -> Iterator[Pages]:
+    """The report, drawn; that nothing went wrong is asserted at the end."""
+    yield pages
+    assert pages.wrong == []
+    assert set(pages.requests) == {pages.path.as_uri()}
 
 
 DRAWN = """() => [...document.querySelectorAll('figure')].map((one) => {
@@ -323,29 +336,29 @@ DRAWN = """() => [...document.querySelectorAll('figure')].map((one) => {
 
 
 @needs_browser
-@pytest.mark.parametrize("options", [{"viewport": {"width": 1280, "height": 900}}, PHONE], ids=["desk", "phone"])
+@pytest.mark.parametrize("options", [DESK, PHONE], ids=["desk", "phone"])
 def test_all_figures_are_drawn_and_fit_the_screen(
-    opened: Callable[..., Any], options: dict[str, Any], swing_record: Callable[..., Record]
+    opened: Pages, options: dict[str, Any], swing_record: Callable[..., Record]
 ) -> None:
     page = opened(**options)
     width = options["viewport"]["width"]
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     figures = page.evaluate(DRAWN)
-    runs = [("slow", swing_record(damping=0.1)), ("quick", swing_record()), ("lost", unstable(swing_record()))]
-    expected = [len(one.panels) for one in items(said(*runs)).values() if isinstance(one, Chart)]
-    expected += [len(one.maps) for one in items(said(*runs)).values() if isinstance(one, Maps)]
+    shown = items(said(*three(swing_record))).values()
+    expected = [len(one.panels) for one in shown if isinstance(one, Chart)]
+    expected += [len(one.maps) for one in shown if isinstance(one, Maps)]
     assert len(figures) == sum(expected) > 10
     for wide, high, colours in figures:
         assert 0.35 * width < wide <= width
         assert high > 200
         assert colours > 3  # axes, grid, at least one run
-    assert page.locator("table").count() == sum(isinstance(one, ReportTable) for one in items(said(*runs)).values())
+    assert page.locator("table").count() == sum(isinstance(one, ReportTable) for one in shown)
     assert all(box["width"] <= width for box in (one.bounding_box() for one in page.locator(".scroll").all()))
 
 
 @needs_browser
-def test_dragging_zooms_all_charts_over_time_and_runs_can_be_hidden(opened: Callable[..., Any]) -> None:
-    page = opened(viewport={"width": 1280, "height": 900})
+def test_dragging_zooms_all_charts_over_time_and_runs_can_be_hidden(opened: Pages) -> None:
+    page = opened(**DESK)
     whole = page.evaluate(TIME)
     assert whole == [0.0, pytest.approx(20.0, abs=0.1)]
     figure = page.locator("#differences figure").first
@@ -371,7 +384,7 @@ def test_dragging_zooms_all_charts_over_time_and_runs_can_be_hidden(opened: Call
 
 
 @needs_browser
-def test_a_finger_on_a_chart_scrolls_the_page(opened: Callable[..., Any]) -> None:
+def test_a_finger_on_a_chart_scrolls_the_page(opened: Pages) -> None:
     page = opened(**PHONE)
     page.wait_for_function(
         "[...Bokeh.documents[0].all_models].every((one) => (one.attributes.active_drag ?? null) === null)"
@@ -389,7 +402,7 @@ def test_a_finger_on_a_chart_scrolls_the_page(opened: Callable[..., Any]) -> Non
 
 
 @needs_browser
-def test_dark_where_the_reader_has_it_dark(opened: Callable[..., Any]) -> None:
+def test_dark_where_the_reader_has_it_dark(opened: Pages) -> None:
     page = opened(color_scheme="dark")
     lightness = "(name) => getComputedStyle(document.body)[name].match(/\\d+/g).slice(0, 3).reduce((a, b) => a + +b, 0)"
     assert page.evaluate(lightness, "backgroundColor") < 150

@@ -49,7 +49,7 @@ def test_two_modes_exactly(slow: float, rate: int, method: str) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 @given(frequency=st.floats(0.15, 2.4), ratio=st.floats(-0.04, 0.15), amplitude=st.floats(1e-5, 1e-1))
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=15)
 def test_one_mode(method: str, frequency: float, ratio: float, amplitude: float) -> None:
     (mode,) = fit(T, wave(frequency, ratio, amplitude), method).modes
     assert mode.frequency_hz == pytest.approx(frequency, rel=1e-6)
@@ -58,7 +58,7 @@ def test_one_mode(method: str, frequency: float, ratio: float, amplitude: float)
 
 @pytest.mark.parametrize("method", METHODS)
 @given(scale=st.floats(1e-3, 1e3), late=st.integers(0, 120), shift=st.floats(0, 1000))
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=8)
 def test_neither_scale_nor_time_moves_the_modes(method: str, scale: float, late: int, shift: float) -> None:
     x = wave(0.6, 0.05) + wave(1.1, 0.04, 6e-4, 1.0)
     noisy = x + 1e-6 * np.random.default_rng(5).standard_normal(len(T))
@@ -162,7 +162,7 @@ def test_an_unknown_method_is_refused() -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=12)
 def test_noise_moves_the_modes_a_little(seed: int) -> None:
     noise = 1e-5 * np.random.default_rng(seed).standard_normal(1200)
     mode = ringdown_modes(T, wave(0.55, 0.05) + noise, 1.0)[0]

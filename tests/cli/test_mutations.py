@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     import pytest
 
-YAML_FILES = int(os.environ.get("YAML_FILES", "400"))
+YAML_FILES = int(os.environ.get("YAML_FILES", "150"))
 ODD = (
     *("", "~", "yes", "[]", "{}", "-1", "0", "1e400", ".nan", "-.inf", "1e-300", "99999999999999999999", "'x'", "*a"),
     *(

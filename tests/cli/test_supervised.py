@@ -10,6 +10,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.monitors import MONITORS
+from facts_damping.nodes.loopback.opening import opened
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,10 +32,11 @@ def test_a_run_whose_controller_was_tripped_ends_with_3_and_one_line(
     assert (found["controller"], found["trips"]) == ("controller_0_LLC", 1)
 
 
-def test_a_graph_is_told_as_the_same_run_in_process(tmp_path: Path, domain: int) -> None:
+def test_a_graph_is_told_as_the_same_run_in_process(tmp_path: Path) -> None:
     given = ["two_area_small", "--supervised", "--set", WRONG_SIGN, "--set", "duration=6"]
     paths = [tmp_path / name for name in ("run.json", "simulate.json", "analyze.json")]
-    assert main(["run", *given, "--out", str(tmp_path), "--json", str(paths[0])]) == 3
+    with opened():
+        assert main(["run", *given, "--out", str(tmp_path), "--json", str(paths[0])]) == 3
     assert main(["simulate", *given, "--json", str(paths[1])]) == 3
     again = ["--out", str(tmp_path / "again"), "--json", str(paths[2])]
     assert main(["analyze", str(tmp_path / "recording"), *again]) == 0

@@ -13,6 +13,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.monitors import MONITORS
 from facts_damping.nodes import graph
+from facts_damping.nodes.loopback.opening import opened
 from facts_damping.parameters.files import share_folder
 from facts_damping.recording import RecordingWriter, load
 from facts_damping.recording.scan import scan
@@ -58,10 +59,11 @@ class Recorded(NamedTuple):
 
 
 @pytest.fixture(scope="module", params=RUNS)
-def recorded(request: pytest.FixtureRequest, module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     name = request.param
     case = load_case(name, ["duration=2", *RUNS[name]])
-    folder = graph.run(case, "lockstep", tmp_path_factory.mktemp(name), quiet, LOADED_S).recording
+    with opened():
+        folder = graph.run(case, "lockstep", tmp_path_factory.mktemp(name), quiet, LOADED_S).recording
     texts = layouts(case)
     return Recorded(folder, read(folder), texts["foxglove.json"], texts["plotjuggler.xml"])
 
