@@ -1,15 +1,21 @@
-"""A node of a user's own in the graph: bit for bit its law in process; missing, late, silent, dying it is named."""
+"""A node of a user's own in the graph: bit for bit its law in process; missing, late, silent, dying it is named.
+
+Its command is tested on DDS, with processes; what it does in a graph, on the loopback.
+"""
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
+import runpy
 import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,21 +29,19 @@ from facts_damping.parameters.files import read_table
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.commands import assert_one_line, changes
-from tests.nodes.graphs import ARRAYS, LOADED_S, PATIENCE_S, SILENCE_S, assert_same, quiet
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, SILENCE_S, assert_same, quiet
 from tests.nodes.test_graph import EXAMPLES
 from tests.nodes.test_policies import diagnostics
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from facts_damping.signals import Record
 
 NODE = str(EXAMPLES / "lead_lag_node.py")
 SETS = ["scenario=large", "link=pdci", "watchdog=off"]
 BESIDE = f"import runpy, sys; sys.path.insert(0, {str(EXAMPLES)!r})"
-SLOW = (
-    "import time; from lead_lag import LeadLag; step = LeadLag.step; "
-    "LeadLag.step = lambda *given: (time.sleep(0.025), step(*given))[1]"
+DYING = (
+    "import os; from lead_lag import LeadLag; step, left = LeadLag.step, iter(range(90)); "
+    "LeadLag.step = lambda *given: step(*given) if next(left, 0) else (os.write(2, b'out of ideas'), os._exit(7))"
 )
 NAME = "controller_0_mine"
 
@@ -47,25 +51,17 @@ def own(*sets: str, **fields: Any) -> list[str]:
 
 
 def by_command(*sets: str, more: str = "", **fields: Any) -> list[str]:
-    """Run files whose node is started; `more`: Python that comes before it is."""
+    """A run whose node is started; `more`: Python that comes before it is."""
     lines = [BESIDE, *([more] if more else []), f"runpy.run_path({NODE!r}, run_name='__main__')"]
     return own(*sets, command=[sys.executable, "-c", "; ".join(lines)], **fields)
 
 
-@contextmanager
-def started_by_hand(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
-    """The example as its user starts it, in this domain."""
-    given = [sys.executable, NODE, "--ros-args", "-r", f"__node:={NAME}", *arguments]
-    with subprocess.Popen(given, stderr=subprocess.DEVNULL) as popen:
-        try:
-            yield popen
-        finally:
-            popen.send_signal(signal.SIGCONT)
-            popen.terminate()
-            try:
-                popen.wait(10)
-            except subprocess.TimeoutExpired:
-                popen.kill()
+@pytest.fixture
+def by_hand(loopback: Any) -> Any:
+    """The example as its user starts it."""
+    return loopback.start(
+        "mine", partial(runpy.run_path, NODE, run_name="__main__"), ["--ros-args", "-r", f"__node:={NAME}"]
+    )
 
 
 def in_process(*sets: str, **fields: Any) -> Record:
@@ -91,61 +87,50 @@ def test_the_example_is_what_the_page_says_it_is() -> None:
     assert load_case(str(EXAMPLES / "lead_lag_node.yaml")).controllers[0].name == "my_node"
 
 
-def test_started_by_the_graph_in_lockstep(domain: int, tmp_path: Path) -> None:
-    outcome = run(tmp_path, by_command("duration=3", parameters={"gain": 12}))
-    assert_same_law(load(outcome.recording), in_process("duration=3", parameters={"gain": 12}))
+def test_started_by_the_graph_it_is_replayed_with_others(domain: int, tmp_path: Path) -> None:
+    """Behind a link of its own, in a namespace; by its command again, too."""
+    placed = {"link": "delay_100ms", "namespace": "area_1", "parameters": {"gain": 12}}
+    outcome = run(tmp_path, by_command("duration=1.5", **placed))
+    assert_same_law(load(outcome.recording), in_process("duration=1.5", **placed))
     assert (tmp_path / f"{NAME}.log").read_text() == ""
+    assert main(["replay", str(outcome.recording)]) == 2
+    assert main(["replay", str(outcome.recording), "--set", "controllers.0.name=LLC"]) == 0
+    nodes = ["--policy", "--nodes", "--out", str(tmp_path / "again"), "--timeout", str(LOADED_S)]
+    assert main(["replay", str(outcome.recording), *nodes]) == 0
 
 
-def test_started_by_hand_it_serves_one_run_after_the_other(domain: int, tmp_path: Path) -> None:
+def test_started_by_hand_it_serves_one_run_after_the_other(by_hand: Any, tmp_path: Path) -> None:
+    """Also by the clock."""
     computed = in_process("duration=2")
-    with started_by_hand() as popen:
-        for name in ("first", "second"):
-            outcome = run(tmp_path / name, own("duration=2", external=True))
-            assert_same_law(load(outcome.recording), computed)
-        assert popen.poll() is None
+    for mode in ("lockstep", "realtime"):
+        outcome = run(tmp_path / mode, own("duration=2", external=True), mode)
+        assert (outcome.messages_lost, outcome.deadline_misses) == (0, 0)
+        assert_same_law(load(outcome.recording), computed)
+    assert by_hand.is_alive()
 
 
-def test_behind_a_link_of_its_own_in_a_namespace(domain: int, tmp_path: Path) -> None:
-    placed = {"link": "delay_100ms", "namespace": "area_1"}
-    recorded = load(run(tmp_path, by_command("duration=1", **placed)).recording)
-    assert_same_law(recorded, in_process("duration=1", **placed))
-
-
-def test_in_real_time(domain: int, tmp_path: Path) -> None:
-    outcome = run(tmp_path, by_command("duration=2"), "realtime")
-    recorded, computed = load(outcome.recording), in_process("duration=2")
-    assert outcome.messages_lost == 0
-    if outcome.deadline_misses == 0:  # delays are simulated: then the clock changes nothing
-        assert_same_law(recorded, computed)
-    else:
-        assert len(recorded.issued) > 0.5 * len(computed.issued)
-
-
-def test_missing_it_is_named(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(graph, "QUIET", (*graph.QUIET, "-p", "start_timeout:=2.0"))
-    with pytest.raises(RunError, match=f"missing after 2 s: .*/{NAME}/setpoints"):
+def test_missing_it_is_named(loopback: Any, tmp_path: Path) -> None:
+    with pytest.raises(RunError, match=f"missing after 30 s: .*/{NAME}/setpoints"):
         run(tmp_path, own("duration=1", external=True))
 
 
 @pytest.mark.parametrize(("number", "what"), [(signal.SIGSTOP, "is silent"), (signal.SIGINT, "has left")])
-def test_silent_or_gone_it_is_named_in_lockstep(domain: int, tmp_path: Path, number: int, what: str) -> None:
-    with started_by_hand() as popen:
+def test_silent_or_gone_it_is_named_in_lockstep(
+    by_hand: Any, started: dict[str, Any], tmp_path: Path, number: int, what: str
+) -> None:
+    def strike(done: int, _of: int) -> None:
+        if done > 1:
+            with suppress(ProcessLookupError):  # it is gone
+                os.kill(by_hand.pid, number)
 
-        def strike(done: int, _of: int) -> None:
-            if done > 1:
-                popen.send_signal(number)
-
-        case = load_case(None, own("duration=100", external=True))
-        with pytest.raises(RunError, match=f"{NAME} {what}: nothing after tick"):
-            graph.run(case, "lockstep", tmp_path, strike, SILENCE_S)
+    with pytest.raises(RunError, match=f"{NAME} {what}: nothing after tick"):
+        graph.run(load_case(None, own("duration=100", external=True)), "lockstep", tmp_path, strike, SILENCE_S)
     assert len(load(tmp_path / "recording").time_ns) > 1
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_a_command_that_dies_is_named_with_what_it_said(domain: int, tmp_path: Path, mode: str) -> None:
-    dying = "import threading, os; threading.Timer(3.0, lambda: (os.write(2, b'out of ideas'), os._exit(7))).start()"
-    sets = by_command("duration=1000" if mode == "lockstep" else "duration=5", more=dying)
+    sets = by_command("duration=2", more=DYING)
     said = f"{NAME} ended with exit status 7: out of ideas"
     if mode == "lockstep":
         with pytest.raises(RunError, match=said):
@@ -154,8 +139,17 @@ def test_a_command_that_dies_is_named_with_what_it_said(domain: int, tmp_path: P
         assert run(tmp_path, sets, mode).fallen == [said]
 
 
-def test_late_in_real_time_it_is_named(domain: int, tmp_path: Path) -> None:
-    outcome = run(tmp_path, by_command("duration=2", more=SLOW), "realtime")
+def test_late_in_real_time_it_is_named(by_hand: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    law = importlib.import_module("lead_lag").LeadLag
+    step = law.step
+
+    def slowly(*given: Any) -> float:
+        time.sleep(0.025)
+        return float(step(*given))
+
+    monkeypatch.setattr(law, "step", slowly)
+    outcome = run(tmp_path, own("duration=2", external=True), "realtime")
     assert outcome.deadline_misses > 0
     told = diagnostics(outcome.recording, "wan_link")
     assert any(f"of {NAME}" in text and "late answers" in text for text in told), told
@@ -205,19 +199,8 @@ def test_in_process_it_is_refused(fields: dict[str, Any], said: str, capsys: pyt
     assert_one_line(2, ["simulate", *changes(own(**fields))], said, capsys)
 
 
-def test_a_command_that_is_not_there_starts_nothing(
-    domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_command_that_is_not_there_starts_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["run", *changes(own(command=["no_such_program"])), "--out", str(tmp_path / "out")]
     said = "controllers.0.command: 'no_such_program' given; allowed: a program that is there"
     assert_one_line(2, command, said, capsys)
     assert not (tmp_path / "out").exists()
-
-
-def test_a_recording_of_it_is_replayed_with_others(domain: int, tmp_path: Path) -> None:
-    outcome = run(tmp_path, by_command("duration=1"))
-    assert main(["replay", str(outcome.recording)]) == 2
-    assert main(["replay", str(outcome.recording), "--set", "controllers.0.name=LLC"]) == 0
-    assert "issued" in ARRAYS
-    nodes = ["--policy", "--nodes", "--out", str(tmp_path / "again"), "--timeout", str(LOADED_S)]
-    assert main(["replay", str(outcome.recording), *nodes]) == 0
