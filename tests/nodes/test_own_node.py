@@ -40,7 +40,7 @@ NODE = str(EXAMPLES / "lead_lag_node.py")
 SETS = ["scenario=large", "link=pdci", "watchdog=off"]
 BESIDE = f"import runpy, sys; sys.path.insert(0, {str(EXAMPLES)!r})"
 DYING = (
-    "import os; from lead_lag import LeadLag; step, left = LeadLag.step, iter(range(90)); "
+    "import os; from lead_lag import LeadLag; step, left = LeadLag.step, iter(range(90, 0, -1)); "
     "LeadLag.step = lambda *given: step(*given) if next(left, 0) else (os.write(2, b'out of ideas'), os._exit(7))"
 )
 NAME = "controller_0_mine"
