@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     Samples = list[tuple[float, ...]]
 
-COUNT = 500  # samples of each range
+COUNT = 300  # samples of each range
 INF, NAN, LEAST, MOST = math.inf, math.nan, 5e-324, 1.7976931348623157e308
 SPECIAL = [0.0, 1.0, INF, LEAST, 2.0**-1022, MOST, 0.25, 2.0, 2.5, 3.0, 2.0**53 - 1.0, 2.0**53, 1e300]
 SPECIAL = [*SPECIAL, *(-x for x in SPECIAL), NAN]

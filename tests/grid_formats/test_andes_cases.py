@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -13,13 +15,15 @@ from facts_damping.case.loading import load_system
 from facts_damping.cli.main import main
 from facts_damping.parameters.run import Scenario
 from facts_damping.plant.build import build
-from facts_damping.plant.power_flow import solve
-from facts_damping.small_signal import linearisation
+from facts_damping.small_signal.linearisation import linearise, modes
 from tests.andes_cases import CASES
 from tests.plant.running import follow
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from facts_damping.parameters.system import System
+    from facts_damping.plant.build import Built
 
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "andes_cases.json").read_text())
 SAME = 1e-4  # 1/s
@@ -36,9 +40,22 @@ PAIRS = sorted(
 )
 
 
-def imported(raw: str, dyr: str, folder: Path) -> System:
-    assert main(["import", str(CASES / raw), str(CASES / dyr), "--out", str(folder / "case.yaml")]) == 0
-    return load_system(str(folder / "case.yaml"))
+class Rest(NamedTuple):
+    """A case at its start."""
+
+    system: System
+    built: Built
+    matrix: NDArray[np.float64]  # of states
+
+
+@cache
+def imported(raw: str, dyr: str) -> Rest:
+    with TemporaryDirectory() as folder:
+        path = f"{folder}/case.yaml"
+        assert main(["import", str(CASES / raw), str(CASES / dyr), "--out", path]) == 0
+        system = load_system(path)
+    built = build(system, [], [])
+    return Rest(system, built, linearise(built)[0])
 
 
 def test_there_are_cases() -> None:
@@ -47,30 +64,27 @@ def test_there_are_cases() -> None:
 
 
 @pytest.mark.parametrize(("raw", "dyr"), PAIRS)
-def test_every_pair_is_imported_and_stays_at_rest(raw: str, dyr: str, tmp_path: Path) -> None:
-    system = imported(raw, dyr, tmp_path)
-    built = build(system, [], [])
+def test_every_pair_is_imported_and_stays_at_rest(raw: str, dyr: str) -> None:
+    system, built, matrix = imported(raw, dyr)
     assert built.flow.residual < 1e-8
-    matrix, _ = linearisation.linearise(built)
     assert np.isfinite(matrix).all()
-    assert any(one.label not in ("common", "control") for one in linearisation.modes(matrix, built.state_names, system))
+    assert any(one.label not in ("common", "control") for one in modes(matrix, built.state_names, system))
 
 
 @pytest.mark.parametrize("name", REFERENCE)
-def test_modes_are_those_of_andes(name: str, tmp_path: Path) -> None:
+def test_modes_are_those_of_andes(name: str) -> None:
     reference = REFERENCE[name]
-    system = imported(reference["raw"], reference["dyr"], tmp_path)
-    ours = np.asarray(np.linalg.eigvals(linearisation.linearise(build(system, [], []))[0]))
+    ours = np.asarray(np.linalg.eigvals(imported(reference["raw"], reference["dyr"]).matrix))
     apart = [float(np.abs(ours - complex(*pair)).min()) for pair in reference["modes"]]
     assert max(apart) < APART.get(name, SAME)
     assert np.median(apart) < SAME
 
 
-def test_a_power_flow_and_a_fault_of_140_buses_are_those_of_andes(tmp_path: Path) -> None:
+def test_a_power_flow_and_a_fault_of_140_buses_are_those_of_andes() -> None:
     """ANDES's shares of reactive power at buses 23 and 54 are others: nothing but the machines there knows."""
     theirs = json.loads((Path(__file__).parents[1] / "data" / "npcc_andes.json").read_text())
-    system = imported(REFERENCE["npcc_full"]["raw"], REFERENCE["npcc_full"]["dyr"], tmp_path)
-    flow = solve(system)
+    system, start, _ = imported(REFERENCE["npcc_full"]["raw"], REFERENCE["npcc_full"]["dyr"])
+    flow = start.flow
     voltage = {name: complex(v) for name, v in zip(flow.names, flow.voltage, strict=True)}
     assert len(theirs["voltages"]) == 140
     for bus, (magnitude, angle) in theirs["voltages"].items():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_system
+from facts_damping.cli.main import main
 from facts_damping.errors import InputError
 from facts_damping.grid_formats.conversion import MatpowerCase, convert
 from facts_damping.grid_formats.matpower import import_case, read_case
@@ -98,14 +98,14 @@ def test_dynamics_from_a_file_give_the_shipped_system(tmp_path: Path) -> None:
     np.testing.assert_allclose(other[np.abs(other) > 0.1], one[np.abs(one) > 0.1], rtol=0, atol=1e-6)
 
 
-def test_the_command_writes_a_file_and_says_what_it_assumed(tmp_path: Path) -> None:
+def test_the_command_writes_a_file_and_says_what_it_assumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "nine.yaml"
-    command = [sys.executable, "-m", "facts_damping.cli.main", "import", str(CASE)]
-    done = subprocess.run([*command, "--out", str(target)], capture_output=True, text=True, check=False, timeout=120)
-    assert (done.returncode, done.stdout) == (0, "")
-    assert done.stderr.startswith("facts-damping: nine_bus.m: no dynamic data for all machines")
-    printed = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-    assert printed.stdout == target.read_text(encoding="utf-8")
+    assert main(["import", str(CASE), "--out", str(target)]) == 0
+    written = capsys.readouterr()
+    assert written.out == ""
+    assert written.err.startswith("facts-damping: nine_bus.m: no dynamic data for all machines")
+    assert main(["import", str(CASE)]) == 0
+    assert capsys.readouterr().out == target.read_text(encoding="utf-8")
 
 
 def test_a_ratio_or_a_shift_makes_a_transformer() -> None:
@@ -241,9 +241,11 @@ def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("target", ["missing/nine.yaml", "."])
-def test_a_file_that_cannot_be_written_is_refused_first(tmp_path: Path, target: str) -> None:
-    command = [sys.executable, "-m", "facts_damping.cli.main", "import", str(CASE), "--out", target]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert f"--out {target}: cannot be written; allowed: a file" in done.stderr
+def test_a_file_that_cannot_be_written_is_refused_first(
+    tmp_path: Path, target: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["import", str(CASE), "--out", target]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert f"--out {target}: cannot be written; allowed: a file" in told

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.system import System
 
-GRID_FILES = int(os.environ.get("GRID_FILES", "300"))  # more of it: GRID_FILES=5000 python -m pytest tests/grid_formats
+GRID_FILES = int(os.environ.get("GRID_FILES", "160"))  # more of it: GRID_FILES=5000 python -m pytest tests/grid_formats
 DATA = Path(__file__).parents[1] / "data"
 RAW, DYR = DATA / "three_machines.raw", DATA / "three_machines.dyr"
 ANDES = json.loads((DATA / "three_machines_andes.json").read_text(encoding="utf-8"))

@@ -41,7 +41,7 @@ inputs = st.lists(st.floats(-3, 3), min_size=2, max_size=2).map(np.array)
 
 
 @every_pair
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(start=starts(), x=inputs, rules=st.sampled_from([2, 3]))
 def test_symmetric_rules_are_odd_and_start_within_bounds(
     antecedent: str, consequent: str, start: Start, x: NDArray[np.float64], rules: int

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
+
+    from facts_damping.plant.build import Built
 
 FAULT = {"time": 0.1, "kind": "fault", "bus": "B8", "duration": 0.1}
 
@@ -61,9 +64,14 @@ class Port(NamedTuple):
         return dx
 
 
+@cache
+def bare() -> Built:
+    return plant("smib", installed=["sssc"])
+
+
 def at_a_port(made: Any, x: Sequence[float], u: float, voltage: complex, impedance: complex) -> Port:
     """A converter alone at a source `voltage` behind `impedance`, p.u."""
-    empty = plant("smib", installed=["sssc"])
+    empty = bare()
     admittance = 1 / (impedance + complex(made["rs"], made["xs"]))
     rows = np.zeros(1, devices.DEVICE)
     rows[0]["kind"], rows[0]["states"], rows[0]["sssc"] = devices.CODES["sssc"], 3, made
@@ -120,7 +128,7 @@ def test_slopes_of_the_converter_are_those_of_its_voltages(
     u: float, x: tuple[float, float, float], magnitude: float
 ) -> None:
     """Against central differences, where no limit lies between."""
-    made = at_a_port(device(), x, u, 0.5, 0.1j).row
+    made = device()
     low, at, high = (sssc.converter(made, np.array(x), u, magnitude + step) for step in (-1e-5, 0.0, 1e-5))
     if low[4:] == high[4:] and (magnitude + 1e-5 < 10.0 or magnitude - 1e-5 > 10.0):
         assert at.v_p_slope == pytest.approx((high.v_p - low.v_p) / 2e-5, rel=1e-5, abs=1e-9)

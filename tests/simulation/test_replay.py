@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ from tests.two_devices import centralised, decentralised
 if TYPE_CHECKING:
     from facts_damping.signals import Record
 
-NETWORKS = [(name, scheme) for name in [*VARIANTS, "gaussian+fourier"] for scheme in ("direct", "indirect")]
+NETWORKS = list(zip([*VARIANTS, "gaussian+fourier"], itertools.cycle(("direct", "indirect")), strict=False))
 OWN_LINKS = ["scenario=large", "duration=3", "controllers.0.link=plc", "controllers.1.link.up.0.delay=0.05"]
 RUNS: dict[str, tuple[str | None, list[str]]] = {
     "LLC": (None, []),
