@@ -23,31 +23,24 @@ if TYPE_CHECKING:
 
 
 def test_nodes_started_one_by_one_give_the_in_process_run(start: Any, tmp_path: Path) -> None:
-    common = {"scenario": "large", "duration": 3.0, "link": "delay_100ms", "recorder": "true", "start_timeout": 60.0}
-    recorder = start("recorder", cold=True, output=tmp_path / "bag", **common)
+    """On DDS; the plant as `ros2 run` starts it."""
+    common = {"scenario": "large", "duration": 2.0, "link": "delay_100ms", "recorder": "true", "start_timeout": 60.0}
+    recorder = start("recorder", output=tmp_path / "bag", **common)
     plant = start("plant_sim", cold=True, **common)
-    start("wan_link", cold=True, **common)
-    start("controller", "-r", "__node:=damper", cold=True, **common)
+    start("wan_link", **common)
+    start("controller", "-r", "__node:=damper", **common)
     _, errors = plant.communicate(timeout=PATIENCE_S)
     assert (plant.returncode, errors) == (0, "")
     recorder.terminate()
     output, errors = recorder.communicate(timeout=PATIENCE_S)
     assert (recorder.returncode, output, errors) == (0, "lost 0\n", "")
     recorded = load(tmp_path / "bag")
-    computed = loop.run(load_case(None, ["scenario=large", "duration=3.0", "link=delay_100ms"]))
+    computed = loop.run(load_case(None, ["scenario=large", "duration=2.0", "link=delay_100ms"]))
     assert recorded.frames.tobytes() == computed.frames.tobytes()
     assert recorded.applied.tobytes() == computed.applied.tobytes()
 
 
-def test_graph_in_a_namespace(start: Any) -> None:
-    """Names are relative: the whole graph moves with its namespace."""
-    common = {"duration": 0.5}
-    nodes = [start(name, "-r", "__ns:=/grid_a", **common) for name in ("wan_link", "controller", "plant_sim")]
-    _, errors = nodes[-1].communicate(timeout=PATIENCE_S)
-    assert (nodes[-1].returncode, errors) == (0, "")
-
-
-def test_parameters_have_description_unit_and_range(start: Any, client: Any) -> None:
+def test_parameters_have_description_unit_and_range(loopback: Any, start: Any, client: Any) -> None:
     start("controller", start_timeout=60.0)
     start("wan_link", start_timeout=60.0)
     start("plant_sim", mode="realtime", duration=1000.0, start_timeout=60.0)
@@ -98,8 +91,10 @@ def test_parameters_have_description_unit_and_range(start: Any, client: Any) -> 
         ("recorder", {"output": "/proc/nowhere"}, "/proc/nowhere"),
     ],
 )
-def test_bad_parameter_is_exit_2_and_one_line(start: Any, executable: str, parameters: Any, said: str) -> None:
-    node = start(executable, cold=executable == "recorder", **parameters)
+def test_bad_parameter_is_exit_2_and_one_line(
+    loopback: Any, start: Any, executable: str, parameters: Any, said: str
+) -> None:
+    node = start(executable, **parameters)
     output, errors = node.communicate(timeout=PATIENCE_S)
     assert node.returncode == 2
     assert output == ""
@@ -107,16 +102,16 @@ def test_bad_parameter_is_exit_2_and_one_line(start: Any, executable: str, param
     assert said in errors
 
 
-def test_missing_peer_is_named(start: Any) -> None:
+def test_missing_peer_is_named(loopback: Any, start: Any) -> None:
     began = time.monotonic()
     node = start("plant_sim", start_timeout=1.0)
     _, errors = node.communicate(timeout=PATIENCE_S)
-    assert time.monotonic() - began < PATIENCE_S / 2
+    assert 1.0 < time.monotonic() - began < 1.2
     assert node.returncode == 1
     assert "a subscriber of /pmu/frames, a publisher of /setpoints/delivered" in errors
 
 
-def test_first_answer_is_waited_for_as_long_as_the_start(start: Any, client: Any) -> None:
+def test_first_answer_is_waited_for_as_long_as_the_start(loopback: Any, start: Any, client: Any) -> None:
     """A node may be there, and known to the others, before it works."""
 
     def wait_until_it_serves(name: str) -> None:
@@ -135,7 +130,7 @@ def test_first_answer_is_waited_for_as_long_as_the_start(start: Any, client: Any
     assert (plant.returncode, errors) == (0, "")
 
 
-def test_a_loss_of_synchronism_is_said_by_every_node(start: Any, tmp_path: Path) -> None:
+def test_a_loss_of_synchronism_is_said_by_every_node(loopback: Any, start: Any, tmp_path: Path) -> None:
     """And nobody takes the end of the plant for silence."""
     sets = ["frame_rate=30", "link=satellite", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
     computed = loop.run(load_case(None, ["scenario=large", *sets]))
@@ -163,7 +158,7 @@ ctypes.PyDLL(None).sleep(60)  # with Python's lock held
 """
 
 
-@pytest.mark.parametrize("status", [0, 1, 2])
+@pytest.mark.parametrize("status", [0, 2])
 def test_a_node_whose_middleware_does_not_end_ends_with_its_status(status: int) -> None:
     done = subprocess.run([sys.executable, "-c", STUCK, str(status)], check=False, timeout=PATIENCE_S)
     assert done.returncode == status
