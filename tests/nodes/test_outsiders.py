@@ -1,105 +1,141 @@
-"""Nobody outside the loop holds it up: not a reader that has stopped, not the recorder."""
+"""Nobody outside the loop holds it up: not a reader that has stopped, not the recorder.
+
+Nodes publish by a profile with which DDS waits for nobody, and the recorder says what it has lost.
+"""
 
 from __future__ import annotations
 
 import os
+import select
 import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pytest
+import rclpy
+from facts_damping_msgs.msg import PmuDataFrame
+from rclpy.qos import QoSHistoryPolicy
 
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import graph
-from facts_damping.nodes.node import DEPTH
+from facts_damping.nodes.loopback.domain import domain as of_loopback
+from facts_damping.nodes.node import DEPTH, HEARING
 from facts_damping.recording.reader import load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import loop
-from tests.nodes.graphs import LOADED_S, assert_same
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, quiet
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
-FRAME_RATE = 60
-MORE = 200  # ticks beyond what a publisher keeps
-
-# Subscribes to what the plant says, as `ros2 topic echo --qos-reliability reliable --qos-history keep_all` does.
-READER = """
-import rclpy
-from facts_damping_msgs.msg import PlantState, PmuDataFrame
-from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
-reliable = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
+SENT = DEPTH + 3000  # more than a publisher keeps, and the system for a reader
+WRITER = """
+import sys, time, rclpy
+from std_msgs.msg import String
+from facts_damping.nodes import node
+node._set_up_middleware()
 rclpy.init()
-node = rclpy.create_node("reader")
-node.create_subscription(PmuDataFrame, "pmu/frames", lambda _: print("heard", flush=True), reliable)
-node.create_subscription(PlantState, "plant/state", lambda _: None, reliable)
-rclpy.spin(node)
+own = rclpy.create_node("writer")
+publisher = own.create_publisher(String, "topic", node.SAYING)
+while publisher.get_subscription_count() < 1:
+    time.sleep(0.01)
+print("found", flush=True)
+sys.stdin.readline()
+for k in range(int(sys.argv[1])):
+    publisher.publish(String(data=f"{k} {'x' * 4000}"))
+print("said", flush=True)
+sys.stdin.readline()
+"""
+# As the recorder does, and `ros2 topic echo --qos-reliability reliable --qos-history keep_all`.
+READER = """
+import sys, rclpy
+from std_msgs.msg import String
+from facts_damping.nodes import node
+node._set_up_middleware()
+rclpy.init()
+own, came = rclpy.create_node("reader"), []
+def hear(message, information):
+    came.append((int(message.data.split()[0]), information["publication_sequence_number"]))
+own.create_subscription(String, "topic", hear, node.HEARING)
+while not came or came[-1][0] < int(sys.argv[1]) - 1:
+    rclpy.spin_once(own)
+print(*(k for k, _ in came))
+print(*(number for _, number in came))
 """
 
 
-@pytest.fixture
-def reader(domain: int) -> Iterator[subprocess.Popen[str]]:
-    popen = subprocess.Popen([sys.executable, "-c", READER], stdout=subprocess.PIPE, text=True)
-    yield popen
-    popen.kill()
-    popen.communicate()
+def line(node: subprocess.Popen[str]) -> str:
+    """The next line that a node says; none if it says nothing."""
+    assert node.stdout is not None
+    there, _, _ = select.select([node.stdout], [], [], PATIENCE_S)
+    return node.stdout.readline() if there else ""
 
 
-def seconds(ticks: int) -> float:
-    return ticks / FRAME_RATE
+def test_who_stops_reading_misses_what_a_publisher_does_not_keep_and_holds_nobody_up(domain: int) -> None:
+    def run(code: str) -> subprocess.Popen[str]:
+        node = subprocess.Popen([sys.executable, "-c", code, str(SENT)], stdin=-1, stdout=-1, text=True)
+        ended.callback(node.kill)
+        return node
+
+    with ExitStack() as ended:
+        reader, writer = run(READER), run(WRITER)
+        assert line(writer) == "found\n"
+        reader.send_signal(signal.SIGSTOP)
+        print("go", file=writer.stdin, flush=True)
+        said = line(writer)
+        reader.send_signal(signal.SIGCONT)
+        out, _ = reader.communicate(timeout=PATIENCE_S)
+        came, numbers = (list(map(int, text.split())) for text in out.splitlines())
+        writer.communicate(timeout=PATIENCE_S)
+    assert said == "said\n"
+    assert DEPTH <= len(came) < SENT
+    assert came == sorted(set(came))
+    assert numbers == [k + numbers[0] - came[0] for k in came]  # what is missing shows
 
 
-def test_a_reader_that_stops_reading_holds_nobody_up(reader: subprocess.Popen[str], tmp_path: Path) -> None:
-    case = load_case(None, [f"duration={seconds(DEPTH + 3 * MORE)}"])
+def test_all_publishers_keep_so_much_and_a_recorder_says_what_it_lost(loopback: Any, tmp_path: Path) -> None:
+    """Here what comes for the recorder is thrown away for a while; the loop does not wait for it."""
+    case = load_case(None, ["duration=3", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
+    profiles: list[Any] = []
 
-    stopped: list[int] = []  # at which tick, once: who stands still says nothing any more
+    def lose() -> None:
+        rclpy.init()
+        node = rclpy.create_node("thief")
 
-    def stop(done: int, _of: int) -> None:
-        if done > 1 and not stopped and reader.stdout is not None:
-            reader.stdout.readline()
-            reader.send_signal(signal.SIGSTOP)
-            stopped.append(done)
+        def steal(data: bytes) -> None:
+            if not profiles:
+                for topic, _ in node.get_topic_names_and_types():
+                    profiles.extend(one.qos_profile for one in node.get_publishers_info_by_topic(topic))
+            if 40 < int.from_bytes(data[20:28], "little") < 100:
+                for one in of_loopback().subscriptions:
+                    if one.node.get_node_name() == "recorder" and one.topic == "/pmu/frames":
+                        one.waiting.clear()
 
-    outcome = graph.run(case, "lockstep", tmp_path, stop, LOADED_S)
-    assert stopped[0] < 3 * MORE  # so that it lacks more than a publisher keeps
-    assert outcome.messages_lost == 0
-    assert_same(load(outcome.recording), loop.run(case))
+        node.create_subscription(PmuDataFrame, "pmu/frames", steal, HEARING, raw=True)
+        rclpy.spin(node)
 
-
-def strike(started: dict[str, Any], number: int) -> None:
-    os.kill(started["recorder"].process.pid, number)
-
-
-def test_a_recorder_that_was_stopped_says_what_it_lost(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
-    """The loop does not wait for it."""
-    case = load_case(None, [f"duration={seconds(DEPTH + 15 * MORE)}"])
-
-    def stop(done: int, _of: int) -> None:
-        if done > 1:
-            strike(started, signal.SIGSTOP if done < DEPTH + 12 * MORE else signal.SIGCONT)
-
-    outcome = graph.run(case, "lockstep", tmp_path, stop, LOADED_S)
+    loopback.start("thief", lose)
+    outcome = graph.run(case, "realtime", tmp_path, quiet, LOADED_S)
+    assert len(profiles) > 20
+    assert all(one.history == QoSHistoryPolicy.KEEP_LAST and one.depth <= DEPTH for one in profiles)
     frames = [message for message in scan(outcome.recording).messages if message.topic == "/pmu/frames"]
-    recorded = load(outcome.recording)
-    assert 0 < len(frames) < case.ticks
-    said = f"/pmu/frames: the recorder lost {case.ticks - len(frames)} messages of /plant_sim"
-    assert said in recorded.notes
-    computed = loop.run(case)
-    ticks = recorded.ticks
-    assert recorded.frames.tobytes() == computed.frames[np.isin(computed.ticks, ticks)].tobytes()
+    recorded, computed = load(outcome.recording), loop.run(case)
+    assert 0 < outcome.messages_lost == case.ticks - len(frames) < case.ticks
+    assert f"/pmu/frames: the recorder lost {outcome.messages_lost} messages of /plant_sim" in recorded.notes
+    assert recorded.frames.tobytes() == computed.frames[np.isin(computed.ticks, recorded.ticks)].tobytes()
+    assert recorded.issued.tobytes() == computed.issued.tobytes()
 
 
 def test_a_recorder_that_was_stopped_for_a_while_catches_up(
     domain: int, tmp_path: Path, started: dict[str, Any]
 ) -> None:
-    case = load_case(None, ["duration=6"])
+    case = load_case(None, ["duration=3"])
 
     def stop(done: int, _of: int) -> None:
         if done > 1:
-            strike(started, signal.SIGSTOP if 60 < done < 240 else signal.SIGCONT)
+            os.kill(started["recorder"].process.pid, signal.SIGSTOP if 30 < done < 120 else signal.SIGCONT)
 
     outcome = graph.run(case, "realtime", tmp_path, stop, LOADED_S)
     assert outcome.messages_lost == 0
