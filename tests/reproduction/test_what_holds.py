@@ -108,11 +108,11 @@ def test_a_shipped_study_is_of_the_profile(name: str) -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three of them on four draws of 8 s and three delays; again, where most was there in another order."""
+    """Three of them on four draws of 6 s and three delays; again, where most was there in another order."""
 
     def short(name: str, *asked: Any, **more: Any) -> Study:
         made = shipped_study(name, *asked, **more)
-        made.set["duration"] = 8
+        made.set["duration"] = 6
         if name == "held_out_delay":
             axis = made.sweep[0]
             assert isinstance(axis, Axis)
