@@ -21,7 +21,7 @@ from tests.control.bench import FRAMES, LIMITS, MS, SIGNALS, STATIONS, Entry, de
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-some = settings(deadline=None, max_examples=25)
+some = settings(deadline=None, max_examples=12)
 WIDE = {"first": (1e9, 1e12), "second": (1e9, 1e12)}
 
 

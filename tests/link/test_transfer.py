@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 STATIONS, DEVICES, TICKS = 3, 2, 40
 SOUND = np.zeros(STATIONS, np.int64)  # status of entries
 MS = 1_000_000  # ns
-some = settings(deadline=None, max_examples=40)
+some = settings(deadline=None, max_examples=25)
 rates = st.integers(1, 1000)
 nanoseconds = st.integers(0, 2_000_000_000)
 

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.parameters.yaml_text import UNREADABLE, dump, parse
@@ -39,6 +39,7 @@ def test_what_is_no_such_text_is_refused(text: str) -> None:
         parse(text)
 
 
+@settings(max_examples=40)
 @given(CONTENT)
 def test_what_is_written_is_read_back(content: Any) -> None:
     assert parse(dump(content)) == content

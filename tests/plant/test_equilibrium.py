@@ -25,7 +25,7 @@ def test_nothing_happens_in_20_s_without_an_event(name: str, *, with_devices: bo
     """
     built = plant(name, installed=None if with_devices else [])
     fastest = np.linalg.eigvals(linearise(built)[0]).real.max()
-    trace = follow(built, frame_times(20))
+    trace = follow(built, frame_times(20, 5))
     bound = 1e-9 * max(1.0, float(np.exp(20 * fastest)))
     assert bound < 1.5e-8
     assert np.abs(trace.x - built.state.x).max() <= bound

@@ -128,7 +128,7 @@ def unbalanced(
     return left
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(system=systems(), depth=st.floats(0.02, 0.3), change=st.floats(-0.15, 0.05))
 def test_kirchhoff_s_laws_hold_with_any_loads_machines_taps_and_devices(
     system: System, depth: float, change: float
@@ -209,7 +209,7 @@ def test_a_load_beyond_what_the_network_can_carry_collapses_to_an_impedance(P: f
     assert trace.frames[1, 2, VOLTAGE] == pytest.approx(1 / np.hypot(1, SPUR * P / 1e-4), rel=1e-6)
 
 
-@pytest.mark.parametrize("V_min", [0.5, 0.6, 0.7, 0.8, 0.9])
+@pytest.mark.parametrize("V_min", [0.5, 0.7, 0.9])
 def test_every_fault_has_a_solution_with_loads_of_constant_power(V_min: float) -> None:
     """Their draw is bounded and continuous, so there is one: also where one load is an impedance, the other not."""
     system = shipped("two_area")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(5)
 LOAD_STEP = {"time": 0.1, "kind": "load_step", "load": "load_2", "change": -0.1}
-some = settings(deadline=None, max_examples=15)
+some = settings(deadline=None, max_examples=8)
 
 
 def branches(system: System) -> list[Line | Transformer | Series]:
