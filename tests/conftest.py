@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import os
 import socket
@@ -11,8 +12,13 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import settings
 
+from tests.budgets import recorded
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+# Of what is loaded nothing is garbage: looking for it takes a quarter of the time until the first test.
+gc.disable()
 
 # No test hangs on chance or on how long an example takes; `make explore` looks for other examples.
 settings.register_profile("same", derandomize=True, deadline=None, database=None)
@@ -29,31 +35,20 @@ _PROCESS, _PROCESSES = (
 _DOMAINS = itertools.cycle(range(1 + int(_PROCESS), 102, int(_PROCESSES)))
 
 
-# A minute and more each: of those begun last, one would be waited for alone.
-_LONG = (
-    *(
-        "test_extensions.py",
-        "test_packaging.py",
-        "test_habits.py",
-        "test_command.py",
-        "test_search.py",
-        "test_sweep.py",
-    ),
-    *("test_what_holds.py", "test_site.py", "test_reference.py", "test_graph.py", "test_nodes.py", "test_replay.py"),
-)
-
-
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Groups for `pytest -n`: files run side by side, long ones and those with graphs first."""
-    items.sort(key=lambda item: (item.path.name not in _LONG, not _has_graph(item)))
+    """Groups for `pytest -n`: files run side by side, those first that take longest, as far as is on record."""
+    dear = {name: -one.seconds for name, one in recorded().items()}
+    items.sort(key=lambda item: dear.get(item.path.relative_to(item.config.rootpath).as_posix(), 0.0))
     for item in items:
         if item.get_closest_marker("xdist_group") is None:
             item.add_marker(pytest.mark.xdist_group(item.path.name))
 
 
-def _has_graph(item: pytest.Item) -> bool:
-    return not {"domain", "module_domain"}.isdisjoint(getattr(item, "fixturenames", []))
+def pytest_collection_finish() -> None:
+    """From here on garbage is looked for, but not among what was loaded."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture
