@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import entry_points
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -21,11 +24,12 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_rosout_default
 
 from facts_damping.compiling.store import home
+from facts_damping.nodes import executables, forked
 from facts_damping.nodes.warmup import compile_once
 from tests.nodes.graphs import PATIENCE_S, somebody
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from rclpy.qos import QoSProfile
 
@@ -52,8 +56,11 @@ def listener(domain: int) -> Iterator[tuple[Any, Any]]:
 
 @pytest.fixture
 def heard(listener: tuple[Any, Any]) -> Callable[..., list[Any]]:
-    """Waits for a message of a topic; all that came by then."""
-    node, executor = listener
+    return hearing(*listener)
+
+
+def hearing(node: Any, executor: Any) -> Callable[..., list[Any]]:
+    """What waits for a message of a topic, and gives all that came by then."""
     came: dict[str, list[Any]] = {}
 
     def hear(
@@ -71,14 +78,28 @@ def heard(listener: tuple[Any, Any]) -> Callable[..., list[Any]]:
     return hear
 
 
-def run(executable: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [str(BIN / executable), *arguments]
-    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=PATIENCE_S)
+def on_loopback(loopback: Any, names: Iterable[str], **parameters: Any) -> dict[str, Any]:
+    """Nodes by name, started on the loopback."""
+    given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+    mains = {name: importlib.import_module(f"facts_damping.nodes.{name}").main for name in names}
+    return {name: loopback.start(name, main, ["--ros-args", *given]) for name, main in mains.items()}
+
+
+def run(executable: str, *arguments: str, cold: bool = True) -> subprocess.CompletedProcess[str]:
+    """`cold`: as `ros2 run` does; else forked from a process that has everything loaded."""
+    if cold:
+        command = [str(BIN / executable), *arguments]
+        return subprocess.run(command, check=False, capture_output=True, text=True, timeout=PATIENCE_S)
+    with NamedTemporaryFile("r") as out, NamedTemporaryFile("r") as errors:
+        node = forked.start(executable, arguments, os.environ, out.name, errors.name)
+        node.join(PATIENCE_S)
+        return subprocess.CompletedProcess(arguments, node.exitcode or 0, out.read(), errors.read())
 
 
 @pytest.mark.parametrize("executable", NODES)
 def test_help_says_what_it_does_its_parameters_and_an_example(executable: str, domain: int) -> None:
-    done = run(executable, *(["-h"] if executable == "plant_sim" else ["--help"]), *identifies(executable))
+    first = executable == "plant_sim"
+    done = run(executable, "-h" if first else "--help", *identifies(executable), cold=first)
     assert (done.returncode, done.stderr) == (0, "")
     assert f"usage: ros2 run facts_damping {executable}" in done.stdout
     assert f"example: ros2 run facts_damping {executable}" in done.stdout
@@ -104,7 +125,7 @@ def identifies(executable: str) -> list[str]:
 def test_what_is_not_a_parameter_is_an_error_in_a_line(
     executable: str, arguments: list[str], said: str, domain: int
 ) -> None:
-    done = run(executable, "--ros-args", *arguments)
+    done = run(executable, "--ros-args", *arguments, cold=executable == "recorder")
     assert done.returncode == 2
     assert done.stdout == ""
     assert said in done.stderr
@@ -179,31 +200,31 @@ def test_logs_go_to_rosout_and_only_the_supervisor_gets_lines(start: Any, heard:
 
 
 def test_a_log_level_is_obeyed(domain: int) -> None:
-    short = ["-p", "duration:=0.1"]
-    assert run("plant_sim", "--ros-args", "--log-level", "warn", *short).stderr == ""
-    assert "[INFO]" in run("plant_sim", "--ros-args", *short).stderr
+    short = ["-p", "duration:=0.1", "-p", "mode:=free"]
+    assert run("plant_sim", "--ros-args", "--log-level", "warn", *short, cold=False).stderr == ""
+    assert "[INFO]" in run("plant_sim", "--ros-args", *short, cold=False).stderr
 
 
-def test_every_node_tells_how_it_is(start: Any, heard: Any) -> None:
+def test_every_node_tells_how_it_is(loopback: Any) -> None:
     """By its full name, with what it stands for; by what is now, not by what once was."""
-    common = {"mode": "free", "set": str(INDIRECT)}
-    nodes = {name: start(name, **common) for name in ("plant_sim", "wan_link", "controller", "identifier")}
     names = {"plant_sim", "wan_link", "controller", "identifier"}
+    nodes = on_loopback(loopback, sorted(names), mode="free", set=INDIRECT)
 
     def newest(came: list[Any]) -> dict[str, Any]:
         return {one.name: one for message in came for one in message.status}
-
-    came = heard(DiagnosticArray, "/diagnostics", lambda told: set(newest(told)) >= names)
-    assert {newest(came)[name].hardware_id for name in names} == {"two_area", "wan_link", "sssc"}
-    nodes["controller"].terminate()
 
     def warned(told: list[Any]) -> bool:
         silent = "no answer from controller_0_HBsWC" in newest(told)["wan_link"].message
         return silent and "released: sssc" in newest(told)["plant_sim"].message
 
-    heard(DiagnosticArray, "/diagnostics", warned)
-    nodes["plant_sim"].terminate()
-    heard(DiagnosticArray, "/diagnostics", lambda told: "nothing has come" in newest(told)["wan_link"].message)
+    with somebody("listener") as listener:
+        heard = hearing(*listener)
+        came = heard(DiagnosticArray, "/diagnostics", lambda told: set(newest(told)) >= names)
+        assert {newest(came)[name].hardware_id for name in names} == {"two_area", "wan_link", "sssc"}
+        os.kill(nodes["controller"].pid, signal.SIGTERM)
+        heard(DiagnosticArray, "/diagnostics", warned)
+        os.kill(nodes["plant_sim"].pid, signal.SIGTERM)
+        heard(DiagnosticArray, "/diagnostics", lambda told: "nothing has come" in newest(told)["wan_link"].message)
 
 
 def test_a_plant_alone_publishes_soon(start: Any, heard: Any) -> None:
@@ -214,8 +235,9 @@ def test_a_plant_alone_publishes_soon(start: Any, heard: Any) -> None:
     assert frames[0].tick < 60 * SOON_S
 
 
-@pytest.mark.parametrize("after", [0.0, 0.6, 2.1])
-@pytest.mark.parametrize("executable", ["plant_sim", "controller"])
+@pytest.mark.parametrize(
+    ("executable", "after"), [("plant_sim", 0.0), ("controller", 0.6), ("plant_sim", 2.1), ("controller", 2.1)]
+)
 def test_ctrl_c_ends_a_node_soon_and_in_a_line_at_most(executable: str, after: float, domain: int) -> None:
     """While it loads, while it waits, while it works: after so many seconds from when it has its first library."""
     command = ["env", "--default-signal=INT", str(BIN / executable), "--ros-args", "--log-level", "warn"]
@@ -273,14 +295,25 @@ def test_who_is_started_in_lockstep_by_hand_ends_with_the_run(start: Any, tmp_pa
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
 
 
-def test_who_is_started_by_hand_ends_with_a_plant_that_is_told_to_stop(start: Any) -> None:
-    common = {"duration": 600.0, "progress": "false", "start_timeout": PATIENCE_S}
-    nodes = [start(name, mode="realtime", **common) for name in ("wan_link", "controller", "plant_sim")]
+def test_who_is_started_by_hand_ends_with_a_plant_that_is_told_to_stop(capsys: Any, loopback: Any) -> None:
+    nodes = on_loopback(loopback, ("wan_link", "controller", "plant_sim"), mode="realtime", duration=600.0)
     time.sleep(3.0)
-    nodes[-1].terminate()
-    for node in nodes:
-        assert node.communicate(timeout=PATIENCE_S) == ("", "")
-        assert node.returncode == 0
+    os.kill(nodes["plant_sim"].pid, signal.SIGTERM)
+    for node in nodes.values():
+        node.join(PATIENCE_S)
+        assert node.exitcode == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_each_executable_is_a_node(monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[str] = []
+    monkeypatch.setattr(executables, "_start", lambda node, **_: found.append(node))
+    installed = [one for one in entry_points(group="console_scripts") if one.module == executables.__name__]
+    for one in installed:
+        one.load()()
+        assert found[-1] == one.name
+        assert (BIN / one.name).exists()
+    assert set(found) >= set(NODES)
 
 
 def test_every_field_of_an_interface_has_its_meaning_on_its_own_line() -> None:
