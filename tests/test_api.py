@@ -16,6 +16,7 @@ from facts_damping import api
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.digest import digest
+from facts_damping.nodes.loopback.opening import opened
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
@@ -107,8 +108,9 @@ def test_everything_says_what_it_is_in_a_line(tmp_path: Path) -> None:
     assert repr(simulation) == "<Simulation two_area-large-LLC-ideal: tick 0 of 120, 0.000 s>"
 
 
-def test_recordings_are_results(tmp_path: Path, domain: int) -> None:
-    assert main(["run", "two_area_large", "--set", "duration=1", "--out", str(tmp_path)]) == 0
+def test_recordings_are_results(tmp_path: Path) -> None:
+    with opened():
+        assert main(["run", "two_area_large", "--set", "duration=1", "--out", str(tmp_path)]) == 0
     found = fd.load_recording(tmp_path / "recording")
     assert found.issued.tobytes() == fd.simulate("two_area_large", duration=1).issued.tobytes()
     assert repr(found) == "<Result two_area-large-LLC-ideal: 60 ticks, 0.983 s>"

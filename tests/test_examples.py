@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import io
 import json
-import subprocess
+import runpy
 import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -18,6 +20,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.environment import NAME
 from facts_damping.nodes import graph
+from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from facts_damping.studies.linear_margin import margin
@@ -41,10 +44,18 @@ def damper(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("robust")
     plant, law = folder / "plant.npz", folder / "damper.npz"
     assert main(["modes", "two_area", "--devices", "sssc", "--linear", str(plant)]) == 0
-    script = ROOT / "examples" / "robust_damper.py"
-    done = subprocess.run([sys.executable, script, plant, law], capture_output=True, text=True, check=True, cwd=folder)
-    assert done.stdout.startswith("gamma 1.92, a controller of 6 states")
+    assert run_example("robust_damper.py", str(plant), str(law)).startswith("gamma 1.92, a controller of 6 states")
     return law
+
+
+def run_example(name: str, *arguments: str) -> str:
+    """What an example says, called as a program."""
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patched, redirect_stdout(said):
+        patched.setattr(sys, "argv", [name, *arguments])
+        patched.syspath_prepend(str(ROOT / "examples"))
+        runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
+    return said.getvalue()
 
 
 def controller(law: Path) -> str:
@@ -131,25 +142,25 @@ def example(name: str) -> ModuleType:
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What four generations of the training leave: less than the page's forty."""
+    """What three generations of the training leave: less than the page's forty."""
     target = tmp_path_factory.mktemp("trained") / "damper.npz"
-    script = [sys.executable, str(ROOT / "examples" / "train_damper.py"), str(target), "4"]
-    done = subprocess.run(script, capture_output=True, text=True, check=True, cwd=target.parent)
-    means = [float(line.rpartition(" ")[2]) for line in done.stdout.splitlines() if line.startswith("generation")]
-    assert len(means) == 4
+    said = run_example("train_damper.py", str(target), "3").splitlines()
+    means = [float(line.rpartition(" ")[2]) for line in said if line.startswith("generation")]
+    assert len(means) == 3
     assert means[-1] > 0.2 * means[0]  # rewards are negative: less of it
     return target
 
 
 def test_what_was_trained_runs_in_process_and_as_a_node_bit_for_bit(
-    trained: Path, domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
     sets = ["duration=5", f"controllers.0.parameters.weights={trained}"]
     case = load_case("examples/trained_damper.yaml", sets)
     computed = loop.run(case)
     assert np.abs(computed.issued["value"]).max() > 0.0
-    outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
+    with opened():
+        outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
     assert_same(load(outcome.recording), computed)
 
 

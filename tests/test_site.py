@@ -6,6 +6,7 @@ import re
 import runpy
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -52,23 +53,24 @@ def test_a_page_loads_nothing_from_other_hosts(site: Path) -> None:
     assert not re.search(r'<(script|link|img)[^>]+(src|href)="https?://(?!.*rel="canonical")', text)
 
 
-def options() -> set[str]:
-    """All that commands and nodes take."""
-    (verbs,) = (action.choices for action in parser()._actions if isinstance(action.choices, dict))
-    return {name for one in verbs.values() for name in one.options()}
+@cache
+def verbs() -> dict[str, set[str]]:
+    """All commands, and the options of each."""
+    (found,) = (action.choices for action in parser()._actions if isinstance(action.choices, dict))
+    return {name: set(one.options()) for name, one in found.items()}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_commands_and_options_that_a_page_names_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    (verbs,) = (action.choices for action in parser()._actions if isinstance(action.choices, dict))
     for verb in re.findall(r"facts-damping ([a-z]+)\b(?!-)", re.sub(r"facts-damping:.*", "", text)):
-        assert verb in verbs, verb
+        assert verb in verbs(), verb
     for line in re.findall(r"^    \$? ?facts-damping .*$", text, re.MULTILINE):
         for option in re.findall(r"(?<=\s)--[a-z-]+", line):
-            assert option in options() | OTHERS, line
+            assert option in OTHERS.union(*verbs().values()), line
 
 
+@cache
 def fields() -> set[str]:
     """All names of fields of files."""
     return {"extends", *re.findall(r"^\| `([\w-]+)`", GENERATED["fields"](), re.MULTILINE)}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 T = np.arange(1200) / 60
 LONG = np.arange(2400) / 60
+FEW = settings(max_examples=25)
 FREQUENCY, PHASE = st.floats(0.4, 1.5), st.floats(0, 6.3)
 
 
@@ -37,6 +38,7 @@ def wave(
 
 
 @given(sigma=st.floats(0.01, 1), frequency=FREQUENCY, phase=PHASE, drift=st.floats(-0.1, 0.1))
+@FEW
 def test_decay_is_damped_growth_is_growing(sigma: float, frequency: float, phase: float, drift: float) -> None:
     line = 3 + drift * T
     for sign, verdict in ((-1, DAMPED), (1, GROWING)):
@@ -48,6 +50,7 @@ def test_decay_is_damped_growth_is_growing(sigma: float, frequency: float, phase
 
 
 @given(frequency=FREQUENCY, phase=PHASE)
+@FEW
 def test_a_steady_wave_is_a_limit_cycle(frequency: float, phase: float) -> None:
     for x in (wave(0, frequency, phase), np.clip(3 * wave(0, frequency, phase), -1e-3, 1e-3)):
         found = judge(T, x, 1.0)
@@ -72,6 +75,7 @@ def test_intervals_hold_the_truth_in_noise_and_growth_is_never_damped() -> None:
 
 
 @given(sigma=st.sampled_from([-0.1, -0.05, 0.0, 0.05]), apart=st.sampled_from([0.06, 0.1, 0.3]), a=PHASE, b=PHASE)
+@FEW
 def test_beats_are_no_growth(sigma: float, apart: float, a: float, b: float) -> None:
     """Two modes whose envelope falls and rises by 19 to 1: their common growth counts."""
     found = judge(LONG, wave(sigma, 0.7, a, t=LONG) + 0.9 * wave(sigma, 0.7 + apart, b, t=LONG), 1.0)
@@ -97,6 +101,7 @@ def test_a_mode_that_changes_with_its_amplitude_does_not_grow() -> None:
 
 
 @given(decay=st.sampled_from([0.2, 0.5]), frequency=st.floats(0.5, 0.8), a=PHASE, b=PHASE)
+@FEW
 def test_what_is_behind_a_decay_counts(decay: float, frequency: float, a: float, b: float) -> None:
     fast = wave(-decay, frequency, a)
     for sigma, verdict in ((0.03, GROWING), (0.0, LIMIT_CYCLE), (-0.03, DAMPED)):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def test_its_own_tests_pass_in_process_and_as_a_node(
-    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["new", "controller", "my_damper"]) == 0
