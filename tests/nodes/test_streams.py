@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-SECONDS = float(os.environ.get("STREAM_S", "6"))  # 60 was run, too
+SECONDS = float(os.environ.get("STREAM_S", "3"))  # 60 was run, too
+WAIT_S = 5.0  # for what a loaded machine is late with, and for what a link has lost at the end
 HERE = "127.0.0.1"
 RUN = "two_area_large"
 # Of the other program: it takes a frequency in floats for a deviation, and refuses integers where there is no value.
@@ -67,7 +68,7 @@ def streams(tmp_path: Path) -> Callable[..., str]:
 
     def write(*servers: str) -> str:
         path = tmp_path / "streams.yaml"
-        path.write_text(json.dumps({"servers": servers, "wait": 10.0}))
+        path.write_text(json.dumps({"servers": servers, "wait": WAIT_S}))
         return str(path)
 
     return write
@@ -156,7 +157,7 @@ def test_each_station_alone_behind_a_link_by_datagrams(
 ) -> None:
     """Five streams, put together again by their stamps: each station's frames as the link delivered them."""
     low = min(port, 60000)
-    sets = ["duration=4", "link=pdci"]
+    sets = ["duration=2.5", "link=pdci"]
     server = start("c37118_server", run=RUN, set=json.dumps(sets), port=low, behind=0, each="true", idcode=20)
     server.wait(lambda: server.said()[0].count("serving") == 5, PATIENCE_S)
     file = streams(*(f"udp://{HERE}:{low + i}/{20 + i}" for i in range(5)))
@@ -182,7 +183,7 @@ class Played:
     """A server of a run, in this process, at its own pace from when somebody listens."""
 
     def __init__(self, port: int, epoch_s: int) -> None:
-        case, asked = load_case(RUN, ["duration=20"]), Serving(HERE, port, [], 1, None, each=False)
+        case, asked = load_case(RUN, ["duration=8"]), Serving(HERE, port, [], 1, None, each=False)
         self.servers = serving.servers(case, asked, lambda: (epoch_s, 0))
         timed = recorded.instants(loop.run(case), Concentrator(case, epoch_s))
         self.beside = Beside()
@@ -217,16 +218,16 @@ def test_a_server_that_leaves_and_comes_back(
 
     def strike() -> None:
         deadline = time.monotonic() + PATIENCE_S
-        while first.servers[0].counts.frames < 120:
+        while first.servers[0].counts.frames < 60:
             assert time.monotonic() < deadline
             time.sleep(0.05)
         first.end()
-        time.sleep(3.0)
+        time.sleep(1.5)
         serve(1_000_000_000)
 
     with ThreadPoolExecutor(1) as beside:
         struck = beside.submit(strike)
-        given = ["--run", "two_area_supervised", "--set", "duration=12", "--timeout", str(LOADED_S)]
+        given = ["--run", "two_area_supervised", "--set", "duration=7", "--timeout", str(LOADED_S)]
         files = ["--out", str(tmp_path / "out"), "--json", str(tmp_path / "result.json")]
         status = main(["pmu-listen", f"tcp://{HERE}:{port}", *given, *files])
         struck.result()
@@ -235,8 +236,8 @@ def test_a_server_that_leaves_and_comes_back(
     there = record.measured_ns[:, 0] != LOST
     assert there[0]
     gone = np.flatnonzero(~there)
-    assert len(gone) > 60
-    assert there[gone[0] :].sum() > 60  # it came back
+    assert len(gone) > 30
+    assert there[gone[0] :].sum() > 30  # it came back
     assert result["stations"]["G1"] == {"frames": int(there.sum()), "absent": int((~there).sum())}
     assert set(record.supervision["state"].tolist()) == {SHADOW}
     assert np.isnan(record.machines["speed_deviation"]).all()
