@@ -141,16 +141,6 @@ def test_droop_shares_the_offset_between_network_and_regulator(offset: float, dr
     assert trace.devices["current"][-1, 0] == pytest.approx(abs(offset) / (SPUR + droop), abs=1e-7)
 
 
-def test_offset_is_limited_and_its_rate() -> None:
-    """0.1 p.u. and 10 p.u./s, from 12.3 ms on and back from 40 ms on."""
-    times = np.arange(0, 0.08, 0.0007)
-    trace = follow(small(), times, [(0.0123, 0.3), (0.04, -5.0)])
-    expected = np.clip(10 * (times - 0.0123), 0, 0.1) - np.clip(10 * (times - 0.04), 0, 0.2)
-    np.testing.assert_allclose(trace.reference[:, 0], expected, rtol=0, atol=2e-8)
-    assert set(trace.devices["setpoint"][:, 0]) == {0.0, 0.1, -0.1}
-    np.testing.assert_array_equal(trace.devices["reference"][:, 0], trace.reference[:, 0])
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_reactive_current_is_limited_and_leaves_the_limit_at_once(sign: int) -> None:
     """A stiff network keeps the voltage from following: 0.9 p.u. of current for seconds, no wind-up after it."""
@@ -274,7 +264,7 @@ def test_a_fault_at_its_bus_blocks_it_and_it_comes_back() -> None:
     assert device["dc_voltage"][held] == pytest.approx(1, abs=0.01)
 
 
-awkward = st.sampled_from([float("nan"), float("inf"), float("-inf"), 1e300, 0.0, -0.0, 5e-324])
+awkward = st.sampled_from([float("nan"), float("inf"), float("-inf"), 1e300, -1e300, 0.0, -0.0, 5e-324])
 
 
 @settings(deadline=None, max_examples=15)
@@ -284,7 +274,7 @@ awkward = st.sampled_from([float("nan"), float("inf"), float("-inf"), 1e300, 0.0
     )
 )
 def test_two_devices_keep_their_limits_under_any_setpoints(sequence: list[tuple[int, float, int]]) -> None:
-    """Each has its own setpoints: +-0.1 p.u. at 5 and at 10 p.u./s."""
+    """Each has its own setpoints: +-0.1 p.u. at 5 and at 10 p.u./s; what is no number leaves what was."""
     targets = sorted(((ns * 1e-9, value, device) for ns, value, device in sequence), key=lambda row: row[0])
     trace = follow(plant("two_area", installed=BOTH), frame_times(1.1, 120), targets)
     assert np.isfinite(trace.x).all()
@@ -292,6 +282,9 @@ def test_two_devices_keep_their_limits_under_any_setpoints(sequence: list[tuple[
     assert np.abs(trace.reference).max() <= 0.1
     assert (np.abs(np.diff(trace.reference, axis=0)).max(axis=0) <= np.array([5, 10]) / 120 + 2e-7).all()
     assert trace.devices["current"][:, 1].max() < 1.3
+    sssc = trace.devices[:, 0]
+    whole = np.hypot(sssc["injected_voltage"], sssc["active_voltage"])
+    assert whole.max() <= 0.11 + 0.0016 * sssc["current"].max()
     for d in (0, 1):
         finite = [value for _, value, device in targets if device == d and np.isfinite(value)]
         last = min(max(finite[-1], -0.1), 0.1) if finite else 0.0

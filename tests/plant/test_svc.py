@@ -118,15 +118,6 @@ def test_susceptance_stays_within_its_limits_and_leaves_them_without_wind_up(u: 
     np.testing.assert_allclose(B[after], expected, rtol=1e-3, atol=1e-9)
 
 
-def test_setpoint_is_limited_and_its_rate() -> None:
-    """0.1 p.u. and 10 p.u./s, from 12.3 ms on and back from 40 ms on."""
-    times = np.arange(0, 0.08, 0.0007)
-    trace = follow(small(rate_max=10.0), times, [(0.0123, 0.3), (0.04, -5.0)])
-    expected = np.clip(10 * (times - 0.0123), 0, 0.1) - np.clip(10 * (times - 0.04), 0, 0.2)
-    np.testing.assert_allclose(trace.reference[:, 0], expected, rtol=0, atol=2e-8)
-    assert set(trace.devices["setpoint"][:, 0]) == {0.0, 0.1, -0.1}
-
-
 def test_it_starts_at_rest_and_leaves_the_power_flow_alone() -> None:
     built = plant(two_area(), installed=["sssc", "svc"])
     assert np.abs(slopes(built)).max() < 1e-9

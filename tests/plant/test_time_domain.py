@@ -141,13 +141,6 @@ def test_a_setpoint_that_comes_late_acts_at_once_and_the_last_of_an_instant_wins
     assert (state.target[0], state.reference[0]) == (0.01, 0.01)
 
 
-def test_the_reference_is_an_exact_ramp() -> None:
-    """5 p.u./s from 12.3 ms on: 0.1 p.u. takes 20 ms, whatever the frames."""
-    times = np.arange(0, 0.06, 0.0007)
-    trace = follow(plant("two_area"), times, [(0.0123, 0.3)])
-    np.testing.assert_allclose(trace.reference[:, 0], np.clip(5 * (times - 0.0123), 0, 0.1), rtol=0, atol=1e-8)
-
-
 @pytest.mark.parametrize("shift", [0.0037, 0.0123456])
 def test_an_event_acts_at_its_own_instant(shift: float) -> None:
     """Everything is at rest before: a fault between two frames gives the same course, later by as much."""

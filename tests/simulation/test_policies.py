@@ -40,8 +40,7 @@ def written(folder: Path, text: str, name: str = "mine.py") -> str:
     return f"{folder / name}:Mine"
 
 
-@pytest.mark.parametrize("link", ["ideal", "pdci", "plc", "lossy_bursts"])
-@pytest.mark.parametrize("frame_rate", [60, 50])
+@pytest.mark.parametrize(("link", "frame_rate"), [("ideal", 60), ("pdci", 50), ("plc", 60), ("lossy_bursts", 50)])
 def test_the_lead_lag_as_a_class_is_the_shipped_one_bit_for_bit(link: str, frame_rate: int) -> None:
     sets = [f"link={link}" if link != "lossy_bursts" else LOSSY, f"frame_rate={frame_rate}"]
     shipped = loop.run(load_case("two_area_large", ["duration=5", *sets]))
