@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import os
+import signal
+import sys
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -9,12 +13,14 @@ import pytest
 import rclpy
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from facts_damping.errors import RunError
 from facts_damping.nodes.loopback import arguments
+from facts_damping.nodes.loopback.opening import StandIn, opened
 from facts_damping.nodes.loopback.processes import World, never
 from tests.nodes.graphs import payloads, run_graph, somebody
 
@@ -151,6 +157,32 @@ def test_a_run_repeats_itself_with_all_its_messages(loopback: Any, tmp_path: Pat
     assert len(filled) > 5  # others have bytes between their fields that nobody sets
     assert all(first[topic] == second[topic] for topic in filled if topic != "/run/state")
     assert len(first["/pmu/frames"]) == 120
+
+
+def test_a_node_that_was_killed_is_forgotten(loopback: Any) -> None:
+    def talk() -> None:
+        with somebody("talker") as (node, executor):
+            node.create_publisher(String, "topic", profile())
+            while True:
+                executor.spin_once(timeout_sec=1.0)
+
+    talker = loopback.start("talker", talk)
+    with somebody("listener") as (node, executor):
+        executor.spin_once(timeout_sec=0.1)
+        assert (node.count_publishers("topic"), "talker" in node.get_node_names()) == (1, True)
+        os.kill(talker.pid, signal.SIGKILL)
+        executor.spin_once(timeout_sec=0.1)
+        assert (node.count_publishers("topic"), "talker" in node.get_node_names()) == (0, False)
+
+
+def test_what_is_imported_meanwhile_is_itself_again_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "rclpy.validate_topic_name"
+    monkeypatch.delitem(sys.modules, name)
+    with opened():
+        module: Any = importlib.import_module(name)
+        meanwhile = module._rclpy
+    assert type(meanwhile) is StandIn
+    assert module._rclpy is rclpy_implementation
 
 
 def test_rclpy_is_itself_again_afterwards() -> None:

@@ -27,7 +27,7 @@ from facts_damping.nodes.loopback import implementation
 from facts_damping.nodes.loopback.processes import FIRST_PID, Process, World, current, never, process, wall_ns, world
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
     from rclpy.executors import Executor
 
@@ -141,24 +141,29 @@ def _start(
     return started
 
 
+def _seeing(but: Collection[str] = ()) -> Iterator[tuple[Any, str, Any]]:
+    """Names of modules that see it, and what they are: module, name, value."""
+    for name, module in sorted(sys.modules.items()):
+        if name.startswith(PATCHED) and not name.startswith(__package__ or "") and name not in but:
+            yield from ((module, own, value) for own, value in list(vars(module).items()))
+
+
 @contextmanager
 def opened() -> Iterator[World]:
     """A loopback, for as long as this is open."""
-    here = World()
+    here, before = World(), set(sys.modules)
     with ExitStack() as patched:
 
         def put(module: Any, name: str, value: Any) -> None:
             patched.enter_context(mock.patch.object(module, name, value))
 
-        for name, module in sorted(sys.modules.items()):
-            if name.startswith(PATCHED) and not name.startswith(__package__ or ""):
-                for own, value in list(vars(module).items()):
-                    for one in STAND_INS:
-                        if value is one.module:
-                            put(module, own, one)
-                    for real, ours in FUNCTIONS.items():
-                        if value is real:
-                            put(module, own, ours)
+        for module, name, value in _seeing():
+            for one in STAND_INS:
+                if value is one.module:
+                    put(module, name, one)
+            for real, ours in FUNCTIONS.items():
+                if value is real:
+                    put(module, name, ours)
         for name, ours in TIME.items():
             put(time, name, _simulated(getattr(time, name), ours))
         kill = os.kill
@@ -170,3 +175,9 @@ def opened() -> Iterator[World]:
             yield here
         finally:
             here.close()
+    for module, name, value in _seeing(but=before):  # what was imported meanwhile
+        if isinstance(value, StandIn):
+            setattr(module, name, value.module)
+        for real, ours in FUNCTIONS.items():
+            if value is ours:
+                setattr(module, name, real)
