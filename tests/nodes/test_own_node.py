@@ -89,7 +89,7 @@ def test_the_example_is_what_the_page_says_it_is() -> None:
 
 def test_started_by_the_graph_it_is_replayed_with_others(domain: int, tmp_path: Path) -> None:
     """Behind a link of its own, in a namespace; by its command again, too."""
-    placed = {"link": "delay_100ms", "namespace": "area_1", "parameters": {"gain": 12}}
+    placed: dict[str, Any] = {"link": "delay_100ms", "namespace": "area_1", "parameters": {"gain": 12}}
     outcome = run(tmp_path, by_command("duration=1.5", **placed))
     assert_same_law(load(outcome.recording), in_process("duration=1.5", **placed))
     assert (tmp_path / f"{NAME}.log").read_text() == ""
