@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import runpy
 import sys
@@ -210,21 +211,20 @@ def test_arguments_that_are_not_there_are_refused(launched: Any, monkeypatch: py
 
 @pytest.mark.parametrize("name", ["centralised", "decentralised"])
 def test_what_is_launched_below_a_namespace_is_the_in_process_run(
-    launched: Any, start: Any, tmp_path: Path, name: str
+    capsys: pytest.CaptureFixture[str], launched: Any, loopback: Any, tmp_path: Path, name: str
 ) -> None:
     """As `launch` would start it in a group with a namespace pushed."""
-    run = f"two_area_{name}"
+    run, short = f"two_area_{name}", "duration=4.0"
     running = {}
-    for node in nodes(launched("run.launch.py", run=run, output=str(tmp_path / "bag"))):
+    for node in nodes(launched("run.launch.py", run=run, set=short, output=str(tmp_path / "bag"))):
         place = "/".join(part for part in ("", "grid", node.namespace) if part is not None)
-        given = {
-            key: str(value).lower() if isinstance(value, bool) else value for key, value in node.parameters.items()
-        }
-        options = ("-r", f"__node:={node.name}", "-r", f"__ns:={place}")
-        running[node.name, place] = start(node.executable, *options, start_timeout=PATIENCE_S, **given)
-    plant, recorder = running["plant_sim", "/grid"], running["recorder", "/grid"]
-    _, errors = plant.communicate(timeout=4 * PATIENCE_S)  # the whole of a shipped run, 20 s
-    assert (plant.returncode, errors) == (0, "")
-    recorder.terminate()
-    assert recorder.communicate(timeout=PATIENCE_S) == ("lost 0\n", "")
-    assert_same(load(tmp_path / "bag"), loop.run(load_case(run)))
+        arguments = ["--ros-args", "-r", f"__node:={node.name}", "-r", f"__ns:={place}"]
+        for key, value in node.parameters.items():
+            arguments += ["-p", f"{key}:={value}"]
+        main = importlib.import_module(f"facts_damping.nodes.{node.executable}").main
+        running[node.name, place] = loopback.start(node.name, main, arguments)
+    for node in running.values():
+        node.join(PATIENCE_S)
+        assert node.exitcode == 0
+    assert capsys.readouterr() == ("", "")
+    assert_same(load(tmp_path / "bag"), loop.run(load_case(run, [short])))
