@@ -44,26 +44,23 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     assert not (tmp_path / "out").exists()
 
 
-def test_pictures_beside_the_others(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--spwvd", "w12", "--windows", "3,1", "--band", "0.2,2"]
-    assert main(["analyze", str(recording), "--out", str(tmp_path / "out"), *options]) == 0
-    out, _ = capsys.readouterr()
-    picture = tmp_path / "out" / "spwvd_w12.png"
-    assert f"plot: {picture}" in out.splitlines()
-    assert picture.stat().st_size > 10_000
-    assert (tmp_path / "out" / "speeds.png").exists()
-
-
-def test_a_report_of_two_recordings(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_report_and_pictures_of_two_recordings(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Two of the same name are told apart, a cut one is said to be cut."""
     cut = tmp_path / "cut.mcap"
     whole = next(recording.glob("*.mcap")).read_bytes()
     cut.write_bytes(whole[: len(whole) * 2 // 3])
     page = tmp_path / "report.html"
     options = ["--out", str(tmp_path / "out"), "--report", str(page), "--run", "two_area_small"]
+    options += ["--spwvd", "w12", "--windows", "3,1", "--band", "0.2,2"]
     assert main(["analyze", str(recording), str(cut), *options]) == 0
     out, err = capsys.readouterr()
     assert out.splitlines()[-1] == f"report: {page}"
+    for picture in (tmp_path / "out" / f"spwvd_w12_{k}.png" for k in (1, 2)):
+        assert f"plot: {picture}" in out.splitlines()
+        assert picture.stat().st_size > 10_000
+    assert (tmp_path / "out" / "speeds.png").exists()
     text = page.read_text(encoding="utf-8")
     for note in [line.partition(": ")[2] for line in err.splitlines() if "missing" in line]:
         assert note in text
