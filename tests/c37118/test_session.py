@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from binascii import crc_hqx
 
@@ -14,6 +15,7 @@ from facts_damping.c37118.data import Data
 from facts_damping.c37118.frame import FrameError
 from facts_damping.c37118.session import Instant, Receiver
 
+MUTATED = int(os.environ.get("MUTATED_FRAMES", "40000"))
 WIDE = Configuration(
     tuple(
         Pmu(f"P{i}", i, (Phasor("V"), Phasor("I", current=True)), (Analog("P"),), float_phasors=True, polar=True)
@@ -104,7 +106,7 @@ def test_mutated_streams_end_nothing_and_are_counted() -> None:
     good += [*session.answers(served, "send_header", 1, 0), frame.command(9, "turn_on", 3)]
     good += [session.told(served, instant(WIDE, k)) for k in range(4)]
     receiver, taken, given = Receiver(), 0, 0
-    for i in range(200_000):
+    for i in range(MUTATED):
         raw = bytearray(good[i % len(good)])
         for _ in range(int(rng.integers(1, 4))):
             raw[int(rng.integers(len(raw)))] = int(rng.integers(256))
@@ -119,8 +121,8 @@ def test_mutated_streams_end_nothing_and_are_counted() -> None:
         taken += len(receiver.take([bytes(raw)]))
     refused = sum(receiver.refused.values())
     assert all(re.fullmatch(r"[A-Z_0-9, to]+", field) for field in receiver.refused), receiver.refused
-    assert refused > 50_000
-    assert taken > 1000
+    assert refused > MUTATED / 4
+    assert taken > MUTATED / 200
     assert refused + taken <= given
 
 

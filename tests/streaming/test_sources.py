@@ -137,6 +137,9 @@ def test_group_delay_of_configuration_3_puts_ticks_behind_stamps() -> None:
     assert rows(found, 0.0) == [*[[]] * 6, [(0, 0, 1.0)]]
 
 
+MUTATED = 5000  # frames
+
+
 def mutated(rng: np.random.Generator, raw: bytes, fits: bool) -> bytes:
     """Some bytes changed, and a check word that fits again, or not."""
     made = bytearray(raw)
@@ -149,19 +152,19 @@ def mutated(rng: np.random.Generator, raw: bytes, fits: bool) -> bytes:
 
 
 def test_hostile_servers_end_nothing() -> None:
-    """Of 20 000 mutated frames each is refused, read, or of no use; none ends the client, and ticks stay few."""
+    """Of mutated frames each is refused, read, or of no use; none ends the client, and ticks stay few."""
     served, rng, receiver, found = stream([0, 1, 2]), np.random.default_rng(3), Receiver(), sources(SOUTH)
     good = [one for kind in (2, 3) for one in session.answers(served, f"send_configuration_{kind}", 1, 0)]
     good += [session.told(served, instant([0, 1, 2], k)) for k in range(6)]
     ticks = 0
-    for i in range(20_000):
+    for i in range(MUTATED):
         now_s = i / 600
         for what in receiver.take([mutated(rng, good[i % len(good)], fits=i % 4 > 0)]):
             if not isinstance(what, str):
                 found.take(0, now_s, what)
         ticks += len(rows(found, now_s))
-    assert sum(receiver.refused.values()) > 5000
-    assert ticks <= 60 * (20_000 / 600 + (1 + found.following.moved) * (JUMP_S + 1.0))
+    assert sum(receiver.refused.values()) > MUTATED / 4
+    assert ticks <= 60 * (MUTATED / 600 + (1 + found.following.moved) * (JUMP_S + 1.0))
 
 
 def test_hostile_clients_end_nothing_and_are_counted() -> None:
