@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
+    from facts_damping.case.model import Case
     from facts_damping.signals import Record
 
 ARRAYS = (
@@ -59,6 +60,14 @@ def assert_same(recorded: Record, computed: Record) -> None:
     assert str(recorded.events) == str(computed.events)
     for name in ("stations", "machine_names", "device_names", "controller_names", "configuration"):
         assert getattr(recorded, name) == getattr(computed, name)
+
+
+def as_in_process(folder: Path, case: Case) -> Record:
+    """The run in process, which is what a graph in lockstep records in `folder`."""
+    outcome, computed = graph.run(case, "lockstep", folder, quiet, LOADED_S), loop.run(case)
+    assert outcome.messages_lost == 0
+    assert_same(load(outcome.recording), computed)
+    return computed
 
 
 @contextmanager

@@ -28,13 +28,13 @@ from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.nodes.graphs import (
     PATIENCE_S,
+    as_in_process,
     assert_kept_apart,
     assert_named,
     assert_same,
     nodes_left,
     payloads,
     quiet,
-    run_graph,
     wait_until_recording,
 )
 
@@ -51,11 +51,9 @@ def test_lockstep_recording_equals_in_process_run_bit_for_bit(
 ) -> None:
     delays = [f"link.{way}.0.delay={delay_s / 2}" for way in ("up", "down")]
     sets = [f"scenario={scenario}", f"duration={duration}", *delays]
-    recorded = run_graph(tmp_path, sets)
-    computed = loop.run(load_case(None, sets))
-    assert len(recorded.time_ns) == 60 * duration
-    assert np.any(recorded.applied["value"] != 0.0)
-    assert_same(recorded, computed)
+    computed = as_in_process(tmp_path, load_case(None, sets))
+    assert len(computed.time_ns) == 60 * duration
+    assert np.any(computed.applied["value"] != 0.0)
 
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -109,9 +107,7 @@ PLANTS = {
 
 @pytest.mark.parametrize("sets", PLANTS.values(), ids=PLANTS)
 def test_other_plants_are_recorded_bit_for_bit_too(loopback: Any, tmp_path: Path, sets: list[str]) -> None:
-    computed = loop.run(load_case(None, sets))
-    assert computed.in_synchronism.all()
-    assert_same(run_graph(tmp_path, sets), computed)
+    assert as_in_process(tmp_path, load_case(None, sets)).in_synchronism.all()
 
 
 EVERY_NODE = [
@@ -129,25 +125,23 @@ EVERY_NODE = [
 
 def test_dds_gives_the_recording_of_the_loopback(domain: int, tmp_path: Path) -> None:
     """Both give that of the run in process, with a node of each kind; others are run on the loopback alone."""
-    recorded = run_graph(tmp_path / "dds", EVERY_NODE)
-    assert np.any(recorded.supervised["value"] != 0.0)
-    assert_same(recorded, loop.run(load_case(None, EVERY_NODE)))
+    computed = as_in_process(tmp_path / "dds", load_case(None, EVERY_NODE))
+    assert np.any(computed.supervised["value"] != 0.0)
     with opened():
-        assert_same(run_graph(tmp_path / "loopback", EVERY_NODE), recorded)
+        as_in_process(tmp_path / "loopback", load_case(None, EVERY_NODE))
 
 
 def test_unstable_run_ends_where_the_in_process_run_ends(loopback: Any, tmp_path: Path) -> None:
     sets = ["scenario=large", "controllers=[]", "frame_rate=30"]
-    recorded, computed = run_graph(tmp_path, sets), loop.run(load_case(None, sets))
-    assert_same(recorded, computed)
-    assert len(recorded.time_ns) < 600
-    assert list(np.flatnonzero(~recorded.in_synchronism)) == [len(recorded.time_ns) - 1]
+    computed = as_in_process(tmp_path, load_case(None, sets))
+    assert len(computed.time_ns) < 600
+    assert list(np.flatnonzero(~computed.in_synchronism)) == [len(computed.time_ns) - 1]
 
 
 def test_two_runs_give_identical_recordings_but_for_wall_clock_stamps(domain: int, tmp_path: Path) -> None:
     sets = ["duration=2", "link=delay_100ms"]
     for name in ("a", "b"):
-        assert_same(run_graph(tmp_path / name, sets), loop.run(load_case(None, sets)))
+        as_in_process(tmp_path / name, load_case(None, sets))
     first, second = payloads(tmp_path / "a"), payloads(tmp_path / "b")
     # Who of several nodes speaks first is chance, and the recorder speaks by the wall clock.
     told = [sorted(one for one in bag.pop("/diagnostics") if b"recorder" not in one) for bag in (first, second)]

@@ -26,7 +26,16 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.link.test_presets import any_link
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_kept_apart, assert_named, assert_same, payloads, quiet
+from tests.nodes.graphs import (
+    LOADED_S,
+    PATIENCE_S,
+    as_in_process,
+    assert_kept_apart,
+    assert_named,
+    assert_same,
+    payloads,
+    quiet,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -46,7 +55,7 @@ def sets(sssc: dict[str, Any], statcom: dict[str, Any], *more: str) -> list[str]
         {"name": "LLC", "signals": ["speed"], "devices": ["sssc"], **sssc},
         {"name": "LLC", "signals": ["speed"], "devices": ["statcom"], "parameters": {"gain": 5.0}, **statcom},
     ]
-    return ["devices=[sssc, statcom]", "scenario=large", "duration=3", f"controllers={json.dumps(rows)}", *more]
+    return ["devices=[sssc, statcom]", "scenario=large", "duration=2", f"controllers={json.dumps(rows)}", *more]
 
 
 ROUGH = {
@@ -62,9 +71,9 @@ ROUGH = {
 WRONG = {
     "up": [
         {"model": "normal", "mean": 0.03, "std": 0.02},
-        {"model": "spoof", "offset": 0.02, "start": 1.5, "channels": ["w13"]},
-        {"model": "replay", "window": 0.3, "start": 2.0, "duration": 0.5},
-        {"model": "ramp", "rate": 0.01, "start": 2.5},
+        {"model": "spoof", "offset": 0.02, "start": 1.2, "channels": ["w13"]},
+        {"model": "replay", "window": 0.3, "start": 1.3, "duration": 0.4},
+        {"model": "ramp", "rate": 0.01, "start": 1.6},
         {"model": "noise", "std": 1e-4, "measurement": "speed_deviation"},
     ],
     "down": [{"model": "bernoulli", "loss": 0.2}, {"model": "in_order"}, {"model": "playout", "delay": 0.1}],
@@ -97,12 +106,9 @@ RUNS = {
 @pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
 def test_a_graph_with_own_links_is_the_in_process_run_bit_for_bit(tmp_path: Path, run: list[str]) -> None:
     case = load_case(None, run)
-    outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
-    recorded, computed = load(outcome.recording), loop.run(case)
-    assert outcome.messages_lost == 0
+    computed = as_in_process(tmp_path, case)
     assert np.unique(computed.delivered["link"]).tolist() == list(range(len(case.links)))
     assert len(np.unique(computed.applied["device"])) == 2
-    assert_same(recorded, computed)
     again = loop.run(load_case(str(tmp_path / "run.yaml")))  # the stored run has all links inline
     assert again.applied.tobytes() == computed.applied.tobytes()
 
@@ -131,9 +137,7 @@ def test_a_graph_with_any_links_is_the_in_process_run_bit_for_bit(
     """It does not crash, does not wait for ever, and loses nothing but what the links lose."""
     seeded = [f"link={json.dumps(one)}", f"seed={seed}", "duration=2"]
     case = load_case(None, sets(scheme, {"signals": ["w13"], "compensation": compensation, "link": other}, *seeded))
-    outcome = graph.run(case, "lockstep", tmp_path_factory.mktemp("graph"), quiet, LOADED_S)
-    assert outcome.messages_lost == 0
-    assert_same(load(outcome.recording), loop.run(case))
+    as_in_process(tmp_path_factory.mktemp("graph"), case)
 
 
 def test_an_unstable_run_with_own_links_ends_where_the_in_process_run_ends(tmp_path: Path) -> None:
@@ -141,10 +145,7 @@ def test_an_unstable_run_with_own_links_ends_where_the_in_process_run_ends(tmp_p
     case = load_case(
         None, [*sets({**idle, "link": link(0.1)}, {**idle, "link": "ideal"}), "duration=20", "frame_rate=30"]
     )
-    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
-    recorded = load(tmp_path / "recording")
-    assert not recorded.in_synchronism[-1]
-    assert_same(recorded, loop.run(case))
+    assert not as_in_process(tmp_path, case).in_synchronism[-1]
 
 
 APART = sets({"link": link(0.1), "namespace": "tie"}, {"link": link(0.01), "namespace": "substation"})
@@ -184,7 +185,7 @@ def test_links_that_are_late_by_turns_change_nothing(tmp_path: Path, started: di
 
 def test_real_time_with_own_links_loses_nothing_and_its_recording_may_be_cut(tmp_path: Path) -> None:
     """What is left is the run's beginning."""
-    case = load_case(None, APART)
+    case = load_case(None, [*APART, "duration=3"])
     outcome = graph.run(case, "realtime", tmp_path / "whole", quiet)
     assert (outcome.messages_lost, outcome.deadline_misses) == (0, 0)
     file, computed, ticks = next(outcome.recording.glob("*.mcap")), loop.run(case), [0]

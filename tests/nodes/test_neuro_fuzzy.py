@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from facts_damping_msgs.msg import ControllerState, JacobianEstimate
-from mcap.reader import make_reader
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.serialization import deserialize_message
@@ -22,7 +21,7 @@ from facts_damping.nodes import graph
 from facts_damping.parameters.files import read_table
 from facts_damping.recording.reader import load
 from facts_damping.simulation import learnt_weights, loop
-from tests.nodes.graphs import LOADED_S, assert_named, assert_same, quiet
+from tests.nodes.graphs import LOADED_S, as_in_process, assert_named, assert_same, payloads, quiet
 from tests.two_devices import centralised
 
 if TYPE_CHECKING:
@@ -60,10 +59,7 @@ LINKS = {"delay": "link.up=[{delay: 0.0712}]", "loss": "link.up=[{delay: 0.05}, 
 @pytest.mark.parametrize("system", [["system=two_area", "scenario=large"], ["system=smib", "scenario=heavy"]])
 def test_a_graph_with_an_lqg_is_the_in_process_run_bit_for_bit(tmp_path: Path, system: list[str], link: str) -> None:
     case = load_case(None, [*system, "controllers.0.name=LQG", LINKS[link], "duration=2.5"])
-    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
-    recorded, computed = load(tmp_path / "recording"), loop.run(case)
-    assert np.abs(computed.applied["value"]).max() > 0.01
-    assert_same(recorded, computed)
+    assert np.abs(as_in_process(tmp_path, case).applied["value"]).max() > 0.01
 
 
 @pytest.mark.parametrize("name", ["LQG", "Hinf", "ANFTSC"])
@@ -72,10 +68,7 @@ def test_a_graph_of_the_deployment_is_the_in_process_run_bit_for_bit(tmp_path: P
     sets = [f"controllers.0.name={name}", "system.machines.0.H=5", "system.loads.0.P=900", "duration=2.5"]
     case = load_case("two_area_deployment", sets)
     assert case.designed_on.machines[0].H != case.system.machines[0].H
-    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
-    recorded, computed = load(tmp_path / "recording"), loop.run(case)
-    assert np.abs(computed.applied["value"]).max() > 0.01
-    assert_same(recorded, computed)
+    assert np.abs(as_in_process(tmp_path, case).applied["value"]).max() > 0.01
 
 
 @pytest.mark.parametrize(("name", "scheme", "scenario", "link"), RUNS, ids=[f"{n}-{s}" for n, s, _, _ in RUNS])
@@ -84,11 +77,9 @@ def test_a_graph_with_identifier_is_the_in_process_run_bit_for_bit(
 ) -> None:
     own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"link={link}", "duration=2.5"]
     case = load_case(None, [*scenario, *own])
-    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
-    recorded, computed = load(tmp_path / "recording"), loop.run(case)
+    computed = as_in_process(tmp_path, case)
     assert np.any(computed.applied["value"] != 0.0)
     assert len(computed.estimates) == (150 if scheme == "indirect" else 0)
-    assert_same(recorded, computed)
 
 
 @pytest.mark.parametrize(("name", "scheme", "scenario", "link"), MIMO, ids=[f"{n}-{s}" for n, s, _, _ in MIMO])
@@ -98,11 +89,9 @@ def test_a_centralised_graph_is_the_in_process_run_bit_for_bit(
     """Two signals, two devices; all of them: benchmarks/graphs.py."""
     own = [*centralised(name, scheme), f"scenario={scenario}", f"link={link}", "duration=2"]
     case = load_case(None, own)
-    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
-    recorded, computed = load(tmp_path / "recording"), loop.run(case)
+    computed = as_in_process(tmp_path, case)
     assert {0, 1} == set(computed.issued["device"])
     assert len(computed.estimates) == (4 * 120 if scheme == "indirect" else 0)
-    assert_same(recorded, computed)
 
 
 def test_two_indirect_controllers_each_with_its_identifier(tmp_path: Path) -> None:
@@ -112,11 +101,7 @@ def test_two_indirect_controllers_each_with_its_identifier(tmp_path: Path) -> No
     ]
     rows[1] |= {"name": "HBsWC", "scheme": "indirect"}
     sets = ["devices=[sssc, statcom]", f"controllers={rows}", "scenario=large", "duration=3"]
-    case = load_case(None, sets)
-    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
-    recorded = load(tmp_path / "recording")
-    assert set(recorded.estimates["controller"]) == {0, 1}
-    assert_same(recorded, loop.run(case))
+    assert set(as_in_process(tmp_path, load_case(None, sets)).estimates["controller"]) == {0, 1}
 
 
 def test_weights_are_saved_and_a_run_goes_on_from_them(tmp_path: Path) -> None:
@@ -138,10 +123,7 @@ def test_weights_are_saved_and_a_run_goes_on_from_them(tmp_path: Path) -> None:
 def test_inner_state_and_estimates_are_published_every_tick(tmp_path: Path) -> None:
     case = load_case(None, [*HBSWC, "duration=3"])
     graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
-    found: dict[str, list[bytes]] = {}
-    with next((tmp_path / "recording").glob("*.mcap")).open("rb") as stream:
-        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
-            found.setdefault(channel.topic, []).append(message.data)
+    found = payloads(tmp_path)
     states = [deserialize_message(data, ControllerState) for data in found["/controller_0_HBsWC/state"]]
     estimates = [deserialize_message(data, JacobianEstimate) for data in found["/identifier_0_ANFGuMoI/estimate"]]
     assert len(states) == len(estimates) == 180
@@ -202,11 +184,7 @@ def test_parameters_that_are_safe_to_change_change_while_it_runs(start: Any, cli
 
 def test_an_unstable_run_with_identifier_ends_where_the_in_process_run_ends(tmp_path: Path) -> None:
     sets = [*HBSWC, "controllers.0.parameters.weight=0", "controllers.0.parameters.eta=0", "frame_rate=30"]
-    case = load_case(None, sets)
-    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
-    recorded = load(tmp_path / "recording")
-    assert not recorded.in_synchronism[-1]
-    assert_same(recorded, loop.run(case))
+    assert not as_in_process(tmp_path, load_case(None, sets)).in_synchronism[-1]
 
 
 @pytest.mark.parametrize("loss", ["", ", {model: bernoulli, loss: 0.1}"])
@@ -216,9 +194,7 @@ def test_a_graph_with_prediction_is_the_in_process_run_bit_for_bit(tmp_path: Pat
     case = load_case(
         None, [*HBSWC, "controllers.0.compensation=prediction", link, "link.down=[{delay: 0.1}]", "duration=3"]
     )
-    graph.run(case, "lockstep", tmp_path, quiet, LOADED_S)
-    recorded, computed = load(tmp_path / "recording"), loop.run(case)
-    assert_same(recorded, computed)
-    assert np.isfinite(recorded.estimates["change"]).mean() > 0.8
-    assert np.any(recorded.estimates["change"] != 0.0)
-    assert recorded.estimates["ahead"] == pytest.approx(0.2)
+    estimates = as_in_process(tmp_path, case).estimates
+    assert np.isfinite(estimates["change"]).mean() > 0.8
+    assert np.any(estimates["change"] != 0.0)
+    assert estimates["ahead"] == pytest.approx(0.2)

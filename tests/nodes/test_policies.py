@@ -19,7 +19,7 @@ from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.commands import assert_one_line, changes
 from tests.lead_lag_fmu import build
-from tests.nodes.graphs import ARRAYS, LOADED_S, assert_same, quiet
+from tests.nodes.graphs import ARRAYS, LOADED_S, as_in_process, quiet
 from tests.nodes.test_graph import EXAMPLES, LEAD_LAG
 
 if TYPE_CHECKING:
@@ -133,13 +133,10 @@ def test_an_fmu_in_a_graph_is_the_one_in_process_bit_for_bit(
         "link=pdci",
         "controllers=" + json.dumps([{"name": "mine", "fmu": str(fmu)}]),
     ]
-    graph.run(load_case(None, sets), "lockstep", tmp_path / "out", quiet, LOADED_S)
+    as_in_process(tmp_path / "out", load_case(None, sets))
     assert not list((tmp_path / "passing").glob("facts_damping_fmu_*"))
-    assert_same(load(tmp_path / "out" / "recording"), loop.run(load_case(None, sets)))
 
 
 def test_lockstep_waits_for_a_step_that_is_slow(loopback: Any, tmp_path: Path) -> None:
     slow = written(tmp_path, "time.sleep(0.05 if t_s == 0.5 else 0); return 0.0")
-    sets = own(slow, "duration=1")
-    graph.run(load_case(None, sets), "lockstep", tmp_path / "out", quiet, LOADED_S)
-    assert_same(load(tmp_path / "out" / "recording"), loop.run(load_case(None, sets)))
+    as_in_process(tmp_path / "out", load_case(None, own(slow, "duration=1")))
