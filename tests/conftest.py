@@ -17,6 +17,9 @@ from tests.budgets import recorded
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+# Before NumPy is loaded: as in the Makefile, on matrices as small as these threads wait longer than they work.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # Of what is loaded nothing is garbage: looking for it takes a quarter of the time until the first test.
 gc.disable()
 
