@@ -79,16 +79,6 @@ def test_swings_of_two_area_are_those_of_the_design() -> None:
     assert [m.damping_ratio for m in local] == pytest.approx([0.10, 0.10], abs=5e-3)
 
 
-def test_interarea_mode_is_one_area_against_the_other() -> None:
-    built = plant("two_area")
-    values, right = np.linalg.eig(linearise(built)[0])
-    shape = right[:, np.argmin(np.abs(values - (0.055 + 3.957j)))]
-    speed = np.array([shape[built.state_names.index(f"G{g}.omega")] for g in (1, 2, 3, 4)])
-    apart = np.abs(np.rad2deg(np.angle(speed / speed[0])))
-    assert apart[1] < 30
-    assert (apart[2:] > 150).all()
-
-
 def test_residue_from_the_setpoint_to_the_speed_difference() -> None:
     """177 degrees: so LLC is u = +K(s) y; the sign says that a capacitive setpoint raises the transfer."""
     built = plant("two_area")
