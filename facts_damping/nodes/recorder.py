@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 FLUSH_S = 0.5  # wall time after which the chunk in progress goes to disk: the most that a kill can cost
 QUIET_S = 0.2  # wall time without a message after which a stopped recorder is done
+BEHIND_S = 10.0  # wall time that a stopped recorder takes at most for what waits, as behind a flood that it refuses
 REPORT_S = 1.0  # wall time between two reports of how it goes
 POLL_S = 0.01  # wall time between two looks at the queues
 
@@ -173,9 +174,9 @@ class Recorder:
     def drain(self) -> None:
         """Empty the queues, rest, and flush by the clock; told to stop, until nothing comes, for a while at most."""
         flushed = reported = told = time.monotonic()
-        more = True  # also of what is refused, before which the graph's own may wait
-        while not told_to_stop() or (
-            (more or time.monotonic() - self.guard.heard < QUIET_S) and time.monotonic() - told < HEARD_S
+        more = True
+        while not told_to_stop() or time.monotonic() - told < (
+            BEHIND_S if more else HEARD_S if time.monotonic() - self.guard.heard < QUIET_S else 0.0
         ):
             more, now = self.take(), time.monotonic()
             if now - flushed > FLUSH_S:

@@ -111,10 +111,10 @@ def test_nothing_that_is_forged_or_odd_acts(loopback: Any, tmp_path: Path, start
         attackers: list[Attacker] = []
         plant: list[bytes] = []
 
-        def on_frame(_: bytes, information: Any) -> None:
-            if plant[:1] not in ([], [information["publisher_gid"]["data"]]):
-                return  # its own
+        def on_frame(_data: bytes, information: Any) -> None:
             plant.append(information["publisher_gid"]["data"])
+            if plant[-1] != plant[0]:
+                return  # its own
             tick = next(ticks)
             if tick == BEGUN:
                 if mode == "lockstep":  # nodes may not have looked at anything yet: ticks take no time

@@ -14,12 +14,12 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli import campaign_graphs
 from facts_damping.errors import RunError
-from facts_damping.nodes import striking
+from facts_damping.nodes import graph, striking
 from facts_damping.nodes.striking import LOCKSTEP, REALTIME, Blow, strike
 from facts_damping.parameters.security import add_key
 from facts_damping.simulation import loop
 from facts_damping.studies.invariants import alone, late_ticks
-from tests.nodes.graphs import nodes_left
+from tests.nodes.graphs import PATIENCE_S, nodes_left
 from tests.nodes.letting_go import assert_let_go
 
 if TYPE_CHECKING:
@@ -61,8 +61,11 @@ def test_what_is_forged_with_the_graphs_key_changes_no_bit(loopback: Any, tmp_pa
     assert struck.forged["supervisor_0_ANFLeC/supervised"] == struck.forged["pmu/frames"] == 30
 
 
-def test_a_graph_ends_when_it_is_not_wanted_any_more(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
-    """Its nodes are only just starting, and obey; they need not be killed."""
+def test_a_graph_ends_when_it_is_not_wanted_any_more(
+    domain: int, tmp_path: Path, started: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its nodes are only just starting, and obey; they need not be killed, however slow the machine is."""
+    monkeypatch.setattr(graph, "STOP_S", PATIENCE_S)
     with pytest.raises(RunError, match="interrupted"):
         strike(load_case(RUN, ["duration=1000"]), LOCKSTEP, tmp_path, NOTHING, domain, lambda: False)
     assert {node.process.exitcode for node in started.values()} == {0}
