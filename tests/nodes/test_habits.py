@@ -38,7 +38,7 @@ NODES = (
     *("plant_sim", "wan_link", "controller", "identifier", "supervisor", "recorder", "live_view"),
     *("c37118_server", "c37118_client"),
 )
-SOON_S = 10.0  # 2 s on a machine that does nothing else
+SOON_S = 30.0  # 2 s on a machine that does nothing else
 INDIRECT = ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
 
 
