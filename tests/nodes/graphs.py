@@ -120,9 +120,14 @@ def assert_kept_apart(sets: list[str], folder: Path) -> None:
 BEGUN = 40_000  # bytes of a recording that has more than its configuration
 
 
+def recorded_bytes(folder: Path) -> int:
+    """Size of the largest recording so far."""
+    return max((file.stat().st_size for file in folder.rglob("*.mcap")), default=0)
+
+
 def wait_until_recording(folder: Path, size: int = 100_000) -> None:
     deadline = time.monotonic() + PATIENCE_S
-    while not any(f.stat().st_size > size for f in folder.rglob("*.mcap")):
+    while recorded_bytes(folder) <= size:
         assert time.monotonic() < deadline, "no recording grows"
         time.sleep(0.1)
 

@@ -35,6 +35,7 @@ from tests.nodes.graphs import (
     nodes_left,
     payloads,
     quiet,
+    recorded_bytes,
     wait_until_recording,
 )
 
@@ -220,8 +221,8 @@ def test_nodes_share_no_memory_and_ask_nobody_for_types(domain: int, tmp_path: P
 
 
 def test_killed_recorder_leaves_what_it_had_flushed(domain: int, tmp_path: Path, started: dict[str, Any]) -> None:
-    def strike(done: int, _of: int) -> None:
-        if done > 1000:
+    def strike(_done: int, _of: int) -> None:
+        if recorded_bytes(tmp_path) > 200_000:
             started["recorder"].process.kill()
 
     with pytest.raises(RunError, match=r"^recorder was killed by SIGKILL"):
