@@ -31,7 +31,7 @@ GOES_ON = [
     {"identifier_0_ANFGuMoI": int(a), "controller_0_HBsWC": int(b), LINK: int(c)}
     for a, b, c in zip(*(RANDOM.integers(*when, KILLS) for when in ((30, 60), (80, 120), (80, 120))), strict=True)
 ]
-ENDS = [{node: int(tick)} for node in ("plant_sim", "recorder") for tick in RANDOM.integers(20, 90, KILLS)]
+ENDS = [{node: int(tick)} for node in ("plant_sim", "recorder") for tick in RANDOM.integers(60, 130, KILLS)]
 
 
 def middleware_files() -> set[str]:
@@ -60,7 +60,7 @@ def test_killed_nodes(
         with pytest.raises(RunError, match=f"^{node} was killed by SIGKILL"):
             graph.run(case, "realtime", tmp_path / "out", strike, END_S)
         record = load(tmp_path / "out" / "recording")
-        assert 5 < len(record.time_ns) < case.ticks
+        assert 0 < len(record.time_ns) < case.ticks
     else:
         outcome = graph.run(case, "realtime", tmp_path / "out", strike, END_S)
         assert sorted(outcome.fallen) == sorted(f"{node} was killed by SIGKILL" for node in ticks)
