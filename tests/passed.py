@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 PROGRAMS = ("chromium", "gcc", "g++", "cmake")
 KEPT = 100  # files that say what passed
+ALL = bool(os.environ.get("ALL"))  # then tables of pages are computed whole, too, and not in part
 _passed: dict[tuple[str, int], set[str]] = defaultdict(set)  # by key and number of tests: which passed
 
 
@@ -75,7 +76,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for path, tests in by_file.items():
         mark = tests[0].get_closest_marker("inputs")
         name = key(path, config.rootpath, **mark.kwargs) if mark else ""
-        if (folder() / name).exists() and not os.environ.get("ALL"):
+        if (folder() / name).exists() and not ALL:
             for item in tests:
                 item.add_marker(pytest.mark.skip(reason="passed with the same inputs; make test ALL=1 runs it"))
         elif not parts:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import product
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -14,12 +15,14 @@ from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.studies import sweep
 from facts_damping.terminal import Progress
+from tests.passed import ALL
 
 PAGE = Path(__file__).parents[2] / "docs" / "mimo.md"
 ARCHITECTURES = ("centralised", "decentralised", "single SSSC", "single STATCOM")
 SCENARIOS = ("small", "large", "multiple")
-# Where the networks are run, too: each architecture, each scenario.
-RUN = {("centralised", "large"), ("decentralised", "small"), ("single SSSC", "small"), ("single STATCOM", "multiple")}
+# Where the networks are run, too: each architecture, each scenario, if not all.
+SOME = {("centralised", "large"), ("decentralised", "small"), ("single SSSC", "small"), ("single STATCOM", "multiple")}
+RUN = set(product(ARCHITECTURES, SCENARIOS)) if ALL else SOME
 
 Rows = list[dict[str, Any]]
 
