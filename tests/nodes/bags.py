@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 STORAGES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
 
-def copy(recording: Path, out: Path, storage: str, late: int = 0) -> Path:
-    """A bag in `out` of the messages of a recording, at their times of reception, but for the first `late`.
+def copy(recording: Path, out: Path, storage: str, late: int = 0, end: int | None = None) -> Path:
+    """A bag in `out` of the messages of a recording, at their times of reception, from number `late` to `end`.
 
     It has neither run nor versions.
     """
@@ -35,7 +35,7 @@ def copy(recording: Path, out: Path, storage: str, late: int = 0) -> Path:
             )
             for one in reader.connections
         }
-        for connection, log_ns, data in islice(reader.messages(), late, None):
+        for connection, log_ns, data in islice(reader.messages(), late, end):
             writer.write(made[connection.id], log_ns, data)
     return out
 

@@ -75,11 +75,11 @@ def test_a_graph_of_the_deployment_is_the_in_process_run_bit_for_bit(tmp_path: P
 def test_a_graph_with_identifier_is_the_in_process_run_bit_for_bit(
     tmp_path: Path, name: str, scheme: str, scenario: list[str], link: str
 ) -> None:
-    own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"link={link}", "duration=2.5"]
+    own = [f"controllers.0.name={name}", f"controllers.0.scheme={scheme}", f"link={link}", "duration=2"]
     case = load_case(None, [*scenario, *own])
     computed = as_in_process(tmp_path, case)
     assert np.any(computed.applied["value"] != 0.0)
-    assert len(computed.estimates) == (150 if scheme == "indirect" else 0)
+    assert len(computed.estimates) == (120 if scheme == "indirect" else 0)
 
 
 @pytest.mark.parametrize(("name", "scheme", "scenario", "link"), MIMO, ids=[f"{n}-{s}" for n, s, _, _ in MIMO])

@@ -216,9 +216,10 @@ def test_a_recorder_that_came_late_is_said(
 def test_a_recorder_may_come_between_the_messages_of_a_tick(in_order: tuple[Path, Chunks], tmp_path: Path) -> None:
     """Wherever in a tick the first message falls, from the first whole tick on all is there."""
     folder, chunks = in_order
-    whole, began = load(folder), count_before(chunks, 90)
+    began, end = count_before(chunks, 90), count_before(chunks, 96)
+    whole = load(copy(folder, tmp_path / "whole", "mcap", end=end))
     for late in range(began, count_before(chunks, 91) + 1):
-        cut = load(copy(folder, tmp_path / str(late), "mcap", late=late))
+        cut = load(copy(folder, tmp_path / str(late), "mcap", late, end))
         first = 90 if late == began else 91
         assert (int(cut.ticks[0]), cut.gap_tick) == (first, None)
         for array in ("frames", "machines", "devices"):

@@ -84,9 +84,7 @@ def states(found: Record, controller: int = 0) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("name", GRAPHS)
-def test_a_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(
-    tmp_path: Path, name: str
-) -> None:
+def test_a_supervised_graph_is_the_in_process_run_and_its_replay_to_the_bit(tmp_path: Path, name: str) -> None:
     """Signed in one of them; replayed in process and by nodes."""
     sets = [*ON, *GRAPHS[name]]
     if "networks" in name:
