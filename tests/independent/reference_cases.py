@@ -283,6 +283,7 @@ CASES: dict[str, Case] = {
     "svcs": Case(svcs, [fault()], SVCS, 1.4, 1e-8),
     "in_lines_limited": Case(in_lines_limited, [fault()], BEYOND, 1.5, 5e-8),
     "in_lines_out": Case(in_lines, OUT_AND_IN, IN_LINES, 1.6, 1e-8),
+    "dc": Case(lambda: content("kundur_12_6_dc"), [fault(bus="B8")], {}, 3.0, 1e-9),
     "current": Case(lambda: kundur(load={"P_shares": CURRENT}), [fault()], {}, 1.2, 1e-9),
     "mixture": Case(lambda: kundur(load={"P_shares": MIXED_P, "Q_shares": MIXED_Q}), [fault()], {}, 1.2, 1e-9),
     "power": Case(

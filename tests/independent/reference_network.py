@@ -106,12 +106,10 @@ class Network:
         return np.concatenate([balance, stators, drops]).view(float)
 
     def _inverse(self, y: Array, known: Known, blocked: Blocked) -> Array:
-        """The inverse of the Jacobian, by central differences."""
-        columns = [
-            self.residual(y + d, known, blocked) - self.residual(y - d, known, blocked)
-            for d in DIFFERENCE * np.eye(len(y))
-        ]
-        return np.asarray(np.linalg.inv(np.array(columns).T / (2.0 * DIFFERENCE)), float)
+        """The inverse of the Jacobian, by differences on one side: how soon Newton's method converges, not where to."""
+        here = self.residual(y, known, blocked)
+        columns = [self.residual(y + d, known, blocked) - here for d in DIFFERENCE * np.eye(len(y))]
+        return np.asarray(np.linalg.inv(np.array(columns).T / DIFFERENCE), float)
 
     def _newton(self, y: Array, known: Known, blocked: Blocked) -> Array | None:
         """Newton's method, with an old Jacobian for as long as that converges quickly; none: no solution found."""

@@ -11,13 +11,15 @@ from scipy.optimize import linear_sum_assignment
 
 from facts_damping.signals import to_ns
 from facts_damping.small_signal.linearisation import linearise
-from tests.independent import two_area as earlier
 from tests.independent.reference import Model, Run
 from tests.independent.reference_cases import CASES
-from tests.independent.reference_devices import Link
-from tests.plant.running import events, follow, frame_times, plant, shipped
+from tests.independent.reference_devices import Link, Ramp
+from tests.independent.reference_grid import Stage
+from tests.independent.reference_network import Network
+from tests.plant.running import events, follow, frame_times, plant, shipped, ssscs
 from tests.plant.test_options import CASES as OPTIONS
 from tests.plant.test_options import andes
+from tests.plant.test_power_flow import PRINTED
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,22 +28,6 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
 
 SAME = {"limited_fine": "limited"}  # systems that differ by the package's step alone
-SETPOINTS = [(0.3, 0.05), (1.05, -0.08), (1.3, 0.1)]
-EARLIER = {
-    "small": (earlier.small(), {"kind": "load_step", "time": 1.0, "load": "load_2", "change": -0.1}),
-    "large": (
-        earlier.large(fraction=0.99),
-        {"kind": "fault", "time": 1.0, "line": "line_4", "location": 0.99, "duration": 8 / 60},
-    ),
-    "out": (
-        [(1.0, earlier.Config(lines_out=frozenset({"2"})))],
-        {"kind": "line_out", "time": 1.0, "line": "line_2"},
-    ),
-    "push": (
-        [(1.0, earlier.Config(Pm_factor=(1.1, 1.0, 1.0, 1.0)))],
-        {"kind": "mechanical_power_step", "time": 1.0, "machine": "G1", "change": 0.1},
-    ),
-}
 
 
 @cache
@@ -61,17 +47,29 @@ def apart(ours: NDArray[Any], theirs: NDArray[Any], near: float) -> float:
     return float(distance[pairs][np.abs(ours[pairs[0]]) > near].max())
 
 
-@pytest.mark.parametrize("scenario", EARLIER)
-def test_reference_agrees_with_the_earlier_model_of_two_areas(scenario: str) -> None:
-    """Two models by different means; measured 2e-9."""
-    course, row = EARLIER[scenario]
-    t = np.linspace(0.0, 1.6, 33)
-    run = Model(shipped("two_area"), ["sssc"]).simulate(t, events(row), {"sssc": SETPOINTS})
-    system = earlier.build(earlier.TWO_AREA, device=True)
-    other = earlier.radau(system, course, [(0.0, 0.0), *SETPOINTS], 1.6, t, method="LSODA")
-    assert np.abs(run.speeds).max() > 1e-3
-    np.testing.assert_allclose(run.speeds, other.speeds, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(run.angles, other.x[:, :4], rtol=0, atol=1e-6)
+def test_reference_has_the_four_digits_of_the_thesis() -> None:
+    """Powers and voltages with a solid middle bus; the current with the SSSC."""
+    system = shipped("two_area")
+    (bare,) = (device.model_copy(update={"rs": 1e-9}) for device in ssscs(system))
+    flow = Model(system.model_copy(update={"devices": [bare]}), []).flow
+    np.testing.assert_array_equal(np.round(np.array(list(flow.S.values())) / 9, 4), PRINTED)
+    assert [round(abs(flow.V[bus]), 4) for bus in ("B7", "B9")] == [0.9916, 1.0028]
+    assert abs(Model(system).flow.I["sssc"]) == pytest.approx(4.15, abs=0.005)
+
+
+def test_ramps_have_a_rate_and_a_limit() -> None:
+    """A target is reached at 5 p.u./s, or left unfinished at the next one; targets are within +-0.1."""
+    (p,) = ssscs(shipped("two_area"))
+    found = Ramp(p, [(1.0, 0.3), (1.01, -0.1)], 2.0).at(np.array([0.99, 1.004, 1.01, 1.03, 1.04, 2.0]))
+    np.testing.assert_allclose(found, [0, 0.02, 0.05, -0.05, -0.1, -0.1], rtol=0, atol=1e-12)
+
+
+def test_a_bolted_fault_is_the_limit_of_a_small_impedance() -> None:
+    model = Model(shipped("two_area"), ["sssc"])
+    exact, near = (Network(model, Stage(faults={"line_4": (0.9, z)})) for z in (0j, 1e-9 + 0j))
+    V, close = (network.solve(model.known(model.start, {"sssc": 0.02}))[0].V for network in (exact, near))
+    assert abs(V[-1]) < 1e-12
+    np.testing.assert_allclose(close, V, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("option", OPTIONS)

@@ -57,22 +57,6 @@ def changed(system: System, **fields: Any) -> System:
     return System.model_validate({**system.model_dump(by_alias=True), **fields})
 
 
-BYPASS = 1e-4  # p.u., resistance between the halves of a split middle bus
-
-
-def split(name: str) -> System:
-    """kundur_12_6 as the independent model has it: the middle bus in halves, a resistance (a bare SSSC) between."""
-    system = shipped(name)
-    fields = system.model_dump(by_alias=True)
-    for line in fields["lines"]:
-        line["from"] = "B8E" if line["from"] == "B8" else line["from"]
-    at = [bus["name"] for bus in fields["buses"]].index("B8") + 1
-    fields["buses"].insert(at, {"name": "B8E", "nominal_voltage": 230.0})
-    fields["devices"] = [{"name": "bypass", "kind": "sssc", "from": "B8", "to": "B8E", "rs": BYPASS}]
-    fields["stations"][-1] = {"name": "TIE", "bus": "B8", "branches": ["bypass"]}
-    return System.model_validate(fields)
-
-
 def ssscs(system: System) -> list[Sssc]:
     """The SSSCs of a system."""
     return [d for d in system.devices if isinstance(d, Sssc)]

@@ -17,7 +17,8 @@ from facts_damping.plant.model import PlantState, workspace
 from facts_damping.plant.network import series_devices
 from facts_damping.plant.site import DEVICE, PORT, Site
 from facts_damping.plant.watchdog import watching
-from tests.independent.dynamics import sssc_voltage
+from tests.independent import reference_devices
+from tests.independent.reference_devices import Series
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
 if TYPE_CHECKING:
@@ -30,15 +31,29 @@ if TYPE_CHECKING:
 FAULT = {"time": 0.1, "kind": "fault", "bus": "B8", "duration": 0.1}
 
 
+def parameters(**fields: Any) -> Sssc:
+    return Sssc.model_validate({"name": "sssc", "kind": "sssc", "from": "A", "to": "B", **fields})
+
+
 def device(**fields: Any) -> Any:
     """A row of the table that the kernels read."""
-    model = Sssc.model_validate({"name": "sssc", "kind": "sssc", "from": "A", "to": "B", **fields})
-    return np.array(sssc.start(model, Site(0, 0.0, 1.0)).row, sssc.SSSC)[()]
+    return np.array(sssc.start(parameters(**fields), Site(0, 0.0, 1.0)).row, sssc.SSSC)[()]
 
 
 def with_device(**fields: Any) -> Any:
     system = shipped("two_area")
     return changed(system, devices=[{**d.model_dump(by_alias=True), **fields} for d in series_devices(system)])
+
+
+THESIS = {"Kp": 0.00375, "Ki": 0.1875, "Kd": 0.4, "Kdi": 8.0, "tau": 0.006, "rs": 0.000053, "xs": 0.0016}
+LIMITS = {"v_max": 0.1, "rate_max": 5.0, "vp_max": 0.1, "vc_max": 0.11, "I_rated": 10.0, "I_min": 0.02}
+RATED = Series(parameters(**THESIS, **LIMITS), 1.0)
+
+
+def test_the_device_of_two_area_has_the_data_of_the_thesis() -> None:
+    (shipped_device,) = series_devices(shipped("two_area"))
+    place = {"from_bus", "to_bus"}
+    assert shipped_device.model_dump(exclude=place) == RATED.p.model_dump(exclude=place)
 
 
 class Port(NamedTuple):
@@ -113,7 +128,9 @@ def test_converter_solves_its_port(
         c = found.converter(u)
         assert abs(found.voltage - complex(c.v_p, c.v_q) * found.current / found.magnitude) < 1e-11
         assert abs(c.v_p) <= 0.1 * x[2] * (1 + 1e-12)
-        v_p, v_q, _, rates = sssc_voltage(found.magnitude, u, np.array(x))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(reference_devices, "BAND", 1e-12)  # an integrator stands at once
+            v_p, v_q, rates = RATED.drops(list(x), -u, found.magnitude)
         assert (c.v_p, c.v_q) == pytest.approx((v_p, v_q), rel=1e-9, abs=1e-12)
         np.testing.assert_allclose(found.slopes(u), rates, rtol=1e-9, atol=1e-12)
 
