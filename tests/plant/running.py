@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     Targets = Sequence[tuple[float, float] | tuple[float, float, int]]
 
 FRAMES = 60  # frames/s
+REFERENCES = Path(__file__).parents[2] / "config" / "references"
 
 
 class Trace(NamedTuple):
@@ -55,6 +57,17 @@ shipped = cache(load_system)
 def changed(system: System, **fields: Any) -> System:
     """A system with other fields, checked as one that is read."""
     return System.model_validate({**system.model_dump(by_alias=True), **fields})
+
+
+def with_device(name: str, **fields: Any) -> System:
+    """two_area with other data of one of its devices."""
+    rows = [device.model_dump(by_alias=True) for device in shipped("two_area").devices]
+    return changed(shipped("two_area"), devices=[{**row, **fields} if row["name"] == name else row for row in rows])
+
+
+def figures(name: str) -> NDArray[np.float64]:
+    """A table of config/references."""
+    return np.asarray(np.loadtxt(REFERENCES / name, delimiter=",", skiprows=1))
 
 
 def ssscs(system: System) -> list[Sssc]:
@@ -105,6 +118,14 @@ def follow(built: Built, times: Iterable[float], targets: Targets = (), x: NDArr
         xs[k], references[k] = state.x, state.reference
         sound[k] = measure(built.plant, state, now, frames[k], machines[k], devices[k], work)
     return Trace(instants * 1e-9, xs, references, frames, machines, devices, sound)
+
+
+def moved(built: Built, states: dict[str, float]) -> NDArray[np.float64]:
+    """The start with other values of some states."""
+    x = np.array(built.state.x)
+    for name, value in states.items():
+        x[built.state_names.index(name)] = value
+    return x
 
 
 def slopes(built: Built, x: NDArray[np.float64] | None = None, stage: int = 0) -> NDArray[np.float64]:

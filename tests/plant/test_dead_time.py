@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 import pytest
 
@@ -19,11 +16,8 @@ from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping.small_signal.modal_analysis import analyse
 from facts_damping.studies.linear_closed_loop import DelayedLoop, Discrete, approximate, delayed_loop, sampled
-from tests.plant.running import changed, follow, plant, shipped, table
+from tests.plant.running import follow, plant, shipped, table, with_device
 from tests.studies.test_linear_closed_loop import random_loop
-
-if TYPE_CHECKING:
-    from facts_damping.parameters.system import System
 
 MS = 1_000_000
 DEAD = 0.010700003  # s
@@ -31,18 +25,13 @@ STEPS = [(0.0123, 0.05), (0.0173, -0.02), (0.0181, 0.01)]  # all under way at on
 RATE = 5.0  # p.u./s, of the SSSC
 
 
-@cache
-def system(**fields: Any) -> System:
-    """two_area with another SSSC."""
-    made = shipped("two_area")
-    rows = [d.model_dump(by_alias=True) for d in made.devices]
-    return changed(made, devices=[{**row, **fields} if row["kind"] == "sssc" else row for row in rows])
-
-
 def test_setpoints_act_after_the_dead_time_to_the_nanosecond() -> None:
     """What the device does is what it did without, later, also between frames and steps."""
-    late, times = plant(system(dead_time=DEAD)), np.arange(0.0, 0.08, 0.0007)
-    trace, prompt = follow(late, times, STEPS), follow(plant(system()), times, [(t + DEAD, v) for t, v in STEPS])
+    late, times = plant(with_device("sssc", dead_time=DEAD)), np.arange(0.0, 0.08, 0.0007)
+    trace, prompt = (
+        follow(late, times, STEPS),
+        follow(plant(shipped("two_area")), times, [(t + DEAD, v) for t, v in STEPS]),
+    )
     np.testing.assert_allclose(trace.reference, prompt.reference, rtol=0, atol=1e-15)
     np.testing.assert_allclose(trace.x, prompt.x, rtol=0, atol=1e-13)  # the arrivals divide steps, too
     assert set(trace.devices["setpoint"][:, 0]) == {0.0, 0.05, -0.02, 0.01}
@@ -62,7 +51,7 @@ def test_a_flood_is_thinned_and_its_last_setpoint_acts_when_it_should() -> None:
     """A microsecond apart, fifty times as dense as there is room for: none acts early, the last one at its time."""
     values = np.linspace(1e-4, 0.05, 3000)
     sent = 0.001 + 1e-6 * np.arange(len(values))
-    built = plant(system(dead_time=0.002, rate_max=1000.0))
+    built = plant(with_device("sssc", dead_time=0.002, rate_max=1000.0))
     times = np.append(np.arange(0.0, 0.006, 5e-5), sent[-1] + 0.002 + 1e-8)
     times.sort()
     trace = follow(built, times, list(zip(sent.tolist(), values.tolist(), strict=True)))
@@ -76,7 +65,7 @@ def test_a_flood_is_thinned_and_its_last_setpoint_acts_when_it_should() -> None:
 @pytest.mark.parametrize("T", [0.0004, 0.02])
 def test_the_response_is_that_of_a_first_order_lag_to_the_ramp(T: float) -> None:
     """Ramp, then rest: its convolution with exp(-t/T)/T; as exact with a lag of a fifth of the step."""
-    built = plant(system(response_time=T))
+    built = plant(with_device("sssc", response_time=T))
     times = np.arange(0.0, 0.1, 0.0013)
     trace = follow(built, times, [(0.01, 0.05)])
     start, end = 0.01, 0.01 + 0.05 / RATE
@@ -96,7 +85,7 @@ def test_the_response_is_that_of_a_first_order_lag_to_the_ramp(T: float) -> None
 def test_a_release_waits_for_nothing_and_what_is_under_way_acts_no_more(dead: float) -> None:
     """Setpoints each 10 ms until 0.1 s, time-out 50 ms: to zero from 0.15 s on, whatever was under way."""
     own = np.array([watchdog.settings(Watchdog(timeout=0.05, max_age=10.0, release_rate=0.2), 60)])
-    built = build(system(dead_time=dead, response_time=0.01), ["sssc"], [], own)
+    built = build(with_device("sssc", dead_time=dead, response_time=0.01), ["sssc"], [], own)
     state, work = copy(built.state), workspace(built.plant, built.state)
     setpoints = table([(0.01 * k, 0.01 * k) for k in range(1, 11)])
     setpoints["measured_ns"] = setpoints["issued_ns"] = setpoints["effective_ns"]
@@ -122,7 +111,10 @@ def test_a_release_waits_for_nothing_and_what_is_under_way_acts_no_more(dead: fl
 def test_modes_know_both() -> None:
     """A state with the eigenvalue -1/T, and residues times exp(-lambda Td) / (1 + lambda T)."""
     T, dead = 0.02, 0.015
-    plain, late = analyse(system(), ["sssc"]), analyse(system(response_time=T, dead_time=dead), ["sssc"])
+    plain, late = (
+        analyse(shipped("two_area"), ["sssc"]),
+        analyse(with_device("sssc", response_time=T, dead_time=dead), ["sssc"]),
+    )
     assert "sssc.reference" in late.built.state_names
     assert np.abs(np.linalg.eigvals(linearise(late.built)[0]) + 1.0 / T).min() < 1e-9
     for one, other in zip(plain.swings, late.swings, strict=True):

@@ -15,8 +15,9 @@ from facts_damping.plant.excitation import derivatives, field_voltage, steady_st
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping.validation.small_signal import PRINTED
 from tests.independent import kundur_circuits
-from tests.plant.running import changed, plant, shipped
-from tests.plant.test_options import CURRENT, DATA, IMPEDANCE, far
+from tests.independent.reference_cases import CURRENT, IMPEDANCE
+from tests.plant.running import REFERENCES, changed, plant, shipped
+from tests.plant.test_options import far
 from tests.small_signal.test_modes import furthest
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def test_a_system_as_recordings_have_it_is_read_back(name: str) -> None:
 
 @pytest.mark.parametrize("name", kundur_circuits.SYSTEMS)
 def test_the_books_equations_with_exciters_are_those_of_the_file(name: str) -> None:
-    with (DATA / "kundur_12_6_excitation_book.csv").open() as file:
+    with (REFERENCES / "kundur_12_6_excitation_book.csv").open() as file:
         written = [complex(float(r["re"]), float(r["im"])) for r in csv.DictReader(file) if r["system"] == name]
     assert kundur_circuits.swings(shipped(name)) == pytest.approx(written, rel=0, abs=1e-5)
 

@@ -18,13 +18,13 @@ from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping.small_signal.modal_analysis import analyse
 from facts_damping.validation.hvdc import SWINGS, two_machines
+from tests.plant.channels import ACTIVE, REACTIVE, VOLTAGE
 from tests.plant.running import changed, follow, frame_times, plant, shipped
 from tests.plant.small import SPUR, between_infinite_buses
 
 if TYPE_CHECKING:
     from facts_damping.parameters.system import System
 
-VOLTAGE, _, _, ACTIVE, REACTIVE = range(5)
 AT_B, AT_S = 1, 2  # stations
 FAULT = {"time": 0.1, "kind": "fault", "bus": "S", "x": 0.02, "duration": 0.2}
 

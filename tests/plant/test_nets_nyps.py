@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,19 +10,15 @@ import pytest
 
 from facts_damping.case.loading import load_case, read_system
 from facts_damping.parameters.placement import place
-from facts_damping.parameters.run import Scenario
-from facts_damping.plant.build import Built, build
 from facts_damping.plant.power_flow import solve
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise, modes
 from facts_damping.studies import linear_margin
-from tests.plant.running import follow
-from tests.small_signal.test_modes import furthest, moving
+from tests.plant.running import REFERENCES, figures, follow, plant, shipped
 
 if TYPE_CHECKING:
     from facts_damping.parameters.system import System
 
-DATA = Path(__file__).parents[2] / "config" / "references"
 NO_LIMIT = {"minimum": -99.0, "maximum": 99.0}
 FAULT = [  # as in tests/data/make_andes_systems.py
     {"time": 1.0, "kind": "fault", "bus": "B60", "x": 1e-3},
@@ -33,17 +28,12 @@ FAULT = [  # as in tests/data/make_andes_systems.py
 
 
 def without_devices() -> System:
-    return read_system("nets_nyps").model_copy(update={"devices": []})
-
-
-def built(system: System, *events: dict[str, object]) -> Built:
-    listed = Scenario.model_validate({"name": "x", "duration": 10, "events": list(events)}).events
-    return build(place(system), [], listed)
+    return place(read_system("nets_nyps").model_copy(update={"devices": []}))
 
 
 def test_power_flow_is_that_of_andes() -> None:
-    flow = solve(place(without_devices()))
-    with (DATA / "nets_nyps_voltages_andes.csv").open(encoding="utf-8") as file:
+    flow = solve(without_devices())
+    with (REFERENCES / "nets_nyps_voltages_andes.csv").open(encoding="utf-8") as file:
         theirs = {
             row["bus"]: float(row["magnitude"]) * 1j ** (float(row["angle"]) / 90) for row in csv.DictReader(file)
         }
@@ -52,20 +42,14 @@ def test_power_flow_is_that_of_andes() -> None:
         assert abs(voltage - theirs[name]) < 1e-7, name
 
 
-def test_eigenvalues_are_those_of_andes() -> None:
-    re, im = np.loadtxt(DATA / "nets_nyps_eigenvalues_andes.csv", delimiter=",", skiprows=1, unpack=True)
-    assert len(re) == 132
-    ours = moving(linearise(built(without_devices()))[0])
-    assert furthest(moving(np.diag(re + 1j * im)), ours) < 1e-4
-
-
 def test_a_fault_is_that_of_andes() -> None:
     """Exciters without saturation and limits: ANDES's is another one."""
     system = without_devices()
     free = [e.model_copy(update=NO_LIMIT | ({"AEX": 0.0} if e.model == "dc" else {})) for e in system.exciters]
     wide = [s.model_copy(update={"minimum": -10.0, "maximum": 10.0}) for s in system.stabilisers]
-    table = np.loadtxt(DATA / "nets_nyps_fault_andes.csv", delimiter=",", skiprows=1)
-    trace = follow(built(system.model_copy(update={"exciters": free, "stabilisers": wide}), *FAULT), table[:, 0])
+    table = figures("nets_nyps_fault_andes.csv")
+    built = plant(system.model_copy(update={"exciters": free, "stabilisers": wide}), *FAULT)
+    trace = follow(built, table[:, 0])
     apart = np.abs(1.0 + trace.speeds - table[:, 1:]).max(axis=1)
     moved = np.abs(table[:, 1:] - 1.0).max()
     free_from = table[:, 0] > 1.1  # during the fault ANDES's last step before it counts for half
@@ -75,14 +59,14 @@ def test_a_fault_is_that_of_andes() -> None:
 
 def test_four_interarea_modes_that_are_hardly_damped() -> None:
     """Those that are known of it: 0.39, 0.51, 0.62, 0.79 Hz (Pal and Chaudhuri 2005), here without their TCSC."""
-    system = place(read_system("nets_nyps"))
-    plant = build(system, [], [])
-    found = [m for m in modes(linearise(plant)[0], plant.state_names, system) if m.label == "interarea"]
+    system = shipped("nets_nyps")
+    built = plant(system, installed=[])
+    swings = modes(linearise(built)[0], built.state_names, system)
+    found = [m for m in swings if m.label == "interarea"]
     weak = sorted((m for m in found if m.damping_ratio < 0.05), key=lambda m: m.frequency_hz)
     assert [m.frequency_hz for m in weak] == pytest.approx([0.377, 0.513, 0.582, 0.779], abs=1e-3)
     assert all(m.damping_ratio > 0 for m in found)
-    local = [m for m in modes(linearise(plant)[0], plant.state_names, system) if m.label == "local"]
-    assert len(local) == 11
+    assert sum(m.label == "local" for m in swings) == 11
 
 
 def test_its_two_controllers_damp_the_modes_over_100_ms() -> None:

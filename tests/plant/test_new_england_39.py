@@ -1,4 +1,4 @@
-"""The New England system: power flow of MATPOWER, eigenvalues of ANDES.
+"""The New England system: power flow of MATPOWER.
 
 Published modes of this system are of other models (IEEE PES-TR18: static exciters with transient gain reduction), so
 the eigenvalues are those of another program with these data.
@@ -6,17 +6,13 @@ the eigenvalues are those of another program with these data.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from facts_damping.plant.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise, modes
-from tests.plant.running import follow, frame_times, plant, shipped
-from tests.small_signal.test_modes import furthest, moving
+from tests.plant.running import figures, follow, frame_times, plant, shipped
 
-DATA = Path(__file__).parents[2] / "config" / "references"
 GENERATED = {  # MATPOWER, case39 solved: MW and Mvar
     "G30": (250, 161.762),
     "G31": (677.871, 221.574),
@@ -33,9 +29,7 @@ GENERATED = {  # MATPOWER, case39 solved: MW and Mvar
 
 def test_power_flow_is_that_of_matpower() -> None:
     flow = solve(shipped("new_england_39"))
-    bus, magnitude, angle = np.loadtxt(
-        DATA / "new_england_39_voltages_matpower.csv", delimiter=",", skiprows=1, unpack=True
-    )
+    bus, magnitude, angle = figures("new_england_39_voltages_matpower.csv").T
     voltage = dict(zip(flow.names, flow.voltage, strict=True))
     found = np.array([voltage[f"B{b:.0f}"] for b in bus])
     assert len(bus) == 39
@@ -43,13 +37,6 @@ def test_power_flow_is_that_of_matpower() -> None:
     np.testing.assert_allclose(np.rad2deg(np.angle(found)), angle, rtol=0, atol=1e-5)
     for name, (active, reactive) in GENERATED.items():
         assert complex(flow.generation[name]) * 100 == pytest.approx(active + 1j * reactive, abs=1e-3)
-
-
-def test_eigenvalues_are_those_of_andes() -> None:
-    re, im = np.loadtxt(DATA / "new_england_39_eigenvalues_andes.csv", delimiter=",", skiprows=1, unpack=True)
-    andes = re + 1j * im
-    assert len(andes) == 75
-    assert furthest(moving(np.diag(andes)), moving(linearise(plant("new_england_39"))[0])) < 1e-4
 
 
 def test_nine_swings_one_of_them_against_the_rest_of_the_interconnection() -> None:

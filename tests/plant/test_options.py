@@ -8,7 +8,6 @@ it by e / |s|^2, which says nothing about the model: below CLOSE they are not co
 from __future__ import annotations
 
 import csv
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +19,8 @@ from facts_damping.plant.network import line_section
 from facts_damping.plant.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
 from tests.independent import kundur_circuits
-from tests.plant.running import changed, follow, plant, shipped
+from tests.independent.reference_cases import CURRENT, IMPEDANCE, MACHINES, MIXED_P, MIXED_Q, POWER
+from tests.plant.running import REFERENCES, changed, figures, follow, plant, shipped
 from tests.small_signal.test_modes import furthest
 
 if TYPE_CHECKING:
@@ -30,10 +30,7 @@ if TYPE_CHECKING:
 
     from facts_damping.parameters.system import System
 
-DATA = Path(__file__).parents[2] / "config" / "references"
 CLOSE = 0.01  # 1/s
-MACHINES = ("G1", "G2", "G3", "G4")
-IMPEDANCE, CURRENT, POWER = ({kind: 1.0} for kind in ("impedance", "current", "power"))
 SATURATION = {"S10": 0.0392, "S12": 0.2227}
 STATIC = {"exciters": [{"machine": g, "model": "static", "KA": 200, "TR": 0.01} for g in MACHINES]}
 FEEDBACK = {"exciters": [{**exciter, "TR": 0, "KF": 0.001, "TF": 0.1} for exciter in STATIC["exciters"]]}
@@ -80,7 +77,6 @@ def exciters(name: str) -> dict[str, Any]:
     return {"exciters": [exciter.model_dump() for exciter in shipped(name).exciters]}
 
 
-MIXED_P, MIXED_Q = {"power": 0.3, "current": 0.5, "impedance": 0.2}, {"power": 0.1, "current": 0.4, "impedance": 0.5}
 CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "taps": tapped,
     "damping": lambda: machines(D=2.0),
@@ -110,14 +106,9 @@ def values(**fields: Any) -> NDArray[np.complex128]:
     return np.asarray(np.linalg.eigvals(linearise(plant(changed(system(), **fields)))[0]))
 
 
-def table(name: str) -> NDArray[np.float64]:
-    """A file of figures."""
-    return np.asarray(np.loadtxt(DATA / name, delimiter=",", skiprows=1))
-
-
 def andes(case: str) -> NDArray[np.complex128]:
     """Eigenvalues of ANDES."""
-    with (DATA / "kundur_12_6_options_eigenvalues_andes.csv").open() as file:
+    with (REFERENCES / "kundur_12_6_options_eigenvalues_andes.csv").open() as file:
         return np.array([complex(float(r["re"]), float(r["im"])) for r in csv.DictReader(file) if r["case"] == case])
 
 
@@ -129,7 +120,7 @@ def far(found: NDArray[np.complex128], *, leave: int) -> NDArray[np.complex128]:
 
 
 def test_every_case_is_here() -> None:
-    with (DATA / "kundur_12_6_options_eigenvalues_andes.csv").open() as file:
+    with (REFERENCES / "kundur_12_6_options_eigenvalues_andes.csv").open() as file:
         assert {row["case"] for row in csv.DictReader(file)} == set(CASES)
 
 
@@ -154,7 +145,7 @@ def test_options_tell_apart() -> None:
 def test_start_with_saturation_is_that_of_andes() -> None:
     built = plant(changed(system(), **machines(**SATURATION)))
     trace = follow(built, [0.0])
-    with (DATA / "kundur_12_6_saturation_start_andes.csv").open() as file:
+    with (REFERENCES / "kundur_12_6_saturation_start_andes.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["machine"] for row in rows] == list(MACHINES)
     field, angle = (np.array([float(row[key]) for row in rows]) for key in ("Efd", "delta"))
@@ -164,7 +155,7 @@ def test_start_with_saturation_is_that_of_andes() -> None:
 
 def test_voltages_with_taps_are_those_of_andes() -> None:
     flow = solve(changed(system(), **tapped()))
-    with (DATA / "kundur_12_6_taps_voltages_andes.csv").open() as file:
+    with (REFERENCES / "kundur_12_6_taps_voltages_andes.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["bus"] for row in rows] == flow.names
     theirs = [float(row["V"]) * np.exp(1j * float(row["angle"])) for row in rows]
@@ -176,7 +167,7 @@ def test_load_step_with_all_controls_is_that_of_andes() -> None:
 
     Measured: speeds 1.6e-8 of 7e-4 p.u., powers 3.1e-8 of 0.012 p.u.
     """
-    rows = table("kundur_12_6_governor_load_step_andes.csv")
+    rows = figures("kundur_12_6_governor_load_step_andes.csv")
     step = {"time": 1.0, "kind": "load_step", "load": "load_1", "change": 0.05}
     trace = follow(plant(changed(system(), **STATIC, **STABILISERS, **GOVERNORS), step), rows[:, 0])
     speeds, powers = rows[:, 1:5] - 1, rows[:, 5:]
@@ -191,7 +182,7 @@ def test_fault_with_loads_of_constant_current_is_that_of_andes() -> None:
     Measured: speeds 2.1e-7 of 7.7e-3 p.u., angles 3e-4 degrees, whatever our step: ANDES's step is 1 ms. Angles are
     against G3, as an error of the common speed, which nothing holds, grows in all angles alike.
     """
-    rows = table("kundur_12_6_current_fault_andes.csv")
+    rows = figures("kundur_12_6_current_fault_andes.csv")
     fault = {"time": 1.0, "kind": "fault", "bus": "B8", "duration": 0.1, "x": 1e-3}
     trace = follow(plant(changed(system(), **loads(CURRENT, IMPEDANCE, V_min=0.05)), fault), rows[:, 0])
     speeds, angles = rows[:, 1:5] - 1, rows[:, 5:]
@@ -203,7 +194,7 @@ def test_fault_with_loads_of_constant_current_is_that_of_andes() -> None:
 
 def test_eigenvalues_with_loads_of_constant_current_are_those_of_a_third_program() -> None:
     """WOLF-I prints two decimals; its operating point has those of the book's voltages and powers."""
-    re, im = table("kundur_12_6_current_eigenvalues_wolf.csv").T
+    re, im = figures("kundur_12_6_current_eigenvalues_wolf.csv").T
     found = values(**loads(CURRENT, IMPEDANCE))
     assert furthest(far(re + 1j * im, leave=3), far(found, leave=3)) < 0.02
 
@@ -224,7 +215,7 @@ def test_the_books_equations_give_the_books_eigenvalues() -> None:
 
     The largest difference, 0.012, is that of a swing printed as j6.82 whose printed frequency is 1.087 Hz, j6.83.
     """
-    re, im = table("kundur_12_6_eigenvalues_book.csv").T
+    re, im = figures("kundur_12_6_eigenvalues_book.csv").T
     found = kundur_circuits.eigenvalues(system(), kundur_circuits.BOOK)
     assert furthest(far(re + 1j * im, leave=2), far(found, leave=2)) < 0.0125
 

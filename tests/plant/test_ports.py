@@ -15,7 +15,8 @@ from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.laws import law
 from facts_damping.plant.model import copy, workspace
 from facts_damping.plant.site import DEVICE, LOAD, OTHER_END, SALIENT
-from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
+from tests.plant.channels import ACTIVE, REACTIVE, VOLTAGE
+from tests.plant.running import changed, follow, frame_times, moved, plant, shipped, slopes
 from tests.plant.small import SPUR, between_infinite_buses
 from tests.plant.test_properties import branches, everywhere
 
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(5)
 BOTH = ["sssc", "statcom"]
 POWER = {"P_shares": {"power": 1.0}, "Q_shares": {"power": 1.0}}
 
@@ -223,9 +223,7 @@ def test_every_fault_has_a_solution_with_loads_of_constant_power(V_min: float) -
 def test_a_statcom_whose_current_its_bus_cannot_carry_is_blocked() -> None:
     """|V| = sqrt(|Voc|^2 - Im(Z i)^2) + Re(Z i): none for an active current of 40 p.u. in the middle of the tie."""
     built = plant("two_area", installed=["statcom"])
-    x = built.state.x.copy()
-    x[built.state_names.index("statcom.id")] = 40.0
-    trace = follow(built, [0.0], x=x)
+    trace = follow(built, [0.0], x=moved(built, {"statcom.id": 40.0}))
     assert trace.devices["blocked"][0, 0] == 1
     assert trace.devices["current"][0, 0] == 0
     assert trace.sound.all()

@@ -10,7 +10,8 @@ from scipy.integrate import simpson
 
 from facts_damping.plant.network import series_devices
 from facts_damping.small_signal.linearisation import linearise
-from tests.plant.running import Trace, changed, events, follow, frame_times, plant, shipped, ssscs
+from tests.plant.channels import ACTIVE, ANGLE, REACTIVE, VOLTAGE
+from tests.plant.running import Trace, changed, events, follow, frame_times, moved, plant, shipped, ssscs, with_device
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from facts_damping.parameters.grid import Line, Transformer
     from facts_damping.parameters.system import System
 
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(5)
 LOAD_STEP = {"time": 0.1, "kind": "load_step", "load": "load_2", "change": -0.1}
 some = settings(deadline=None, max_examples=8)
 
@@ -40,9 +40,7 @@ def everywhere(system: System) -> System:
 def disturbed(system: System) -> Trace:
     """A load step, setpoints, and a DC link that starts out of balance."""
     built = plant(system, LOAD_STEP)
-    x = built.state.x.copy()
-    x[built.state_names.index("sssc.vdc")] = 0.9
-    return follow(built, frame_times(2), [(0.05, 0.06), (0.5, -0.08)], x=x)
+    return follow(built, frame_times(2), [(0.05, 0.06), (0.5, -0.08)], x=moved(built, {"sssc.vdc": 0.9}))
 
 
 def test_power_balances_at_every_bus_and_in_all() -> None:
@@ -89,12 +87,9 @@ def test_power_balances_at_every_bus_and_in_all() -> None:
 @pytest.mark.parametrize("vdc", [0.9, 1.1])
 def test_what_the_converter_draws_charges_its_capacitor_or_is_lost(vdc: float, g: float) -> None:
     """The network's power less rs |I|^2, integrated, is the change of tau vdc^2 / 2 and what g takes."""
-    system = everywhere(shipped("two_area"))
-    system = changed(system, devices=[{**d.model_dump(by_alias=True), "g": g} for d in series_devices(system)])
+    system = everywhere(with_device("sssc", g=g))
     built = plant(system)
-    x = built.state.x.copy()
-    x[built.state_names.index("sssc.vdc")] = vdc
-    trace = follow(built, frame_times(0.2, 4000), [(0.0, 0.05)], x=x)
+    trace = follow(built, frame_times(0.2, 4000), [(0.0, 0.05)], x=moved(built, {"sssc.vdc": vdc}))
     names = [s.name for s in system.stations]
     west, east = (trace.frames[:, names.index(f"sssc.{side}"), ACTIVE] for side in ("from", "to"))
     device, d = trace.devices[:, 0], ssscs(system)[0]

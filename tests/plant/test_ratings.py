@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from facts_damping.errors import InputError
-from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
+from tests.plant.running import follow, frame_times, plant, slopes, with_device
 from tests.plant.small import between_infinite_buses
 from tests.plant.test_statcom import row
 
@@ -16,17 +14,12 @@ FAULT = {"time": 0.1, "kind": "fault", "line": "line_4", "location": 0.9, "durat
 RATED = 6.0  # p.u.; the tie carries 4.15 at the start
 
 
-def sssc(**fields: Any) -> Any:
-    """two_area with other data of the SSSC."""
-    system = shipped("two_area")
-    rows = [d.model_dump(by_alias=True) for d in system.devices]
-    return changed(system, devices=[{**one, **fields} if one["kind"] == "sssc" else one for one in rows])
-
-
 def test_an_sssc_is_bypassed_above_its_rating_where_asked() -> None:
     """In the fault its line carries more than rated: then its transformer is all that is there."""
     free, kept = (
-        follow(plant(sssc(I_rated=RATED, enforce_rating=on), FAULT), frame_times(0.5, 240), [(0.0, 0.05)]).devices[:, 0]
+        follow(
+            plant(with_device("sssc", I_rated=RATED, enforce_rating=on), FAULT), frame_times(0.5, 240), [(0.0, 0.05)]
+        ).devices[:, 0]
         for on in (False, True)
     )
     assert (free["current"] > RATED).any()
@@ -41,8 +34,8 @@ def test_an_sssc_is_bypassed_above_its_rating_where_asked() -> None:
 
 def test_a_start_above_the_rating_is_refused() -> None:
     with pytest.raises(InputError, match=r"sssc carries 4\.1\d* p.u. at the start; allowed: .* at most I_rated, 4"):
-        plant(sssc(I_rated=4.0, enforce_rating=True))
-    plant(sssc(I_rated=4.0))
+        plant(with_device("sssc", I_rated=4.0, enforce_rating=True))
+    plant(with_device("sssc", I_rated=4.0))
 
 
 @pytest.mark.parametrize("on", [False, True])
@@ -62,10 +55,7 @@ def test_the_whole_current_of_a_statcom_is_limited_where_asked(on: bool) -> None
 @pytest.mark.parametrize(("g", "R"), [(0.05, 0.0073), (0.3, 0.0), (0.3, 0.1)])
 def test_a_statcom_with_losses_rests_and_the_power_flow_has_them(g: float, R: float) -> None:
     """P = V i with V i - R i^2 = g; that is missing at its bus, and no state moves."""
-    system = shipped("two_area")
-    rows = [d.model_dump(by_alias=True) for d in system.devices]
-    lossy = changed(system, devices=[{**one, "g": g, "R": R} if one["kind"] == "statcom" else one for one in rows])
-    built = plant(lossy, installed=["sssc", "statcom"])
+    built = plant(with_device("statcom", g=g, R=R), installed=["sssc", "statcom"])
     assert np.abs(slopes(built)).max() < 1e-8
     truth = follow(built, [0.0]).devices[0, 1]
     i = truth["current"]

@@ -12,13 +12,13 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise, modes
+from tests.plant.channels import ACTIVE, ANGLE, VOLTAGE
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
 if TYPE_CHECKING:
     from facts_damping.parameters.system import System
     from facts_damping.signals import Record
 
-VOLTAGE, ANGLE, _, ACTIVE = range(4)
 LOADINGS = ("nominal", "light", "heavy")
 
 
@@ -33,17 +33,13 @@ def swing(system: System) -> tuple[float, float]:
     return mode.frequency_hz, mode.damping_ratio
 
 
-@pytest.mark.parametrize(("loading", "megawatts"), [("nominal", 1311), ("light", 574), ("heavy", 1840)])
-def test_flow_to_the_infinite_bus_is_the_thesis_s(loading: str, megawatts: float) -> None:
-    """4.5.1: from B-3 to B-4, as the PMU at B-3 measures it."""
+@pytest.mark.parametrize(
+    ("loading", "megawatts", "degrees"), [("nominal", 1311, 20.17), ("light", 574, 11.7), ("heavy", 1840, 25.0)]
+)
+def test_operating_points_are_the_thesis_s(loading: str, megawatts: float, degrees: float) -> None:
+    """4.5.1, 4.7.1: flow from B-3 to B-4, as the PMU at B-3 measures it; rotor angle against the terminal voltage."""
     trace = follow(plant(shipped("smib", None, loading)), [0.0])
     assert trace.frames[0, 1, ACTIVE] * 100 == pytest.approx(megawatts, rel=0.01)
-
-
-@pytest.mark.parametrize(("loading", "degrees"), [("nominal", 20.17), ("light", 11.7), ("heavy", 25.0)])
-def test_rotor_angle_against_the_terminal_voltage_is_the_thesis_s(loading: str, degrees: float) -> None:
-    """4.5.1, 4.7.1."""
-    trace = follow(plant(shipped("smib", None, loading)), [0.0])
     angle = trace.machines["rotor_angle"][0, 0] - trace.frames[0, 0, ANGLE]
     assert np.rad2deg(angle) == pytest.approx(degrees, abs=0.4)
 

@@ -13,9 +13,10 @@ from scipy.linalg import expm
 
 from facts_damping.parameters.placement import place
 from facts_damping.parameters.system import System
-from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes, ssscs
+from tests.plant.channels import ACTIVE, ANGLE, REACTIVE, VOLTAGE
+from tests.plant.running import changed, follow, frame_times, moved, plant, shipped, slopes, ssscs
 from tests.plant.small import TIE, between_infinite_buses
-from tests.plant.test_properties import everywhere
+from tests.plant.test_properties import LOAD_STEP, everywhere
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     from facts_damping.parameters.devices import Sssc
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
-
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(5)
-LOAD_STEP = {"time": 0.1, "kind": "load_step", "load": "load_2", "change": -0.1}
 
 
 def in_lines(*rows: dict[str, Any]) -> System:
@@ -144,16 +142,6 @@ def test_regulators_answer_a_small_step_as_their_equations_say(step: str) -> Non
     assert (np.abs(found - np.array(expected)[:, :3]).max(axis=0) <= 3e-4 * largest + 1e-9).all()
 
 
-@pytest.mark.parametrize("vdc", [0.9, 1.1])
-def test_dc_voltage_recovers_within_100_ms(vdc: float) -> None:
-    built = plant("two_area")
-    x = np.array(built.state.x)
-    x[built.state_names.index("sssc.vdc")] = vdc
-    away = np.abs(follow(built, frame_times(0.3, 240), x=x).devices["dc_voltage"][:, 0] - 1)
-    assert away[0] == pytest.approx(0.1)
-    assert away[24:].max() < 0.01
-
-
 PAIR = (sssc("a", "line_1"), sssc("b", "line_4", "to", tau=0.01))
 
 
@@ -162,9 +150,7 @@ def test_what_each_of_several_draws_charges_its_own_capacitor(installed: list[st
     """In two lines at once, and with the one in the tie: power at its ends less rs |I|^2, integrated."""
     system = everywhere(place(in_lines(*PAIR)))
     built = plant(system, {**LOAD_STEP, "time": 0.0}, installed=installed)
-    x = np.array(built.state.x)
-    for name, vdc in (("a", 0.92), ("b", 1.07)):
-        x[built.state_names.index(f"{name}.vdc")] = vdc
+    x = moved(built, {"a.vdc": 0.92, "b.vdc": 1.07})
     targets = [(0.0, 0.05, installed.index("a")), (0.0, -0.04, installed.index("b"))]
     trace = follow(built, frame_times(0.2, 4000), targets, x=x)
     names = [s.name for s in system.stations]

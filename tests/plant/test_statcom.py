@@ -13,7 +13,8 @@ from scipy.linalg import expm
 
 from facts_damping.parameters.devices import Statcom
 from facts_damping.plant import statcom
-from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
+from tests.plant.channels import ACTIVE, ANGLE, REACTIVE, VOLTAGE
+from tests.plant.running import follow, frame_times, moved, plant, slopes, with_device
 from tests.plant.small import SPUR, between_infinite_buses
 from tests.plant.test_properties import everywhere
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(5)
 BOTH = ["sssc", "statcom"]
 OMEGA_0 = 2 * np.pi * 60
 LOAD_STEP = {"time": 0.0, "kind": "load_step", "load": "load_2", "change": -0.1}
@@ -44,19 +44,9 @@ def states(built: Built, trace: Trace) -> dict[str, NDArray[np.float64]]:
     return {name: trace.x[:, built.state_names.index(f"statcom.{name}")] for name in statcom.STATE_NAMES}
 
 
-def kicked(built: Built, **fields: float) -> NDArray[np.float64]:
-    """The start with other states of the STATCOM."""
-    x = np.array(built.state.x)
-    for name, value in fields.items():
-        x[built.state_names.index(f"statcom.{name}")] = value
-    return x
-
-
 def two_area(**fields: Any) -> System:
     """The two areas with other figures of the STATCOM, and a station at each end of each branch."""
-    system = shipped("two_area")
-    devices = [d.model_dump(by_alias=True) for d in system.devices]
-    return everywhere(changed(system, devices=[{**d, **fields} if d["kind"] == "statcom" else d for d in devices]))
+    return everywhere(with_device("statcom", **fields))
 
 
 def test_what_it_draws_is_lost_or_stored_in_its_transformer_and_its_capacitor() -> None:
@@ -66,7 +56,7 @@ def test_what_it_draws_is_lost_or_stored_in_its_transformer_and_its_capacitor() 
     """
     system = two_area()
     built = plant(system, LOAD_STEP, installed=BOTH)
-    x = kicked(built, vdc=0.93)
+    x = moved(built, {"statcom.vdc": 0.93})
     trace = follow(built, frame_times(0.4, 6000), [(0.0, 0.05), (0.01, 0.04, 1), (0.2, -0.05, 1)], x=x)
     names = [s.name for s in system.stations]
     at = [names.index(name) for name in ("line_1.to", "line_2.to", "sssc.from")]
@@ -87,7 +77,7 @@ def test_power_at_its_bus_balances() -> None:
     """What it gives goes into the branches; and it is conj(i) V with the d axis along V."""
     system = two_area()
     built = plant(system, LOAD_STEP, installed=BOTH)
-    trace = follow(built, frame_times(1), [(0.1, 0.05), (0.2, -0.04, 1)], x=kicked(built, vdc=0.95))
+    trace = follow(built, frame_times(1), [(0.1, 0.05), (0.2, -0.04, 1)], x=moved(built, {"statcom.vdc": 0.95}))
     names = [s.name for s in system.stations]
     at = [names.index(name) for name in ("line_1.to", "line_2.to", "sssc.from")]
     out = (trace.frames[:, at, ACTIVE] + 1j * trace.frames[:, at, REACTIVE]).sum(axis=1)
@@ -103,7 +93,7 @@ def test_power_at_its_bus_balances() -> None:
 def test_bus_voltage_meets_the_port_s_closed_form(i_d: float, i_q: float, V: float) -> None:
     """|V| = sqrt(|Voc|^2 - Im(b)^2) + Re(b) with b = Zth (i_d + j i_q), arg V = arg Voc - arg(|V| - b)."""
     built = plant(between_infinite_buses([row()], V=V), installed=["statcom"])
-    frame = follow(built, [0.0], x=kicked(built, id=i_d, iq=i_q)).frames[0, 2]
+    frame = follow(built, [0.0], x=moved(built, {"statcom.id": i_d, "statcom.iq": i_q})).frames[0, 2]
     b = 1j * SPUR * complex(i_d, i_q)
     magnitude = np.sqrt(V**2 - b.imag**2) + b.real
     angle = np.deg2rad(30) - np.angle(magnitude - b)
@@ -158,7 +148,7 @@ def test_reactive_current_is_limited_and_leaves_the_limit_at_once(sign: int) -> 
 def test_active_current_is_limited_while_the_capacitor_is_charged() -> None:
     """A large capacitor at vdc = 0.7: the DC regulator asks for 1.2 p.u., gets 0.3, and its integrator waits."""
     built = small("A", I_max=0.3, tau=5.0)
-    trace = follow(built, frame_times(12), x=kicked(built, vdc=0.7))
+    trace = follow(built, frame_times(12), x=moved(built, {"statcom.vdc": 0.7}))
     s = states(built, trace)
     limited = 4.0 * (1 - s["vdc"]) > 0.3 + 0.01
     assert 2 < trace.t[limited][-1] < 6
@@ -171,7 +161,7 @@ def test_active_current_is_limited_while_the_capacitor_is_charged() -> None:
 @pytest.mark.parametrize("vdc", [0.9, 1.1])
 def test_dc_voltage_recovers_within_50_ms(vdc: float) -> None:
     built = plant("two_area", installed=BOTH)
-    trace = follow(built, frame_times(0.3, 240), x=kicked(built, vdc=vdc))
+    trace = follow(built, frame_times(0.3, 240), x=moved(built, {"statcom.vdc": vdc}))
     away = np.abs(trace.devices["dc_voltage"][:, 1] - 1)
     assert away[0] == pytest.approx(0.1)
     assert away[trace.t >= 0.05].max() < 0.01
@@ -232,8 +222,9 @@ def test_regulators_answer_a_small_step_as_their_equations_say(step: str) -> Non
     fields = {**gains, "rate_max": 1000.0}  # the step's ramp takes 10 ns
     built = plant(between_infinite_buses([row(bus, **fields)], step=1e-4), installed=["statcom"])
     times = np.arange(0, 0.12, 0.002)
-    at = {name: built.state.x[built.state_names.index(f"statcom.{name}")] + value for name, value in start.items()}
-    trace = follow(built, times, [(0.0, u)] if u else [], x=kicked(built, **at))
+    names = {name: f"statcom.{name}" for name in start}
+    at = {names[name]: built.state.x[built.state_names.index(names[name])] + value for name, value in start.items()}
+    trace = follow(built, times, [(0.0, u)] if u else [], x=moved(built, at))
     first = built.state_names.index("statcom.id")
     found = trace.x[:, first : first + 7] - built.state.x[first : first + 7]
     d = Statcom.model_validate(row(bus, **fields))

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from facts_damping.small_signal.linearisation import linearise
-from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
+from tests.plant.channels import ACTIVE, ANGLE, REACTIVE, VOLTAGE
+from tests.plant.running import changed, follow, frame_times, moved, plant, shipped, slopes
 from tests.plant.small import SPUR, between_infinite_buses
 from tests.plant.test_properties import everywhere
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 
-VOLTAGE, ANGLE, _, ACTIVE, REACTIVE = range(5)
 AT_ONCE = 1000.0  # p.u./s
 
 
@@ -40,13 +40,6 @@ def susceptance(built: Built, trace: Trace) -> NDArray[np.float64]:
     return np.asarray(trace.x[:, built.state_names.index("svc.B")])
 
 
-def with_susceptance(built: Built, B: float) -> NDArray[np.float64]:
-    """The start with another susceptance."""
-    x = np.array(built.state.x)
-    x[built.state_names.index("svc.B")] = B
-    return x
-
-
 def two_area(**fields: Any) -> System:
     """The two areas with an SVC in the tie, and a station at each end of each branch."""
     system = shipped("two_area")
@@ -59,7 +52,7 @@ def two_area(**fields: Any) -> System:
 def test_it_is_a_susceptance(B: float, V: float) -> None:
     """Behind a reactance X: V = E / (1 - X B), in phase; it gives Q = B V^2, no power, and |i| = |B| V."""
     built = plant(between_infinite_buses([row()], V=V), installed=["svc"])
-    trace = follow(built, [0.0], x=with_susceptance(built, B))
+    trace = follow(built, [0.0], x=moved(built, {"svc.B": B}))
     frame, device = trace.frames[0, 2], trace.devices[0, 0]
     voltage = V / (1 - SPUR * B)
     assert (frame[VOLTAGE], frame[ANGLE]) == pytest.approx((voltage, np.deg2rad(30)), abs=1e-11)

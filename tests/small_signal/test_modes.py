@@ -1,16 +1,17 @@
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from facts_damping.case.loading import read_system
 from facts_damping.parameters.files import shipped as names
+from facts_damping.parameters.placement import place
 from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.linearisation import Eigenmode, linearise, modes
 from tests.independent.reference import Model
-from tests.plant.running import changed, plant, shipped
+from tests.plant.running import changed, figures, plant, shipped
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +21,13 @@ if TYPE_CHECKING:
     from facts_damping.parameters.system import System
     from facts_damping.plant.build import Built
 
-DATA = Path(__file__).parents[2] / "config" / "references"
+# Files of ANDES: how many eigenvalues, bound of their distances, 1/s.
+ANDES = {
+    "kundur_12_6": (24, 1e-5),
+    "wscc_9": (21, 1e-5),
+    "new_england_39": (75, 1e-4),
+    "nets_nyps": (132, 1e-4),  # without its devices
+}
 
 
 def swings(built: Built) -> list[Eigenmode]:
@@ -56,12 +63,18 @@ def with_machines(system: System, model: str) -> System:
     return changed(system, machines=[{**m.model_dump(), "model": model} for m in system.machines])
 
 
-def test_kundur_12_6_has_the_eigenvalues_of_andes() -> None:
-    re, im = np.loadtxt(DATA / "kundur_12_6_eigenvalues_andes.csv", delimiter=",", skiprows=1, unpack=True)
-    andes = re + 1j * im
-    assert len(andes) == 24
-    for matrix in (linearise(plant("kundur_12_6"))[0], Model(shipped("kundur_12_6")).state_matrix()[0]):
-        assert furthest(moving(np.diag(andes)), moving(matrix)) < 1e-5
+@pytest.mark.parametrize("name", ANDES)
+def test_eigenvalues_are_those_of_andes(name: str) -> None:
+    """Of the plant, and of the independent model where it is small."""
+    andes = figures(f"{name}_eigenvalues_andes.csv") @ [1, 1j]
+    count, bound = ANDES[name]
+    assert len(andes) == count
+    system = place(read_system(name).model_copy(update={"devices": []}))
+    matrices = [linearise(plant(system))[0]]
+    if count < 50:
+        matrices.append(Model(system).state_matrix()[0])
+    for matrix in matrices:
+        assert furthest(moving(np.diag(andes)), moving(matrix)) < bound
 
 
 def test_swings_of_kundur_12_6_are_those_of_other_programs() -> None:

@@ -1,0 +1,3 @@
+"""Channels of frames, by their index."""
+
+VOLTAGE, ANGLE, FREQUENCY, ACTIVE, REACTIVE = range(5)
