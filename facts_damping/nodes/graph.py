@@ -173,10 +173,14 @@ def check_commands(case: Case) -> None:
 
 
 def end(processes: Iterable[Process], number: int) -> None:
-    """Tell processes to stop, also those that stand still; kill those that do not."""
+    """Tell processes to stop, also those that stand still; kill those that do not.
+
+    `number`: of the signal that programs of the user's own get. Ours take either; but where this process was started
+    with SIGINT ignored (by `&` in a script), a copy that only just begins would miss that.
+    """
     running = [one.process for one in processes if one.process.exitcode is None]
     for process in running:
-        for each in (number, signal.SIGCONT):
+        for each in (number if isinstance(process, Command) else signal.SIGTERM, signal.SIGCONT):
             with suppress(ProcessLookupError):  # it may have ended meanwhile
                 os.kill(process.pid or 0, each)
     for process in running:
