@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import tempfile
 from pathlib import Path
@@ -34,8 +35,11 @@ GOES_ON = [
 ENDS = [{node: int(tick)} for node in ("plant_sim", "recorder") for tick in RANDOM.integers(60, 130, KILLS)]
 
 
-def middleware_files() -> set[str]:
-    return {path.name for path in Path("/dev/shm").iterdir() if path.name.startswith(("fast", "sem.fast"))}
+def middleware_files(domain: int) -> set[str]:
+    """Shared memory of Fast DDS in a ROS domain, by the ports that it is named after (RTPS 2.5, 9.6.1.1)."""
+    ports = range(7400 + 250 * domain, 7400 + 250 * (domain + 1))
+    found = ((path.name, re.search(r"fast\w*_port(\d+)", path.name)) for path in Path("/dev/shm").iterdir())
+    return {name for name, port in found if port is not None and int(port[1]) in ports}
 
 
 @pytest.mark.parametrize("ticks", [*GOES_ON, *ENDS])
@@ -48,7 +52,7 @@ def test_killed_nodes(
     passing.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(passing))
     monkeypatch.setenv("TMPDIR", str(passing))
-    shared, case, struck = middleware_files(), load_case(None, SETS), dict[str, int]()
+    shared, case, struck = middleware_files(domain), load_case(None, SETS), dict[str, int]()
 
     def strike(done: int, _of: int) -> None:
         for node in [node for node, tick in ticks.items() if done > tick and node not in struck]:
@@ -72,4 +76,4 @@ def test_killed_nodes(
                 assert not record.devices["released"][: struck[node], device].any()
     assert nodes_left(tmp_path) == []
     assert list(passing.iterdir()) == []
-    assert middleware_files() == shared
+    assert middleware_files(domain) == shared
