@@ -6,8 +6,10 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -50,7 +52,20 @@ pytestmark = pytest.mark.skipif(not permitted(), reason="needs root, iproute2, n
 
 
 @pytest.fixture
-def shell(domain: int, tmp_path: Path) -> Iterator[Callable[[str], subprocess.CompletedProcess[str]]]:
+def alone() -> Iterator[None]:
+    """Nobody else's tests on this machine have these hosts at the same time."""
+    with socket.socket(socket.AF_UNIX) as held:
+        deadline = time.monotonic() + 5 * PATIENCE_S
+        while time.monotonic() < deadline:
+            with suppress(OSError):
+                held.bind("\0facts_damping_hosts")
+                break
+            time.sleep(0.5)
+        yield
+
+
+@pytest.fixture
+def shell(alone: None, domain: int, tmp_path: Path) -> Iterator[Callable[[str], subprocess.CompletedProcess[str]]]:
     """Runs commands in a shell that ends with all that it started; the hosts are taken away at the end.
 
     At the start, too: a run of the tests that was killed may have left some.
