@@ -35,11 +35,12 @@ def load() -> None:
     """Begin to load, in the background; `start` waits for it."""
     multiprocessing.get_context("forkserver").set_forkserver_preload([LOADED])
     resource_tracker.ensure_running()  # which lets signals through again when it has begun
-    os.environ[FOLDER] = util.get_temp_dir()  # last: until the process that loads runs, a kill would leave it
     before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTIONS)  # these are the caller's to answer
+    os.environ[FOLDER] = util.get_temp_dir()  # last: until the process that loads runs, a kill would leave it
     try:
         forkserver.ensure_running()
     finally:
+        os.environ.pop(FOLDER, None)  # other processes that load the same do not own the folder
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
