@@ -2,8 +2,6 @@
 
 With `--ship` they go into the package, for a wheel (`make wheel`).
 
-With `--ship` they go into the package, for a wheel (`make wheel`).
-
 A node that is started on a machine where that has not been done has it done (`compile_once`).
 """
 
