@@ -17,21 +17,40 @@ from facts_damping.elementary import exp_complex, magnitude, phase, rect
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+NUMBER = (complex, float, int)  # as are those of NumPy
 SERIES = 1e-18  # of a sum: terms below it change nothing
+
+
+@compiled
+def _product(a: complex, b: complex) -> complex:
+    """As `times`, of two numbers; in Python the same bits."""
+    return complex(a.real * b.real - a.imag * b.imag, a.real * b.imag + a.imag * b.real)
+
+
+@compiled
+def _quotient(a: complex, b: complex) -> complex:
+    """As `over`, of two numbers: divided by the larger part of b first. In Python the same bits, but for 0, NaN."""
+    if abs(b.real) >= abs(b.imag):
+        ratio = b.imag / b.real
+        divisor = b.real + b.imag * ratio
+        return complex((a.real + a.imag * ratio) / divisor, (a.imag - a.real * ratio) / divisor)
+    ratio = b.real / b.imag
+    divisor = b.real * ratio + b.imag
+    return complex((a.real * ratio + a.imag) / divisor, (a.imag * ratio - a.real) / divisor)
 
 
 @entry_point
 def _times(a: Complex1, b: Complex1, out: Complex1) -> None:
     """Products."""
     for i in range(out.size):
-        out[i] = a[i] * b[i]
+        out[i] = _product(a[i], b[i])
 
 
 @entry_point
 def _over(a: Complex1, b: Complex1, out: Complex1) -> None:
     """Quotients."""
     for i in range(out.size):
-        out[i] = a[i] / b[i]
+        out[i] = _quotient(a[i], b[i])
 
 
 @entry_point
@@ -64,19 +83,24 @@ def _exponentials(z: Complex1, out: Complex1) -> None:
 
 def _elementwise(kernel: Any, kind: Any, *given: ArrayLike, of: Any = complex) -> NDArray[Any]:
     """What a kernel makes of arrays of one shape, or that are broadcast to one."""
-    arrays = np.broadcast_arrays(*(np.asarray(one, of) for one in given))
-    out = np.zeros(arrays[0].shape, kind)
-    kernel(*(np.ascontiguousarray(one).reshape(-1) for one in arrays), out.reshape(-1))
+    arrays = [np.asarray(one, of) for one in given]
+    out = np.zeros(np.broadcast_shapes(*(one.shape for one in arrays)), kind)
+    whole = (one if one.shape == out.shape else np.broadcast_to(one, out.shape) for one in arrays)
+    kernel(*(np.ascontiguousarray(one).reshape(-1) for one in whole), out.reshape(-1))
     return out
 
 
-def times(a: ArrayLike, b: ArrayLike) -> NDArray[np.complex128]:
-    """Products a b."""
+def times(a: ArrayLike, b: ArrayLike) -> Any:
+    """Products a b: an array, or of two numbers a number."""
+    if isinstance(a, NUMBER) and isinstance(b, NUMBER):  # many, when a grid is set up: no call of a kernel for each
+        return np.complex128(_product.py_func(complex(a), complex(b)))
     return _elementwise(_times, complex, a, b)
 
 
-def over(a: ArrayLike, b: ArrayLike) -> NDArray[np.complex128]:
-    """Quotients a / b."""
+def over(a: ArrayLike, b: ArrayLike) -> Any:
+    """Quotients a / b: an array, or of two numbers a number."""
+    if isinstance(a, NUMBER) and isinstance(b, NUMBER) and b == b != 0.0:  # noqa: PLR0124 (no NaN)
+        return np.complex128(_quotient.py_func(complex(a), complex(b)))
     return _elementwise(_over, complex, a, b)
 
 

@@ -30,6 +30,18 @@ def test_arrays_are_broadcast_and_numbers_stay_numbers() -> None:
     np.testing.assert_array_equal(phasors.times(A[::-1], A[::-1]), phasors.times(A, A)[::-1])
 
 
+def test_of_two_numbers_the_bits_are_those_of_arrays() -> None:
+    """Of any size, zeros, infinities and NaN."""
+    random = np.random.default_rng(2)
+    special = np.array([0.0, -0.0, 5e-324, np.inf, -np.inf, np.nan])
+    parts = random.choice([-1.0, 1.0], 6000) * 10.0 ** random.integers(-308, 308, 6000)
+    z = np.where(random.random(6000) < 0.1, random.choice(special, 6000), parts).view(complex)
+    for function in (phasors.times, phasors.over):
+        single = [function(one, other) for one, other in zip(z.tolist(), z[::-1].tolist(), strict=True)]
+        found, whole = np.array(single).view(float), function(z, z[::-1]).view(float)
+        assert np.all((found.view(int) == whole.view(int)) | (np.isnan(found) & np.isnan(whole)))
+
+
 @pytest.mark.parametrize("n", [0, 1, 2, 7, 60])
 def test_powers(n: int) -> None:
     z = 0.97 * cmath.exp(0.3j)
