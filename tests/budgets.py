@@ -81,7 +81,7 @@ _BEGIN = pytest.StashKey[float]()
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Add up by file; where tests run in several processes, in the one that tells."""
     name = report.nodeid.partition("::")[0]
-    _tests[name] += report.when == "setup"
+    _tests[name] += report.when == "call"  # not of one that was skipped
     _spent[name] += sum(float(str(value)) for key, value in report.user_properties if key == "processor_s")
 
 
@@ -106,5 +106,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
         text = "new" if before is None else f"{before:.1f} s on record"
         terminalreporter.write_line(f"grown by half or more: {name}, {_spent[name]:.1f} s ({text})")
     if os.environ.get("RECORD"):
-        lines = [f"{name}: [{_spent[name]:.1f}, {_tests[name]}]\n" for name in sorted(_spent)]
+        now = {name: Cost(round(_spent[name], 1), many) for name, many in _tests.items() if many}  # else all skipped
+        kept = {name: one for name, one in (recorded() | now).items() if (config.rootpath / name).exists()}
+        lines = [f"{name}: [{one.seconds}, {one.tests}]\n" for name, one in sorted(kept.items())]
         RECORD.write_text("".join(lines), encoding="utf-8")

@@ -211,7 +211,7 @@ def test_nodes_share_no_memory_and_ask_nobody_for_types(domain: int, tmp_path: P
                 mapped.setdefault(name, []).append((process / "maps").read_text())
                 threads.update(path.read_text().strip() for path in process.glob("task/*/comm"))
 
-    graph.run(load_case(None, ["duration=1"]), "lockstep", tmp_path, look)
+    graph.run(load_case(None, ["duration=2"]), "realtime", tmp_path, look)
     assert {"wan_link", "recorder"} <= set(mapped)
     for name, texts in mapped.items():
         assert any(re.search("/libfast(dds|rtps)", text) for text in texts), name
