@@ -61,9 +61,9 @@ def in_turns(delay: float) -> str:
     return link("up", *({"delay": delay, "start": AT + k, "duration": 0.5} for k in range(6)))
 
 
-def stays_at_a_limit(seconds: float) -> str:
-    """A controller whose gain takes it to a limit, where it stays for a while."""
-    wild = {"kind": "gain", "start": AT, "size": 1000}
+def stays_at_a_limit(seconds: float, side: int = 1) -> str:
+    """A controller whose gain takes it to a limit, where it stays for a while; `side`: -1: to the other one."""
+    wild = {"kind": "gain", "start": AT, "size": side * 1000}
     return f"controllers.0.faults={json.dumps([wild, {'kind': 'stuck', 'start': AT + 0.2, 'duration': seconds}])}"
 
 
@@ -176,6 +176,12 @@ def test_nothing_acts_in_a_sound_run(scenario: str, sets: list[str]) -> None:
     found = seen(f"scenario={scenario}", *sets)
     assert found.acted == {}
     assert [state for _, state, _ in found.states] == ["armed"]
+
+
+def test_either_limit_counts() -> None:
+    """The time at the other one is the same, but for the frame in which it gets there."""
+    one, other = (seen(LARGE, stays_at_a_limit(6.0, side)).acted["saturated"] for side in (1, -1))
+    assert other == pytest.approx(one, abs=0.05)
 
 
 def test_frames_that_arrive_together_are_compared_one_by_one() -> None:
