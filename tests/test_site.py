@@ -16,6 +16,13 @@ import yaml
 import facts_damping
 from facts_damping.analysis.summary import ROWS
 from facts_damping.cli.commands import parser
+from tests.passed import inputs
+
+pytestmark = inputs(
+    contents=["*.md", "*.cff", "mkdocs.yml", "setup.py"]
+    + [f"{folder}/**/*" for folder in ("docs", "facts_damping", "examples", "config", "msg_defs", "launch")],
+    names=["tests/**/*.py"],
+)
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]

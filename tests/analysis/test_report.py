@@ -26,12 +26,15 @@ from facts_damping.report.tables import ranked
 from facts_damping.report.traces import detailed, envelope, steps
 from facts_damping.signals import DEVICE_TRUTH
 from tests.analysis.conftest import make_record
+from tests.passed import inputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from facts_damping.report.contents import Report
     from facts_damping.signals import Record
+
+pytestmark = inputs(contents=["facts_damping/**/*", "config/**/*", "tests/analysis/conftest.py"])
 
 CHROMIUM = shutil.which("chromium")
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium: apt install chromium")
