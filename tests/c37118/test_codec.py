@@ -241,3 +241,9 @@ def test_what_is_no_frame_is_said(change: Any, said: str) -> None:
     whole = frame.encode(Frame("header", 1, 2, 3, b"hello"))
     with pytest.raises(FrameError, match=said):
         frame.decode(change(whole))
+
+
+@pytest.mark.parametrize(("fraction", "quality"), [(0, 0xFF), (0xFFFFFF, 0), (0xABCDEF, 0x35)])
+def test_fraction_and_quality_share_a_word(fraction: int, quality: int) -> None:
+    sent = Frame("header", 1, 2, fraction, b"hello", quality)
+    assert frame.decode(frame.encode(sent)) == sent
