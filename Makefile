@@ -59,7 +59,7 @@ test: test-setup lint
 # What a change most likely breaks, in a minute (tests/fast.py).
 test-fast: test-setup lint
 	$(TYPES)
-	$(PYTEST) --fast 60
+	$(PYTEST) --fast 25
 
 # Lines of Python that tests reach; compiled functions are no Python when they run.
 coverage: test-setup

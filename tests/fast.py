@@ -1,4 +1,4 @@
-"""The tests that a change most likely breaks, within seconds of processor: `pytest --fast 60`.
+"""The tests that a change most likely breaks, within seconds of processor: `pytest --fast 25`.
 
 Changed files are those that differ from what is committed, or else of the last commit. First come the tests that were
 changed, then those of the same name as a changed file (`tests/plant/test_ports.py` of `plant/ports.py`), then those of
