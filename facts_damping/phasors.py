@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
+from facts_damping.compiling.kernels import NUMERIC
 from facts_damping.compiling.structs import Complex1, Float1
 from facts_damping.elementary import exp_complex, magnitude, phase, rect
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-NUMBER = (complex, float, int)  # as are those of NumPy
 SERIES = 1e-18  # of a sum: terms below it change nothing
 
 
@@ -90,17 +90,17 @@ def _elementwise(kernel: Any, kind: Any, *given: ArrayLike, of: Any = complex) -
     return out
 
 
-def times(a: ArrayLike, b: ArrayLike) -> Any:
-    """Products a b: an array, or of two numbers a number."""
-    if isinstance(a, NUMBER) and isinstance(b, NUMBER):  # many, when a grid is set up: no call of a kernel for each
-        return np.complex128(_product.py_func(complex(a), complex(b)))
+def times(a: ArrayLike, b: ArrayLike) -> NDArray[np.complex128]:
+    """Products a b."""
+    if isinstance(a, NUMERIC) and isinstance(b, NUMERIC):  # many, when a grid is set up: no call of a kernel for each
+        return np.array(_product.py_func(complex(a), complex(b)))
     return _elementwise(_times, complex, a, b)
 
 
-def over(a: ArrayLike, b: ArrayLike) -> Any:
-    """Quotients a / b: an array, or of two numbers a number."""
-    if isinstance(a, NUMBER) and isinstance(b, NUMBER) and b == b != 0.0:  # noqa: PLR0124 (no NaN)
-        return np.complex128(_quotient.py_func(complex(a), complex(b)))
+def over(a: ArrayLike, b: ArrayLike) -> NDArray[np.complex128]:
+    """Quotients a / b."""
+    if isinstance(a, NUMERIC) and isinstance(b, NUMERIC) and b == b != 0.0:  # noqa: PLR0124 (no NaN)
+        return np.array(_quotient.py_func(complex(a), complex(b)))
     return _elementwise(_over, complex, a, b)
 
 

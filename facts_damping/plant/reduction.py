@@ -143,8 +143,7 @@ def _series_current(
     row: NDArray[np.complex128] = net.voltage[net.at[first]] - net.voltage[net.at[second]]
     own = [place.device.name if place.device else None for place in places].index(device.name)
     row[len(net.norton) + len(system.infinite_buses) + own] -= 1.0
-    current: NDArray[np.complex128] = over(row, complex(device.rs, device.xs))
-    return current
+    return over(row, complex(device.rs, device.xs))
 
 
 def _station_bus(system: System, station: Station) -> str:

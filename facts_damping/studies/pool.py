@@ -27,7 +27,7 @@ TASKS_AHEAD = 4  # for each thread of a cluster: enough that none waits, few eno
 
 # What joblib tells of an interrupted sweep, and of a worker that it replaced because its memory grew or because it had
 # long been idle. Neither concerns a result. As an error the second ends the thread that waits for the workers.
-_LIBRARYS_WARNINGS = r"\d+ tasks (have been successfully|which were still being)|A worker stopped while some jobs"
+_JOBLIB_WARNINGS = r"\d+ tasks (have been successfully|which were still being)|A worker stopped while some jobs"
 
 _state = {"worker": False}  # whether this process is one
 
@@ -73,7 +73,7 @@ def workers(jobs: int, scheduler: str | None = None) -> Iterator[Each]:
 
 def _in_processes(jobs: int, function: Callable[[Any], Any], todo: Sequence[Any]) -> Iterator[Any]:
     """One BLAS thread each: on matrices as small as these several wait for each other longer than they work."""
-    warnings.filterwarnings("ignore", _LIBRARYS_WARNINGS, UserWarning)
+    warnings.filterwarnings("ignore", _JOBLIB_WARNINGS, UserWarning)
     many = min(jobs, max(1, len(todo)))
     batch = max(1, min(MOST_AT_ONCE, len(todo) // (8 * many)))
     with parallel_config("loky", inner_max_num_threads=1):

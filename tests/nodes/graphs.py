@@ -24,7 +24,7 @@ from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from rclpy.node import Node
 
@@ -125,11 +125,16 @@ def recorded_bytes(folder: Path) -> int:
     return max((file.stat().st_size for file in folder.rglob("*.mcap")), default=0)
 
 
-def wait_until_recording(folder: Path, size: int = 100_000) -> None:
+def wait_until(what: Callable[[], bool], otherwise: str = "") -> None:
+    """Wait for something, not for ever."""
     deadline = time.monotonic() + PATIENCE_S
-    while recorded_bytes(folder) <= size:
-        assert time.monotonic() < deadline, "no recording grows"
-        time.sleep(0.1)
+    while not what():
+        assert time.monotonic() < deadline, otherwise
+        time.sleep(0.01)
+
+
+def wait_until_recording(folder: Path, size: int = 100_000) -> None:
+    wait_until(lambda: recorded_bytes(folder) > size, "no recording grows")
 
 
 def nodes_left(folder: Path) -> list[str]:

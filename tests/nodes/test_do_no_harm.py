@@ -31,7 +31,7 @@ from facts_damping.nodes import graph, recorder
 from facts_damping.nodes.node import HEARING, HEARING_LATE
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, odd_requests, quiet, somebody
+from tests.nodes.graphs import LOADED_S, assert_same, odd_requests, quiet, somebody, wait_until
 from tests.nodes.hostile import HEARD, IDENTIFIER, SETS, forgeries, hostile
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def test_nothing_of_another_participant_acts(
         if tick < BEGUN or attackers:
             return
         attackers.append(Attacker(node, case))
-        wait(lambda: not attackers[0].missing())
+        wait_until(lambda: not attackers[0].missing())
         odd_requests(node, started)
         for ahead in range(30):
             attackers[0].forge(tick + ahead)
@@ -186,13 +186,6 @@ def test_nothing_of_another_participant_acts(
     assert_all_refused(attackers[0].sent, outcome, recorded)
 
 
-def wait(what: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 def test_a_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: Path) -> None:
     """In real time, of one who sends as fast as he can to all.
 
@@ -207,7 +200,7 @@ def test_a_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: 
                 return
             one = Attacker(node, case)
             attackers.append(one)
-            wait(lambda: not one.missing())
+            wait_until(lambda: not one.missing())
             odd = [one.hostile() for _ in range(100)] + [(topic, make(done)) for topic, make in one.forged] * 10
             for topic, data in itertools.islice(itertools.cycle(odd), FLOOD):
                 with suppress(rclpy_implementation.RCLError):  # too many at once

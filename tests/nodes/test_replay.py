@@ -32,7 +32,7 @@ from facts_damping.recording.reader import KINDS, UNTIMED, load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import replay
 from tests.nodes.bags import STORAGES, copy, in_chunks
-from tests.nodes.graphs import ARRAYS, LOADED_S, PATIENCE_S, SILENCE_S, nodes_left, payloads, quiet
+from tests.nodes.graphs import ARRAYS, LOADED_S, PATIENCE_S, SILENCE_S, nodes_left, payloads, quiet, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -379,10 +379,7 @@ def _play(topic: str, messages: list[tuple[int, bytes]], listeners: int, then: C
     node = rclpy.create_node("player", context=context)
     publisher = node.create_publisher(PmuDataFrame, topic, SAYING)
     try:
-        deadline = time.monotonic() + PATIENCE_S
-        while publisher.get_subscription_count() < listeners:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_until(lambda: publisher.get_subscription_count() >= listeners)
         began = time.monotonic()
         for log_ns, data in messages:
             time.sleep(max(0.0, began + (log_ns - messages[0][0]) * 1e-9 - time.monotonic()))

@@ -27,7 +27,7 @@ from facts_damping.simulation import loop
 from facts_damping.streaming import recorded, serving
 from facts_damping.streaming.concentrator import Concentrator, grid_stations
 from facts_damping.streaming.serving import Serving
-from tests.nodes.graphs import LOADED_S, PATIENCE_S, quiet
+from tests.nodes.graphs import LOADED_S, PATIENCE_S, quiet, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -217,10 +217,7 @@ def test_a_server_that_leaves_and_comes_back(
     first = serve(1_700_000_000)
 
     def strike() -> None:
-        deadline = time.monotonic() + PATIENCE_S
-        while first.servers[0].counts.frames < 60:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_until(lambda: first.servers[0].counts.frames >= 60)
         first.end()
         time.sleep(1.5)
         serve(1_000_000_000)

@@ -135,8 +135,3 @@ def slopes(built: Built, x: NDArray[np.float64] | None = None, stage: int = 0) -
     state = copy(built.state)
     derivatives(built.plant, x, state.reference, state.source, stage, dx, workspace(built.plant, state))
     return dx
-
-
-def by_machine(system: System, trace: Trace) -> dict[str, NDArray[np.float64]]:
-    """Speeds by the machine's name."""
-    return {m.name: trace.speeds[:, g] for g, m in enumerate(system.machines)}
