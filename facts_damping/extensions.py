@@ -36,9 +36,13 @@ def given(group: str) -> dict[str, EntryPoint]:
 
 @cache
 def every() -> list[EntryPoint]:
-    """Those of all groups. Raises `InputError` where a group is none of this package, or half of a pair is missing."""
+    """Those of all groups.
+
+    Raises `InputError` where a group is none of this package, half of a pair is missing, or two give the same name.
+    """
     known = entry_points()
     found = [one for group in sorted(known.groups) if group.startswith(PREFIX) for one in known.select(group=group)]
+    by_name: dict[tuple[str, str], EntryPoint] = {}
     for one in found:
         group = one.group.removeprefix(PREFIX)
         if group not in GROUPS:
@@ -47,6 +51,9 @@ def every() -> list[EntryPoint]:
             other = PREFIX + pair[1 - pair.index(group)] if group in pair else ""
             if other and not any(two.group == other and two.name == one.name for two in found):
                 raise InputError(f"{_named(one)}: stands alone; allowed: with {one.name} of {other}")
+        first = by_name.setdefault((group, one.name), one)
+        if first is not one:
+            raise InputError(f"{_named(one)}: the name is taken; allowed: another than that of {_named(first)}")
     return found
 
 

@@ -110,14 +110,16 @@ class Carried(NamedTuple):
         return json.loads((self.folder / name).read_text(encoding="utf-8"))
 
 
-def install(folder: Path, files: dict[str, str], groups: dict[str, dict[str, str]]) -> None:
+def install(
+    folder: Path, files: dict[str, str], groups: dict[str, dict[str, str]], package: str = "my_extension"
+) -> None:
     """Put a package where Python finds it, with the entry points that an installation writes."""
     for name, text in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
-    metadata = folder / "my_extension-1.0.dist-info"
+    metadata = folder / f"{package}-1.0.dist-info"
     metadata.mkdir(parents=True)
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: my_extension\nVersion: 1.0\n", encoding="utf-8")
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n", encoding="utf-8")
     lines = [
         line
         for group, points in groups.items()
@@ -200,6 +202,15 @@ def test_what_is_no_row_is_told_in_one_line(
         for cache in caches:
             cache.cache_clear()
     assert re.fullmatch(f"entry point {said}", str(told.value))
+
+
+def test_two_packages_with_the_same_row_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for package in ("my_extension", "another"):
+        install(tmp_path, {}, {"facts_damping.indices": POINTS}, package)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    extensions.every.cache_clear()
+    with pytest.raises(InputError, match=r"the name is taken; .* that of entry point proportional = one:ROW .*\("):
+        extensions.every()
 
 
 def test_a_command_ends_with_that_line(tmp_path: Path) -> None:
