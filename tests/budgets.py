@@ -93,15 +93,17 @@ def grown(now: dict[str, float], record: dict[str, float]) -> list[str]:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """The dearest files, and those that have grown."""
+    """The dearest files, and those that have grown, of those of which all tests ran."""
     if hasattr(config, "workerinput") or not _spent:
         return
-    record = {name: one.seconds for name, one in recorded().items()}
+    known = recorded()
+    record = {name: one.seconds for name, one in known.items()}
+    whole = {name: value for name, value in _spent.items() if name not in known or _tests[name] >= known[name].tests}
     total = sum(_spent.values())
     terminalreporter.write_line(f"{total:.0f} s of processor in tests; the dearest files:")
     for name in sorted(_spent, key=_spent.__getitem__, reverse=True)[:DEAREST]:
         terminalreporter.write_line(f"{_spent[name]:6.0f} s  {name}")
-    for name in grown(_spent, record):
+    for name in grown(whole, record):
         before = record.get(name)
         text = "new" if before is None else f"{before:.1f} s on record"
         terminalreporter.write_line(f"grown by half or more: {name}, {_spent[name]:.1f} s ({text})")

@@ -13,6 +13,7 @@ from facts_damping.bench.grid import FAULT_END, RATE, grid, swings
 from facts_damping.bench.programs import LARGE, missing
 from facts_damping.cli.main import main
 from tests.andes_cases import CASES
+from tests.commands import assert_one_line
 
 
 @pytest.fixture
@@ -51,5 +52,4 @@ def test_without_andes_it_says_so(capsys: pytest.CaptureFixture[str]) -> None:
         .err.strip()
         .endswith("--large: its files come inside ANDES: not installed (pip install andes); allowed: with ANDES")
     )
-    assert main(["bench", "dpsim", "--large"]) == 2
-    assert "PROGRAM: 'dpsim' given; allowed: andes" in capsys.readouterr().err
+    assert_one_line(2, ["bench", "dpsim", "--large"], "PROGRAM: 'dpsim' given; allowed: andes", capsys)

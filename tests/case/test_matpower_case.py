@@ -16,6 +16,7 @@ from facts_damping.parameters.files import shipped
 from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check
 from facts_damping.plant.power_flow import solve
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -60,6 +61,10 @@ def test_a_case_that_is_imported_again_has_the_same_power_flow(name: str, tmp_pa
 
 
 def test_a_name_that_matlab_cannot_have_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["export", "wscc_9", "--out", str(tmp_path / "9 buses.m")]) == 2
-    assert "allowed: a name of letters, digits and _" in capsys.readouterr().err
+    assert_one_line(
+        2,
+        ["export", "wscc_9", "--out", str(tmp_path / "9 buses.m")],
+        "allowed: a name of letters, digits and _",
+        capsys,
+    )
     assert not list(tmp_path.iterdir())

@@ -263,10 +263,7 @@ def test_modes_starts_from_the_dispatch_of_a_scenario(inside: Inside) -> None:
 def test_modes_refuses_what_is_not_there(
     arguments: list[str], said: str, inside: Inside, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["modes", *arguments]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert said in err
+    assert_one_line(2, ["modes", *arguments], said, capsys)
 
 
 def test_what_did_not_go_well_is_one_line() -> None:

@@ -19,6 +19,7 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build
 from facts_damping.plant.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from facts_damping.grid_formats.conversion import Imported
@@ -245,7 +246,6 @@ def test_a_file_that_cannot_be_written_is_refused_first(
     tmp_path: Path, target: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["import", str(CASE), "--out", target]) == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert f"--out {target}: cannot be written; allowed: a file" in told
+    assert_one_line(
+        2, ["import", str(CASE), "--out", target], f"--out {target}: cannot be written; allowed: a file", capsys
+    )

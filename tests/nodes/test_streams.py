@@ -27,6 +27,7 @@ from facts_damping.simulation import loop
 from facts_damping.streaming import recorded, serving
 from facts_damping.streaming.concentrator import Concentrator, grid_stations
 from facts_damping.streaming.serving import Serving
+from tests.commands import assert_one_line
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, quiet, wait_until
 
 if TYPE_CHECKING:
@@ -265,5 +266,4 @@ def test_a_stream_that_does_not_fit_is_said(
     path = tmp_path / "streams.yaml"
     path.write_text(json.dumps({"servers": [f"tcp://{HERE}:{port}"], **file}))
     given = [one for text in sets for one in ("--set", text)]
-    assert main(["pmu-listen", str(path), "--run", RUN, *given, "--out", str(tmp_path / "out")]) == 1
-    assert said in capsys.readouterr().err
+    assert_one_line(1, ["pmu-listen", str(path), "--run", RUN, *given, "--out", str(tmp_path / "out")], said, capsys)

@@ -10,6 +10,7 @@ import pytest
 from facts_damping.cli.main import main
 from facts_damping.errors import InputError
 from facts_damping.parameters.security import add_key, read_keys
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -68,8 +69,5 @@ def test_a_file_that_others_may_read_is_refused(tmp_path: Path) -> None:
 def test_a_graph_without_its_keys_does_not_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     missing = tmp_path / "none.yaml"
-    assert main(["run", "--set", f"security.keys={missing}", "--out", str(out)]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert str(missing) in said
+    assert_one_line(2, ["run", "--set", f"security.keys={missing}", "--out", str(out)], str(missing), capsys)
     assert not out.exists()

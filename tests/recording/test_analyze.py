@@ -9,6 +9,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,10 +38,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory, written: Callable[..., N
 def test_bad_input_is_one_line_and_nothing_is_written(
     recording: Path, tmp_path: Path, options: list[str], reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["analyze", str(recording), "--out", str(tmp_path / "out"), *options]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert reason in err
+    assert_one_line(2, ["analyze", str(recording), "--out", str(tmp_path / "out"), *options], reason, capsys)
     assert not (tmp_path / "out").exists()
 
 

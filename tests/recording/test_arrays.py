@@ -15,6 +15,7 @@ from facts_damping.monitors import CODES, MONITORS
 from facts_damping.recording import load
 from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -134,5 +135,4 @@ def test_export_refuses_in_one_line(
     tmp_path: Path, record: Record, write_record: Any, capsys: Any, out: str, said: str
 ) -> None:
     write_record(record, tmp_path / "run")
-    assert main(["export", str(tmp_path / "run"), "--out", str(tmp_path / out)]) == 2
-    assert said in capsys.readouterr().err
+    assert_one_line(2, ["export", str(tmp_path / "run"), "--out", str(tmp_path / out)], said, capsys)

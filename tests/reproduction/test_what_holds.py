@@ -20,6 +20,7 @@ from facts_damping.reproduction.runs import shipped as shipped_study
 from facts_damping.studies import scoring, sweep
 from facts_damping.studies.batch import make
 from facts_damping.studies.paired import Effect
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -163,7 +164,11 @@ def test_only_what_is_converged_and_does_no_harm_has_a_place() -> None:
 
 
 def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["reproduce", "4.2", "--profile", "deployment"]) == 2
-    assert "TABLE: 4.2 given; allowed: none with --profile deployment" in capsys.readouterr().err
+    assert_one_line(
+        2,
+        ["reproduce", "4.2", "--profile", "deployment"],
+        "TABLE: 4.2 given; allowed: none with --profile deployment",
+        capsys,
+    )
     assert main(["reproduce", "--profile", "field"]) == 2
     assert "--profile: 'field' given; allowed: thesis, deployment" in capsys.readouterr().err

@@ -299,17 +299,15 @@ def test_a_sweep_takes_the_delay_margin_of_a_class_beside_others(tmp_path: Path)
 def test_a_study_of_a_class_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study = tmp_path / "study.yaml"
     study.write_text(STUDY.format(policy="nowhere.py:Mine"))
-    assert main(["sweep", str(study), "--out", str(tmp_path / "out")]) == 2
-    told = capsys.readouterr().err
-    assert "nowhere.py: no such file" in told
-    assert told.count("\n") == 1
+    assert_one_line(2, ["sweep", str(study), "--out", str(tmp_path / "out")], "nowhere.py: no such file", capsys)
     assert not (tmp_path / "out").exists()
 
 
 def test_linear_margins_refuse_it(capsys: pytest.CaptureFixture[str]) -> None:
     asked = changes(own(LEAD_LAG))
-    assert main(["margin", "two_area_small", *asked]) == 2
-    assert "'mine' given, which is not linear and has no linear margin" in capsys.readouterr().err
+    assert_one_line(
+        2, ["margin", "two_area_small", *asked], "'mine' given, which is not linear and has no linear margin", capsys
+    )
 
 
 def test_errors_are_input_errors_for_scripts(tmp_path: Path) -> None:

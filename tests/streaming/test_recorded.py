@@ -15,13 +15,13 @@ import pytest
 from facts_damping.c37118 import frame, stations
 from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
-from facts_damping.cli.main import main
 from facts_damping.nodes import graph
 from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from facts_damping.streaming import recorded
 from facts_damping.streaming.concentrator import Concentrator, grid_stations
+from tests.commands import assert_one_line
 from tests.nodes.graphs import LOADED_S, quiet
 
 if TYPE_CHECKING:
@@ -121,7 +121,4 @@ def test_what_has_not_been_measured_is_absent_and_stamps_are_those_of_the_instan
 def test_bad_options_are_one_line(
     recording: Path, options: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["pmu-serve", str(recording), *options]) == 2
-    err = capsys.readouterr().err
-    assert said in err
-    assert err.count("\n") == 1
+    assert_one_line(2, ["pmu-serve", str(recording), *options], said, capsys)

@@ -15,6 +15,7 @@ from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.studies import sweep
 from facts_damping.terminal import Progress
+from tests.commands import assert_one_line
 from tests.passed import ALL
 
 PAGE = Path(__file__).parents[2] / "docs" / "mimo.md"
@@ -124,10 +125,7 @@ def test_tables_of_columns_that_are_not_there_are_refused_before_any_run(
 ) -> None:
     study = tmp_path / "own.yaml"
     study.write_text(f"sweep: [{{field: seed, values: [1]}}]\ntables: {tables}\n")
-    assert main(["sweep", str(study), "--out", str(tmp_path / "out")]) == 2
-    told = capsys.readouterr().err
-    assert said in told
-    assert told.count("\n") == 1
+    assert_one_line(2, ["sweep", str(study), "--out", str(tmp_path / "out")], said, capsys)
     assert not (tmp_path / "out").exists()
 
 
@@ -155,5 +153,9 @@ def test_a_star_below_a_name_is_every_entry_of_what_it_names(sets: list[str]) ->
 
 
 def test_a_star_where_nothing_is_a_list_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", "--set", "controllers=[]", "--set", "controllers.*.name=LLC"]) == 2
-    assert "controllers.*.name: '*' given; allowed: where controllers is a list" in capsys.readouterr().err
+    assert_one_line(
+        2,
+        ["simulate", "--set", "controllers=[]", "--set", "controllers.*.name=LLC"],
+        "controllers.*.name: '*' given; allowed: where controllers is a list",
+        capsys,
+    )

@@ -16,6 +16,7 @@ from facts_damping.simulation.build import build_plant
 from facts_damping.small_signal.residues import residues
 from facts_damping.studies import sweep
 from facts_damping.studies.true_jacobian import Respondent, compared, follow
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -79,7 +80,4 @@ def test_a_jacobian_without_an_identifier_is_refused_before_any_run(tmp_path: Pa
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(arguments) == 2
-    errors = capsys.readouterr().err
-    assert said in errors
-    assert errors.count("\n") == 1
+    assert_one_line(2, arguments, said, capsys)

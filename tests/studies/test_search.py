@@ -32,6 +32,7 @@ from facts_damping.studies.optimisers import METHODS, Found
 from facts_damping.studies.scoring import LOST, REFERENCE, Figures, Score, draws, score
 from facts_damping.studies.search import CHOICES, GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
 from facts_damping.studies.structures import Choice, Structure, started, structures
+from tests.commands import assert_one_line
 from tests.passed import ALL
 
 if TYPE_CHECKING:
@@ -494,10 +495,7 @@ def test_draws_of_another_scenario_are_refused(name: str) -> None:
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["search", *arguments]) == 2
-    errors = capsys.readouterr().err
-    assert said in errors
-    assert errors.count("\n") == 1
+    assert_one_line(2, ["search", *arguments], said, capsys)
 
 
 # What is shipped

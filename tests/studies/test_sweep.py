@@ -31,6 +31,7 @@ from facts_damping.studies.batch import RunRequest, make, names, one_run
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.results import cell
 from facts_damping.terminal import Progress
+from tests.commands import assert_one_line
 from tests.passed import ALL
 
 if TYPE_CHECKING:
@@ -503,10 +504,12 @@ def test_another_study_in_the_same_folder_is_refused(
     else:
         more = ["--set", "scenario=large"]
     capsys.readouterr()
-    assert main(["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "out"), *more]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "holds runs of another study" in said
+    assert_one_line(
+        2,
+        ["sweep", str(path), "--jobs", "1", "--out", str(tmp_path / "out"), *more],
+        "holds runs of another study",
+        capsys,
+    )
     assert (tmp_path / "out" / sweep.JOURNAL).read_bytes() == before
     assert (tmp_path / "out" / sweep.COPY).read_text() == text
 
@@ -515,8 +518,7 @@ def test_two_sweeps_cannot_write_the_same_folder(tmp_path: Path, capsys: pytest.
     path, out = study(tmp_path), tmp_path / "out"
     out.mkdir()
     with Journal(out / sweep.JOURNAL, sweep.plan(str(path), []).fingerprint):
-        assert main(["sweep", str(path), "--jobs", "1", "--out", str(out)]) == 2
-    assert "another sweep writes there" in capsys.readouterr().err
+        assert_one_line(2, ["sweep", str(path), "--jobs", "1", "--out", str(out)], "another sweep writes there", capsys)
 
 
 # Where it runs
@@ -538,10 +540,12 @@ def test_no_scheduler_is_one_line(
     pytest.importorskip("distributed")
     monkeypatch.setattr("facts_damping.studies.pool.CONNECT_S", 0.5)
     out = str(tmp_path / "out")
-    assert main(["sweep", str(study(tmp_path)), "--scheduler", "tcp://127.0.0.1:9", "--out", out]) == 2
-    said = capsys.readouterr().err
-    assert "--scheduler tcp://127.0.0.1:9: no scheduler answers" in said
-    assert said.count("\n") == 1
+    assert_one_line(
+        2,
+        ["sweep", str(study(tmp_path)), "--scheduler", "tcp://127.0.0.1:9", "--out", out],
+        "--scheduler tcp://127.0.0.1:9: no scheduler answers",
+        capsys,
+    )
     assert not Path(out).exists()
 
 
@@ -678,10 +682,9 @@ def test_a_report_that_cannot_be_is_refused_before_anything_runs(
     tmp_path: Path, text: str, page: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["sweep", str(study(tmp_path, text)), "--out", str(out), "--report", str(out / page)]) == 2
-    errors = capsys.readouterr().err
-    assert said in errors
-    assert errors.count("\n") == 1
+    assert_one_line(
+        2, ["sweep", str(study(tmp_path, text)), "--out", str(out), "--report", str(out / page)], said, capsys
+    )
     assert not (out / sweep.JOURNAL).exists()
 
 

@@ -19,6 +19,7 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping.studies import tune
 from facts_damping.studies.tune import LOST, Job, Trainer, TuningTask, objective, rows, search
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -163,7 +164,4 @@ def test_a_system_of_the_users_own_is_tuned_on_a_scenario_of_their_own(tmp_path:
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(arguments) == 2
-    errors = capsys.readouterr().err
-    assert said in errors
-    assert errors.count("\n") == 1
+    assert_one_line(2, arguments, said, capsys)

@@ -12,6 +12,7 @@ import numpy as np
 from facts_damping.cli.main import main
 from facts_damping.validation import report
 from facts_damping.validation.table import Row, ValidationTable, compare, furthest, markdown, within
+from tests.commands import assert_one_line
 
 if TYPE_CHECKING:
     import pytest
@@ -52,8 +53,7 @@ def test_a_row_that_fails_is_named_and_ends_with_1(
 
 
 def test_an_unknown_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["validate", "nonsense"]) == 2
-    assert "TABLE: 'nonsense' given; allowed: power-flow-two-area" in capsys.readouterr().err
+    assert_one_line(2, ["validate", "nonsense"], "TABLE: 'nonsense' given; allowed: power-flow-two-area", capsys)
 
 
 def test_what_is_no_number_fails() -> None:
