@@ -9,6 +9,8 @@ import sys
 
 import pytest
 
+from facts_damping.terminal import duration
+
 SILENT = "import time, facts_damping.terminal as t; t.SILENCE_S = 1.0\nwith t.at_work('modes'): "
 SLEEPS, SAYS = "time.sleep(2.5)", "time.sleep(2.5); t.clear_line(); print('done')"
 COUNTS = "p = t.Progress('mine', 'runs'); p(1, 2); time.sleep(2.5); p.close()"
@@ -48,3 +50,11 @@ def test_a_line_of_progress_is_kept_up_to_date(shown: dict[str, str]) -> None:
 def test_a_pipe_gets_no_such_line() -> None:
     done = subprocess.run([sys.executable, "-c", SILENT + SLEEPS], check=True, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(41.6, "42 s"), (59.6, "1 min 0 s"), (200, "3 min 20 s"), (2729, "45 min"), (4860, "1 h 21 min")],
+)
+def test_times_are_said_as_people_say_them(seconds: float, said: str) -> None:
+    assert duration(seconds) == said

@@ -129,6 +129,7 @@ def test_what_a_recording_says_of_a_run_has_the_law_without_its_file(tmp_path: P
 @pytest.mark.parametrize(
     ("law", "said"),
     [
+        (__file__, f"linear: {__file__} given; allowed: a law in a .yaml, .npz or .mat file"),
         ("nowhere.npz", "linear: nowhere.npz: no such file; allowed: a law in a .yaml, .npz or .mat file"),
         ({"num": [1], "den": [1, -1]}, "linear: a pole at 1 1/s given: unstable; allowed: stable controllers"),
         ({"num": [1, 0, 0], "den": [1, 1]}, "linear: num of degree 2 over den of degree 1 given: improper"),
@@ -176,3 +177,20 @@ def test_files_that_are_none_are_one_line(
     path.write_bytes(content)
     controller = json.dumps({"name": "my_damper", "linear": str(path)})
     assert_one_line(2, ["simulate", "--set", f"controllers.0={controller}"], f"{path}: cannot be read: ", capsys)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "said"),
+    [
+        ({"num": [1.0], "gian": [1.0]}, "'gian' given; allowed: arrays A, B, C, D"),
+        ({"num": ["1"], "den": [1.0]}, "num: no numbers given; allowed: real matrices, and complex zeros and poles"),
+        ({"zeros": [1.0], "poles": [1.0], "gain": [1.0, 2.0]}, "gain: 2 numbers given; allowed: one"),
+        ({"A": [[1j]], "B": [[1.0]], "C": [[1.0]]}, "A: complex numbers given; allowed: real ones"),
+    ],
+)
+def test_arrays_that_are_no_law_are_one_line(
+    tmp_path: Path, arrays: dict[str, Any], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savez(tmp_path / "law.npz", **arrays)
+    controller = json.dumps({"name": "my_damper", "linear": str(tmp_path / "law.npz")})
+    assert_one_line(2, ["simulate", "--set", f"controllers.0={controller}"], f"law.npz: {said}", capsys)

@@ -177,6 +177,22 @@ def test_loads_and_shunts_of_all_kinds(tmp_path: Path) -> None:
     assert [(s.name, s.bus, s.Q) for s in system.shunts] == [("switched_8", "B8", 25.0)]
 
 
+def test_parallel_branches_and_their_shunts(tmp_path: Path) -> None:
+    """Another line beside one, with a shunt at its end; a transformer's magnetising branch in either unit."""
+    shunts = []
+    for i, magnetising in enumerate(("1,0.001,-0.01", f"2,100000,{abs(0.001 - 0.01j)!r}")):
+        record = f"2,7,0,'1 ',1,1,{magnetising},2,'T',1,1,1\n0,0.0625,100\n1,0,\\1\n1,0"
+        line = ("^0 / END OF BRANCH", "4,5,'2 ',0.01,0.085,0.176,0,0,0,0.002,0.03,0,0,1\n0 / END OF BRANCH")
+        bus = ("^0 / END OF BUS", "10,'ALONE       ',33,4,1,1,1,1,0\n0 / END OF BUS")
+        (folder := tmp_path / str(i)).mkdir()
+        system = imported(folder, raw_with(bus, line, (TRANSFORMER, record)))
+        assert {"line_4_5", "line_4_5_2"} <= {one.name for one in system.lines}
+        assert "B10" not in {one.name for one in system.buses}
+        shunts.append({one.name: pytest.approx((one.P, one.Q)) for one in system.shunts})
+    assert shunts[0] == {"magnetising_T2_7": (0.1, -1.0), "shunt_line_4_5_2_4": (0.2, 3.0)}
+    assert {name: one.expected for name, one in shunts[1].items()} == shunts[0]
+
+
 # What is not modelled
 
 

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
+import sys
+from typing import TYPE_CHECKING
+
 from facts_damping.c37118 import stations
+from facts_damping.cli.main import main
 from facts_damping.parameters.streams import server as address
 from facts_damping.streaming.client import Lost
 from facts_damping.streaming.heard import Heard
-from tests.streaming.test_server import GRID, instant, served
+from tests.commands import assert_one_line
+from tests.streaming.test_server import GRID, HERE, instant, run, served, until
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pytest
+
+    from facts_damping.streaming.server import Server
 
 SERVER = "tcp://pdc:4712/11"
 
@@ -36,3 +50,28 @@ def test_a_configuration_and_the_newest_values() -> None:
     told = {row["name"]: row for row in result["pmus"][1]["channels"]}
     assert told["V1"] == {"name": "V1", "value": instant(1).data.phasors[2, 0], "unit": "V"}
     assert set(told) == {"STAT", "FREQ", "DFREQ", "V1", "V1 angle", "I1", "I1 angle", *stations.ANALOGS}
+
+
+def test_the_command_shows_what_a_server_sends(tmp_path: Path) -> None:
+    async def act(server: Server) -> bytes:
+        where = f"tcp://{HERE}:{server.ports[0]}/11"
+        options = ["--seconds", "2", "--json", str(tmp_path / "heard.json")]
+        command = [sys.executable, "-m", "facts_damping", "pmu-listen", where, *options]
+        listens = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+        await until(lambda: server.listening == 1)
+        server.send(instant(0))
+        return (await listens.communicate())[0]
+
+    out, _ = run(act)
+    lines = out.decode().splitlines()
+    assert lines[0].endswith("2 PMUs, 60 frames/s; 1 frames have come")
+    assert {station.name for station in GRID} <= {line.split()[0] for line in lines}
+    (told,) = json.loads((tmp_path / "heard.json").read_text())["servers"]
+    assert (told["frames"], told["lost"]) == (1, None)
+
+
+def test_a_server_that_is_silent_is_one_line(port: int, capsys: pytest.CaptureFixture[str]) -> None:
+    where = f"tcp://{HERE}:{port}/11"
+    assert main(["pmu-listen", where, "--seconds", "0.2"]) == 1
+    assert f"{where}: no configuration: " in capsys.readouterr().err
+    assert_one_line(2, ["pmu-listen", where, "--out", "x"], "--out: given without --run; allowed: with", capsys)
