@@ -1,6 +1,6 @@
 """Every command block of README and docs, in its order, as a user types it; long ones cut short by options.
 
-Then the Python of the page. All is run in this process, graphs on the loopback.
+Then the Python of the page, which prints what stands below it. All is run in this process, graphs on the loopback.
 
 A page has a folder of its own, in which `config`, `examples` and `tests` of the checkout are. Other programs are not
 run: `make`, `git`, `pip` and others change what these tests run in, nodes by themselves are in tests/nodes, those of
@@ -35,7 +35,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = {"README": ROOT / "README.md", **{page.stem: page for page in sorted((ROOT / "docs").glob("*.md"))}}
 GENERATED = {"commands": runpy.run_path(str(ROOT / "docs" / "generated.py"))["commands"]}
 PROGRAM = "facts-damping"
-PYTHON = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+PYTHON = re.compile(r"^```python\n(.*?)^```$(?:\n\n^```text\n(.*?)^```$)?", re.DOTALL | re.MULTILINE)
+END = "\f\n"  # after what a block prints
 # First words of what is parsed only, and options: who runs it.
 PARSED = {
     "bench": "other programs",
@@ -93,9 +94,9 @@ def text_of(page: str) -> str:
     return GENERATED[page]() if page in GENERATED else PAGES[page].read_text(encoding="utf-8")
 
 
-def python(page: str) -> str:
-    """All Python of a page."""
-    return "\n\n".join(re.findall(PYTHON, text_of(page)))
+def python(page: str) -> list[tuple[str, str]]:
+    """All Python of a page, and what it prints, where that is shown."""
+    return re.findall(PYTHON, text_of(page))
 
 
 def shortened(arguments: list[str], page: str) -> list[str]:
@@ -139,7 +140,7 @@ def steps(page: str, before: set[str]) -> list[Step]:
         origins |= dict.fromkeys(written, does)
         found.append((Step(arguments, fails, does not in before), written, read))
         before.add(does)
-    wanted, chosen = {name for name in origins if name in python(page)}, []
+    wanted, chosen = {name for name in origins if any(name in one for one, _ in python(page))}, []
     for step, written, read in reversed(found):
         runs = step.runs or step.arguments[0] in ("cd", "new") or not written.isdisjoint(wanted)
         runs &= PARSED.keys().isdisjoint(step.arguments)
@@ -157,7 +158,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("config", "examples", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / "andes_wheel").symlink_to(WHEEL)  # which tutorial_case fetches
-    (tmp_path / "results").mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")  # as the environment does
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # all runs in this process
@@ -189,8 +189,10 @@ def test_the_commands_of_a_page_run_in_their_order(
             parser().parse_args(arguments)
     os.chdir(folder)
     script = folder / "page.py"
-    script.write_text(python(page), encoding="utf-8")
+    script.write_text(f"\n\nprint({END[0]!r})\n".join([*(one for one, _ in python(page)), ""]), encoding="utf-8")
     runpy.run_path(str(script), run_name="__main__")
+    printed = capsys.readouterr().out.split(END)
+    assert all(shown in ("", said) for (_, shown), said in zip(python(page), printed, strict=False)), printed
 
 
 def test_blocks_are_found() -> None:

@@ -14,6 +14,7 @@ from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency, left_out
 from facts_damping.analysis.limits import warnings
 from facts_damping.analysis.measures import columns, event_times, speed_differences
+from facts_damping.analysis.oddities import oddities
 from facts_damping.analysis.oscillation import instability, is_stable, settling_time, unknown
 from facts_damping.analysis.ringdown import METHOD, fit_ringdown
 from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED, judge
@@ -43,6 +44,7 @@ ROWS = (
     ("latency, 99 % [ms]", ("latency_ms", "p99"), ".2f"),
     ("frames lost", ("frames_lost",), "d"),
 )
+UNSET: tuple[Any, ...] = (None, False, [], {}, "none")  # values of a controller's fields that say nothing
 WORDS = {True: "yes", False: "no", None: "-"}
 AUTO = "auto"  # how modes are found, unless a method is asked for: by what excited them
 
@@ -66,8 +68,10 @@ def summarise(
     given = speed_differences(record) if differences is None else differences
     stable = is_stable(record)
     smooth, swings = record_smoothness(record), _oscillation(record, given, method, stable)
+    duty, late = saturation_duty(record), latency(record)
+    watched = supervision.supervision(record, find(swings, ("modes", 0, "frequency_hz")))
     return {
-        "run": record.asked,
+        "run": _run(record),
         "stable": stable,
         "instability": instability(record),
         **swings,
@@ -75,25 +79,35 @@ def summarise(
         "smoothness": smooth["per_second"],
         "smoothness_per_frame": smooth["per_frame"],
         "max_injected_voltage_pu": max_injected_voltage(record),
-        "saturation_duty": saturation_duty(record),
-        "latency_ms": latency(record),
+        "saturation_duty": duty,
+        "latency_ms": late,
         "latencies_left_out": left_out(record),
         "frames_lost": frames_lost(record),
         "releases": releases.releases(record),
         "refused_setpoints": releases.refused_setpoints(record),
         "refused_messages": record.refused,
         "joined": record.joined,
-        "supervision": supervision.supervision(record, find(swings, ("modes", 0, "frequency_hz"))),
-        "warnings": warnings(record),
+        "supervision": watched,
+        "warnings": [*oddities(record, watched, late, duty), *warnings(record)],
     }
 
 
+def _run(record: Record) -> dict[str, Any]:
+    """The run in short: a system by its name, also where fields of it were changed; of controllers what is set."""
+    run = record.asked
+    for name in ("system", "model"):
+        if isinstance(run.get(name), dict):
+            run[name] = run[name].get("name")
+    rows = run.get("controllers") or []
+    given = [{name: value for name, value in row.items() if value not in UNSET} for row in rows]
+    return run | ({"controllers": given} if "controllers" in run else {})
+
+
 def table(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
-    """Text table for a terminal: a column a run (its name, its summary), a row a figure; warnings beneath."""
+    """Text table for a terminal: a column a run (its name, its summary), a row a figure."""
     rows = [[label, *(row_text(summary, path, form) for _, summary in summaries)] for label, path, form in ROWS]
     rows += [[label, *cells] for label, cells in more_rows([summary for _, summary in summaries])]
-    told = [f"warning: {name}: {line}" for name, summary in summaries for line in summary.get("warnings") or ()]
-    return "\n".join([*terminal.table(["", *(name for name, _ in summaries)], rows), *told])
+    return "\n".join(terminal.table(["", *(name for name, _ in summaries)], rows))
 
 
 def more_rows(summaries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:

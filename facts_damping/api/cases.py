@@ -9,15 +9,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.case import loading
+from facts_damping.case.changes import as_sets
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
+
+AS_ARGUMENT = "{path}={value}"  # how errors name what a script gave
 
 
 def case_of(run: str | PathLike[str] | None, fields: dict[str, Any]) -> Case:
     """The case of a run (name, or path) with some fields changed. Raises `InputError`."""
     content, source = loading.read_run(None if run is None else str(run))
-    return loading.changed_case(content, source, plain(fields))
+    values = plain(fields)
+    return loading.changed_case(content, source, values, as_sets(values, AS_ARGUMENT))
 
 
 def plain(value: Any) -> Any:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from dataclasses import dataclass, fields
 from functools import cached_property
+from html import escape
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from facts_damping import findings
 from facts_damping.analysis import plots
-from facts_damping.analysis.summary import summarise, table
+from facts_damping.analysis.summary import summarise
+from facts_damping.api.brief import brief
 from facts_damping.api.cases import case_of
 from facts_damping.case.names import asked_label
 from facts_damping.digest import digest
@@ -54,6 +59,7 @@ class Result(Record):
         made.attrs["units"] = dict(self.units)
         return made
 
+    @brief
     def plot(self, *names: str, beside: dict[str, Record] | None = None) -> Figure:
         """A picture: names of `arrays`, over time, or one of `PICTURES` (docs/running.md), `differences` by default.
 
@@ -62,16 +68,29 @@ class Result(Record):
         shown = [(self.name if beside else "", self), *(beside or {}).items()]
         return plots.figure(names or ("differences",), shown)
 
+    @cached_property
+    def findings(self) -> list[str]:
+        """What came out, in lines of words and numbers: those that the commands print."""
+        return findings.findings(self, self.summary) if len(self.time_ns) else ["empty"]
+
+    def __str__(self) -> str:
+        """What came out."""
+        return "\n".join(self.findings)
+
     def __repr__(self) -> str:
         """In a line."""
-        if not len(self.time_ns):
-            return f"<Result {self.name}: empty>"
         ended = "" if self.in_synchronism.all() else ", out of synchronism"
-        return f"<Result {self.name}: {len(self.time_ns)} ticks, {self.time_s[-1]:.3f} s{ended}>"
+        return f"<Result {self.name}: {len(self.time_ns)} ticks{ended}>"
 
     def _repr_html_(self) -> str:
-        """Its figures, for a notebook."""
-        return f"<pre>{table([(self.name, self.summary)])}</pre>"
+        """What came out, with a picture, for a notebook."""
+        lines = "".join(f"<p>{escape(line)}</p>" for line in self.findings)
+        if not len(self.time_ns):
+            return lines
+        held = BytesIO()
+        self.plot().savefig(held, format="png", dpi=100)
+        picture = b64encode(held.getvalue()).decode()
+        return f'{lines}<img alt="{escape(self.findings[0])}" src="data:image/png;base64,{picture}">'
 
 
 def of(record: Record) -> Result:
@@ -79,6 +98,7 @@ def of(record: Record) -> Result:
     return Result(**{one.name: getattr(record, one.name) for one in fields(Record)})
 
 
+@brief
 def simulate(run: str | PathLike[str] | None = None, **fields: Any) -> Result:
     """The closed loop of a run, in process: the bits of the lockstep graph.
 
@@ -90,6 +110,7 @@ def simulate(run: str | PathLike[str] | None = None, **fields: Any) -> Result:
     return of(loop.run(case_of(run, fields)))
 
 
+@brief
 def load_recording(path: str | PathLike[str]) -> Result:
     """A recording, folder or file. Raises `RecordingError` where it is none."""
     return of(reader.load(Path(path)))

@@ -32,23 +32,28 @@ STANDARD = "standard"  # the supervision that `--set` goes below where there is 
 PROFILE = "profile"  # the field of a run that names one
 
 
-def as_sets(values: Mapping[str, Any]) -> dict[str, str]:
-    """Each value as the text that `--set` would take."""
-    return {path: dumps(value, default=str) for path, value in values.items()}
+def as_sets(values: Mapping[str, Any], form: str = "--set {path}={value}") -> dict[str, str]:
+    """What says of each value that it was given: as on a command line, or in another form."""
+    return {path: form.format(path=path, value=dumps(value, default=str)) for path, value in values.items()}
 
 
 def change(content: dict[str, Any], values: Mapping[str, Any], sets: Mapping[str, str]) -> None:
-    """Set fields of a run's content by their paths; `sets`: each value as the text that `--set` would take."""
+    """Set fields of a run's content by their paths; `sets`: what says of each that it was given.
+
+    Controllers that say nothing of their signals get those of the run's profile.
+    """
     if values:
         content.pop("asked", None)  # no longer what was asked for
     first = {name: values[name] for name in ("system", PROFILE) if name in values}
     content.update(deepcopy(first))
     if first.get(PROFILE) is not None:
-        take_profile(content, first[PROFILE], f"--set {PROFILE}={sets[PROFILE]}")
+        take_profile(content, first[PROFILE], sets[PROFILE])
     # Names before what lies below them.
     for given in sorted((key for key in values if key not in first), key=lambda key: key.count(".")):
         for key in each_path(content, given, partial(_open_name, content)):
-            set_field(content, key, deepcopy(values[given]), f"--set {given}={sets[given]}")
+            set_field(content, key, deepcopy(values[given]), sets[given])
+    if isinstance(content.get(PROFILE), str) and "controllers" in {path.partition(".")[0] for path in values}:
+        _take_signals(content, read_profile(content[PROFILE]), only_usual=True)
     if "supervision" in values and off(content, "supervision") and "arm_at" not in values:
         content.pop("arm_at", None)
 

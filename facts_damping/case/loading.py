@@ -14,7 +14,7 @@ from facts_damping.case.model import Case
 from facts_damping.case.supervision import check_fallbacks, read_supervision
 from facts_damping.errors import InputError, check_known
 from facts_damping.measurement.filters import reference_filter
-from facts_damping.parameters.files import each_path, find, parse_set, read_table, read_value, set_field
+from facts_damping.parameters.files import each_path, find, read_sets, read_table, set_field
 from facts_damping.parameters.placement import place
 from facts_damping.parameters.run import Run, Scenario
 from facts_damping.parameters.system import System
@@ -30,12 +30,11 @@ def read_system(name: str, sets: list[str] | None = None) -> System:
     """A system by name or path as its file has it, with `--set` applied to its fields."""
     path = find("systems", name)
     content = read_table(path)
-    pairs = dict(parse_set(text) for text in sets or [])
-    for given, text in pairs.items():
-        value, where = read_value(text, f"--set {given}={text}"), f"--set {given}={text}"
+    values, origins = read_sets(sets or [])
+    for given, value in values.items():
         for key in each_path(content, given):
-            set_field(content, key, value, where)
-    return check(System, content, str(path), pairs)
+            set_field(content, key, value, origins[given])
+    return check(System, content, str(path), origins)
 
 
 def load_system(name: str, sets: list[str] | None = None, scenario: str | None = None) -> System:
@@ -65,15 +64,15 @@ def load_case(name: str | None, sets: list[str] | None = None, supervised: str |
     Then it is armed at `ARM_AT`, unless the run says when, or a probe comes first.
     """
     content, source = read_run(name)
-    pairs = dict(parse_set(text) for text in sets or [])
+    values, origins = read_sets(sets or [])
     if supervised is not None:
         content["supervision"] = supervised or (STANDARD if off(content, "supervision") else content["supervision"])
         content.pop("asked", None)
-    change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
-    case = make_case(content, source, pairs)
+    change(content, values, origins)
+    case = make_case(content, source, origins)
     if supervised is None or case.supervision is None or case.supervision.arming.probe or case.run.arm_at is not None:
         return case
-    return make_case({**content, "arm_at": ARM_AT}, source, pairs)
+    return make_case({**content, "arm_at": ARM_AT}, source, origins)
 
 
 def read_run(given: str | dict[str, Any] | None) -> tuple[dict[str, Any], str]:
@@ -93,9 +92,11 @@ def read_run(given: str | dict[str, Any] | None) -> tuple[dict[str, Any], str]:
     return content, source
 
 
-def changed_case(content: dict[str, Any], source: str, values: Mapping[str, Any]) -> Case:
-    """A case from the content of a run file, which is changed, with fields set to values that no command line gave."""
-    sets = as_sets(values)
+def changed_case(
+    content: dict[str, Any], source: str, values: Mapping[str, Any], sets: dict[str, str] | None = None
+) -> Case:
+    """A case from the content of a run file, which is changed, with fields set; `sets`: what says that of each."""
+    sets = as_sets(values) if sets is None else sets
     change(content, values, sets)
     return make_case(content, source, sets)
 

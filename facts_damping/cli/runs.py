@@ -69,6 +69,7 @@ def _report(
 ) -> None:
     """Files first, the table on the terminal after them: a reader that closes its end loses no result."""
     from facts_damping.analysis.summary import table
+    from facts_damping.findings import findings
 
     one = arguments.command != "analyze"
     pictures = [] if folder is None else plot(named, files.new_folder(folder))
@@ -78,7 +79,10 @@ def _report(
     for name, record in named:
         for note in record.notes:
             sys.stderr.write(f"{name}: {note}\n")
-    say(arguments, table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
+    for (_, record), result in zip(named, results, strict=True):
+        say(arguments, "\n".join([*findings(record, result), ""]))
+    heads = [name for name, _ in named] if len(named) > 1 else [""]
+    say(arguments, table(list(zip(heads, results, strict=True))))
     for line in (*(f"plot: {path}" for path in pictures), *more, *_digest_lines(arguments, named, results)):
         say(arguments, line)
 

@@ -1,8 +1,8 @@
-"""Rows of a table, between arrays and the places that their numbers have in a message; compiled.
+"""Tables of entries, between rows of an array and the bytes of a message (plain CDR, little-endian); compiled.
 
-A row is of words of eight bytes (DELIVERY, SETPOINT). From its column `first` on come times in ns, of which a message
-has seconds and nanoseconds, then numbers, which a message has as they are, bit for bit. `places`, (rows, numbers of a
-row in the message): where these stand, in the same order, among the stream's numbers of their format.
+A row is of words of eight bytes (DELIVERY, SETPOINT). A `Plan` says by steps what stands in a message in which order:
+a step is what it is, the column of the row, and the table of names. A message is a head, entries, and a signature:
+its length and its bytes.
 """
 
 from __future__ import annotations
@@ -12,85 +12,197 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from facts_damping.compiling import entry_point
-from facts_damping.compiling.structs import Array, Int1, Int2
-from facts_damping.signals import NANOSECONDS, Deliveries
+from facts_damping.compiling import entry_point, inlined
+from facts_damping.compiling.structs import Array, Int1, Int2, Struct
+from facts_damping.signals import NANOSECONDS
 
 Bytes = Annotated[NDArray[np.uint8], Array(np.uint8, 1)]
-Seconds = Annotated[NDArray[np.int32], Array(np.int32, 1)]
-Nanoseconds = Annotated[NDArray[np.uint32], Array(np.uint32, 1)]
-Counts = Annotated[NDArray[np.uint64], Array(np.uint64, 1)]
-Statuses = Annotated[NDArray[np.uint16], Array(np.uint16, 1)]
+TIME, NUMBER, NEAREST, COUNT, STATUS, FLAG, NAME, LABEL, FREE = range(9)  # steps
+FORMAT, NAMES = -1, -2  # what is wrong with a message
+START, TICK, SENDER, FRESH, ENTRIES, SIGNATURE, BEGIN, LATEST, NOTHING = range(9)  # columns of a head
 PADDING = 7 + 3  # bytes: up to a multiple of eight, and of four
 
 
+class Plan(Struct):
+    """How messages of one type lie in their bytes."""
+
+    head: Int2  # (steps, 3): step, column, table
+    entry: Int2
+    names: Annotated[NDArray[np.uint8], Array(np.uint8, 3)]  # (tables, names, bytes), each with a zero behind it
+    lengths: Int2  # (tables, names): bytes of each, the zero included; 0: no name
+    frame_rate: int  # ticks/s
+
+
+class Stream(Struct):
+    """Bytes of a message behind its encapsulation, as numbers of each format."""
+
+    octets: Bytes
+    status: Annotated[NDArray[np.uint16], Array(np.uint16, 1)]
+    seconds: Annotated[NDArray[np.int32], Array(np.int32, 1)]
+    counts: Annotated[NDArray[np.uint32], Array(np.uint32, 1)]
+    words: Int1
+
+
+@inlined
+def aligned(at: int, size: int) -> int:
+    """The next place that is a multiple of `size`."""
+    return (at + size - 1) // size * size
+
+
+@inlined
+def size_of(step: int) -> int:
+    """Bytes of what a step writes, to a multiple of which it is aligned; of a string: of its length."""
+    if step in (NUMBER, NEAREST):
+        return 8
+    if step == STATUS:
+        return 2
+    return 1 if step == FLAG else 4
+
+
+@inlined
+def put(plan: Plan, steps: Int2, stream: Stream, row: Int1, begin: int, epoch_ns: int) -> int:
+    """Write a row from `begin` on; the place behind it."""
+    at = begin
+    for s in range(steps.shape[0]):
+        step, value, table = steps[s, 0], row[steps[s, 1]], steps[s, 2]
+        place = aligned(at, size_of(step))
+        while at < place:
+            stream.octets[at] = 0
+            at += 1
+        if step == TIME:
+            time = value + epoch_ns
+            stream.seconds[at // 4] = time // NANOSECONDS
+            stream.counts[at // 4 + 1] = time - time // NANOSECONDS * NANOSECONDS
+            at += 8
+        elif step == NUMBER:
+            stream.words[at // 8] = value
+            at += 8
+        elif step == NEAREST:
+            stream.words[at // 8] = max(0, (value * plan.frame_rate + NANOSECONDS // 2) // NANOSECONDS)
+            at += 8
+        elif step == COUNT:
+            stream.counts[at // 4] = value
+            at += 4
+        elif step == STATUS:
+            stream.status[at // 2] = value
+            at += 2
+        elif step == FLAG:
+            stream.octets[at] = value
+            at += 1
+        else:
+            length = plan.lengths[table, value]
+            stream.counts[at // 4] = length
+            for i in range(length):
+                stream.octets[at + 4 + i] = plan.names[table, value, i]
+            at += 4 + length
+    return at
+
+
 @entry_point
-def pack(
-    words: Int2,
-    first: int,
-    times: int,
-    places: Int2,
-    seconds: Seconds,
-    nanoseconds: Nanoseconds,
-    numbers: Int1,
-    epoch_ns: int,
-) -> None:
-    """Put rows into a message: `words`, (rows, columns), into the stream's numbers of three formats.
+def write(plan: Plan, stream: Stream, head: Int1, rows: Int2, epoch_ns: int) -> int:
+    """Write a message up to its signature, of which it has the length; the place where that begins.
 
-    `epoch_ns` is added to their times.
+    `epoch_ns` is added to times.
     """
-    for i in range(places.shape[0]):
-        for j in range(times):
-            time = words[i, first + j] + epoch_ns
-            whole = time // NANOSECONDS
-            seconds[places[i, 2 * j]] = whole
-            nanoseconds[places[i, 2 * j + 1]] = time - whole * NANOSECONDS
-        for j in range(places.shape[1] - 2 * times):
-            numbers[places[i, 2 * times + j]] = words[i, first + times + j]
+    at = put(plan, plan.head, stream, head, 0, epoch_ns)
+    for i in range(rows.shape[0]):
+        begin = aligned(at, 4)
+        while at < begin:
+            stream.octets[at] = 0
+            at += 1
+        at = put(plan, plan.entry, stream, rows[i], begin, epoch_ns)
+    while at % 4:
+        stream.octets[at] = 0
+        at += 1
+    stream.counts[at // 4] = head[SIGNATURE]
+    return at + 4
+
+
+@inlined
+def same(plan: Plan, table: int, name: int, stream: Stream, at: int, length: int) -> bool:
+    """Whether a string of the stream is that name."""
+    if plan.lengths[table, name] != length:
+        return False
+    equal = 0
+    while equal < length and plan.names[table, name, equal] == stream.octets[at + equal]:
+        equal += 1
+    return equal == length
+
+
+@inlined
+def found(plan: Plan, table: int, stream: Stream, at: int, length: int) -> int:
+    """Which name of a table a string of the stream is; -1: none."""
+    for name in range(plan.lengths.shape[1]):
+        if same(plan, table, name, stream, at, length):
+            return name
+    return -1
+
+
+@inlined
+def get(plan: Plan, steps: Int2, stream: Stream, size: int, row: Int1, begin: int, epoch_ns: int) -> int:
+    """Read a row from `begin` on, of a stream of `size` bytes; the place behind it, or what is wrong."""
+    at, label, label_step = begin, 0, -1
+    for s in range(steps.shape[0]):
+        step, column, table = steps[s, 0], steps[s, 1], steps[s, 2]
+        at = aligned(at, size_of(step))
+        end = at + (8 if step == TIME else size_of(step))
+        if end > size:
+            return FORMAT
+        if step == TIME:
+            row[column] = stream.seconds[at // 4] * NANOSECONDS + stream.counts[at // 4 + 1] - epoch_ns
+        elif step == NUMBER:
+            row[column] = stream.words[at // 8]
+        elif step == COUNT:
+            row[column] = stream.counts[at // 4]
+        elif step == STATUS:
+            row[column] = stream.status[at // 2]
+        elif step == FLAG:
+            row[column] = stream.octets[at]
+        elif step != NEAREST:
+            length = int(stream.counts[at // 4])
+            if length > size - end or length == 0 or stream.octets[end + length - 1] != 0:
+                return FORMAT
+            if step == NAME:
+                row[column] = found(plan, table, stream, end, length)
+                if row[column] < 0:
+                    return NAMES
+            elif step == LABEL:
+                label, label_step = at, s
+            end += length
+        at = end
+    if label_step >= 0:
+        name, table = row[steps[label_step, 1]], steps[label_step, 2]
+        if not same(plan, table, name, stream, label + 4, int(stream.counts[label // 4])):
+            return NAMES
+    return at
 
 
 @entry_point
-def unpack(
-    words: Int2,
-    first: int,
-    times: int,
-    places: Int2,
-    seconds: Seconds,
-    nanoseconds: Nanoseconds,
-    numbers: Int1,
-    epoch_ns: int,
-) -> int:
-    """Take rows out of a message, the same way back.
+def read(plan: Plan, stream: Stream, size: int, head: Int1, rows: Int2, epoch_ns: int) -> int:
+    """Read a message of `size` bytes: its head, and as many rows as it has entries; how many, or what is wrong.
 
-    Returns the latest of their times but the first (of measurement, which a wrong clock gives), 0 if none is later.
+    Of the head `BEGIN` is where the signature begins, `LATEST` the latest time of the entries but their first (of
+    measurement, which a wrong clock gives), 0 if none is later.
     """
-    latest = 0
-    for i in range(places.shape[0]):
-        for j in range(times):
-            time = seconds[places[i, 2 * j]] * NANOSECONDS + nanoseconds[places[i, 2 * j + 1]] - epoch_ns
-            words[i, first + j] = time
-            latest = max(latest, time if j > 0 else 0)
-        for j in range(places.shape[1] - 2 * times):
-            words[i, first + times + j] = numbers[places[i, 2 * times + j]]
-    return latest
-
-
-@entry_point
-def mark(
-    rows: Deliveries,
-    frame_rate: int,
-    places: Int2,
-    ticks: Counts,
-    status: Statuses,
-) -> None:
-    """Put into a message of frames (DELIVERY) the tick next to each one's time of measurement, and its status.
-
-    `places`: (rows, 2), of tick and status.
-    """
-    for i in range(places.shape[0]):
-        row = rows[i]
-        ticks[places[i, 0]] = max(0, (row.measured_ns * frame_rate + NANOSECONDS // 2) // NANOSECONDS)
-        status[places[i, 1]] = row.status
+    at = get(plan, plan.head, stream, size, head, 0, epoch_ns)
+    if at < 0:
+        return at
+    if head[ENTRIES] > rows.shape[0]:
+        return FORMAT
+    head[LATEST] = 0
+    for i in range(head[ENTRIES]):
+        at = get(plan, plan.entry, stream, size, rows[i], aligned(at, 4), epoch_ns)
+        if at < 0:
+            return at
+        for s in range(1, plan.entry.shape[0]):
+            if plan.entry[s, 0] == TIME:
+                head[LATEST] = max(head[LATEST], rows[i, plan.entry[s, 1]])
+    at = aligned(at, 4)
+    if at + 4 > size:
+        return FORMAT
+    head[SIGNATURE], head[BEGIN] = stream.counts[at // 4], at + 4
+    left = size - head[BEGIN] - head[SIGNATURE]
+    return head[ENTRIES] if 0 <= left <= PADDING else FORMAT
 
 
 @entry_point

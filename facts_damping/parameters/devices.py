@@ -143,9 +143,11 @@ class Statcom(Parallel):
     kind: Literal["statcom"] = _kind()
     R: float = quantity(0.0073, "p.u.", "resistance of the coupling transformer", ge=0, le=10)
     L: float = quantity(0.22, "p.u.", "reactance of the coupling transformer", gt=0, le=10)
-    v_max: float = quantity(..., "p.u.", "limit of the setpoint, an offset of the voltage reference", gt=0, le=1)
-    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", gt=0, le=1000)
-    I_max: float = quantity(..., "p.u.", "limit of the active and of the reactive current", gt=0, le=1000)
+    v_max: float = quantity(
+        ..., "p.u.", "limit of the setpoint, an offset of the voltage reference", usual=0.1, gt=0, le=1
+    )
+    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", usual=10, gt=0, le=1000)
+    I_max: float = quantity(..., "p.u.", "limit of the active and of the reactive current", usual=1, gt=0, le=1000)
     Kp: float = quantity(
         5.0, "p.u.", "proportional gain of the AC voltage regulator: current per voltage", ge=0, le=1000
     )
@@ -174,11 +176,15 @@ class Svc(Parallel):
     """
 
     kind: Literal["svc"] = _kind()
-    v_max: float = quantity(..., "p.u.", "limit of the setpoint, an offset of the voltage reference", gt=0, le=1)
-    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", gt=0, le=1000)
-    B_max: float = quantity(..., "p.u.", "capacitive limit of the susceptance", gt=0, le=1000)
-    B_min: float = quantity(..., "p.u.", "inductive limit of the susceptance, negative", ge=-1000, le=0)
-    K: float = quantity(..., "p.u.", "gain of the regulator: susceptance per voltage, the inverse slope", gt=0, le=1e4)
+    v_max: float = quantity(
+        ..., "p.u.", "limit of the setpoint, an offset of the voltage reference", usual=0.05, gt=0, le=1
+    )
+    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", usual=5, gt=0, le=1000)
+    B_max: float = quantity(..., "p.u.", "capacitive limit of the susceptance", usual=2, gt=0, le=1000)
+    B_min: float = quantity(..., "p.u.", "inductive limit of the susceptance, negative", usual=-1, ge=-1000, le=0)
+    K: float = quantity(
+        ..., "p.u.", "gain of the regulator: susceptance per voltage, the inverse slope", usual=30, gt=0, le=1e4
+    )
     T: float = quantity(0.05, "s", "time constant with which the susceptance follows", ge=0.001, le=10)
     V_min: float = quantity(0.05, "p.u.", "voltage of its bus below which it is blocked", gt=0, le=0.9)
 
@@ -191,11 +197,13 @@ class Hvdc(Transmission):
     """
 
     kind: Literal["hvdc"] = _kind()
-    P: float = quantity(..., "MW", "power order, taken from the `from` bus; from `P_min` to `P_max`", ge=0, le=1e5)
-    P_max: float = quantity(..., "MW", "largest power, also with modulation", gt=0, le=1e5)
+    P: float = quantity(
+        ..., "MW", "power order, taken from the `from` bus; from `P_min` to `P_max`", usual=200, ge=0, le=1e5
+    )
+    P_max: float = quantity(..., "MW", "largest power, also with modulation", usual=300, gt=0, le=1e5)
     P_min: float = quantity(0.0, "MW", "smallest power, also with modulation", ge=0, le=1e5)
-    v_max: float = quantity(..., "p.u.", "limit of the setpoint, power added to the order", gt=0, le=1000)
-    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", gt=0, le=1e4)
+    v_max: float = quantity(..., "p.u.", "limit of the setpoint, power added to the order", usual=0.5, gt=0, le=1000)
+    rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", usual=10, gt=0, le=1e4)
     loss: float = quantity(0.0, "-", "losses of the converters, as a share of the power", ge=0, le=0.2)
     R: float = quantity(0.0, "p.u.", "resistance of the DC line, which loses R P^2", ge=0, le=10)
     pf_from: float = quantity(

@@ -14,7 +14,7 @@ from facts_damping.parameters.validation import short
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
 MAX_FILE_BYTES = 10_000_000
 
@@ -143,12 +143,16 @@ def each_path(content: Any, key: str, opening: Callable[[str], None] = lambda _:
     return [path for i in range(len(here)) for path in each_path(content, f"{before}.{i}{after}", opening)]
 
 
-def parse_set(text: str) -> tuple[str, str]:
-    """`key.path=value` as its two parts."""
-    key, equals, value = text.partition("=")
-    if not equals or not re.fullmatch(FIELD_PATH, key):
-        raise InputError(f"--set {text}: given; allowed: key.path=value")
-    return key, value
+def read_sets(texts: Iterable[str]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Values of `--set key.path=value`, and what gave them, by their paths."""
+    values, sets = {}, {}
+    for text in texts:
+        path, equals, value = text.partition("=")
+        if not equals or not re.fullmatch(FIELD_PATH, path):
+            raise InputError(f"--set {text}: given; allowed: key.path=value")
+        sets[path] = f"--set {text}"
+        values[path] = read_value(value, sets[path])
+    return values, sets
 
 
 def set_field(content: dict[str, Any], key: str, value: Any, where: str) -> None:

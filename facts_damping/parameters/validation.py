@@ -75,10 +75,35 @@ def _unknown(model: type[ParameterModel], location: tuple[int | str, ...], given
     return f"unknown key{close}; allowed: {allowed}"
 
 
+def _field(model: type[ParameterModel], location: tuple[int | str, ...]) -> Any:
+    """The field whose key the last name of a location is; None: there is none."""
+    names = [i for i, part in enumerate(location) if isinstance(part, str)]
+    here = _model_at(model, location[: names[-1] + 1]) if names else None
+    fields = here.model_fields.items() if here is not None else ()
+    return next((field for name, field in fields if (field.alias or name) == location[names[-1]]), None)
+
+
+def _extra(model: type[ParameterModel], location: tuple[int | str, ...]) -> dict[str, Any]:
+    """Unit and usual value of a field, as far as it has them."""
+    extra = getattr(_field(model, location), "json_schema_extra", None)
+    return extra if isinstance(extra, dict) else {}
+
+
+def _wanted(model: type[ParameterModel], location: tuple[int | str, ...]) -> str:
+    """A field that is missing: its name, its range and unit, and a usual value, as far as it has them."""
+    name, limits = str(location[-1]), getattr(_field(model, location), "metadata", [])
+    words = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
+    found = [f"{word} {getattr(m, key):g}" for m in limits for key, word in words.items() if hasattr(m, key)]
+    extra = _extra(model, location)
+    unit = "" if extra.get("unit", "-") == "-" else str(extra["unit"])
+    told = [*([f"in {unit}"] if unit else []), *found, *([f"usual {extra['usual']:g}"] if "usual" in extra else [])]
+    return f"{name} ({', '.join(told)})" if told else name
+
+
 def origin(field: str, source: str, sets: dict[str, str] | None) -> str:
-    """Where a field's value comes from, and its path: the `--set` that gave it, or the source."""
-    found = (f"--set {k}={v}" for k, v in (sets or {}).items() if fnmatchcase(f"{field}.", f"{k}.*"))
-    changed = next(found, source)
+    """Where a field's value comes from, and its path: what gave it, as `sets` has it by paths, or the source."""
+    found = [path for path in sets or {} if fnmatchcase(f"{field}.", f"{path}.*")]
+    changed = (sets or {})[max(found, key=len)] if found else source
     return f"{changed}: {field}" if field else changed
 
 
@@ -87,7 +112,8 @@ def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+        errors = error.errors(include_url=False)
+    first = errors[0]
     location, given = first["loc"], first["input"]
     keys = _place(location, content, absent=first["type"] in ("missing", "extra_forbidden"))
     if under == "scenario" and keys[:1] == ["events"]:
@@ -96,13 +122,20 @@ def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None
     where = origin(field, source, sets)
     message = re.sub(r"^Value error, ", "", first["msg"])
     if first["type"] == "extra_forbidden":
+        below = [text for path, text in (sets or {}).items() if path.startswith(f"{field}.")]
+        where = f"{below[0]}: {field}" if below and where == f"{source}: {field}" else where
         raise InputError(f"{where}: {_unknown(model, location, given)}")
     if first["type"] == "union_tag_invalid":
         tag = first["ctx"]["discriminator"].strip("'")
         raise InputError(f"{where}.{tag}: {short(first['ctx']['tag'])} given; allowed: {first['ctx']['expected_tags']}")
+    if first["type"] == "union_tag_not_found":
+        raise InputError(f"{where}.{first['ctx']['discriminator'].strip(chr(39))}: missing; allowed: one of its kinds")
     if first["type"] == "missing":
-        raise InputError(f"{where}: missing; allowed: a value of this field")
+        beside = [one["loc"] for one in errors if one["type"] == "missing" and one["loc"][:-1] == location[:-1]]
+        above = origin(".".join([*([under] if under else []), *keys[:-1]]), source, sets)
+        raise InputError(f"{above}: missing: {'; '.join(_wanted(model, one) for one in beside)}")
     if first["type"] == "value_error":
         raise InputError(f"{where}: {message}")
     allowed = re.sub(r"^(Input should be|Input should have|.* should have|.* should match) ", "", message)
-    raise InputError(f"{where}: {short(given)} given; allowed: {allowed}")
+    unit = _extra(model, location).get("unit", "-")
+    raise InputError(f"{where}: {short(given)} given; allowed: {allowed}{'' if unit == '-' else f', in {unit}'}")

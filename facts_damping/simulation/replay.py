@@ -19,7 +19,7 @@ from facts_damping.case.names import controller_names
 from facts_damping.control.table import OWN, RUN
 from facts_damping.digest import canonical
 from facts_damping.errors import InputError
-from facts_damping.parameters.files import each_path, parse_set, read_value
+from facts_damping.parameters.files import each_path, read_sets
 from facts_damping.plant.integration import watch
 from facts_damping.signals import DELIVERY, NANOSECONDS, REFUSED, SETPOINT
 from facts_damping.simulation.build import build_plant, commands
@@ -68,13 +68,13 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str], *, po
     if run is not None:
         return load_case(run, sets)
     check_has_run(record, source)
-    content, pairs = deepcopy(record.configuration), dict(parse_set(text) for text in sets)
-    changed = {path for key in pairs for path in each_path(content, key)}
+    content, (values, origins) = deepcopy(record.configuration), read_sets(sets)
+    changed = {path for key in values for path in each_path(content, key)}
     _forget(content, changed)
     if not policy:
         _refuse_code(content, changed, source)
-    change(content, {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}, pairs)
-    return make_case(content, source, pairs)
+    change(content, values, origins)
+    return make_case(content, source, origins)
 
 
 def check_has_run(record: Record, source: str) -> None:

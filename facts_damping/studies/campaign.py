@@ -17,7 +17,7 @@ from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
 from facts_damping.monitors import MONITORS
 from facts_damping.parameters.campaign import Campaign
-from facts_damping.parameters.files import find, new_folder, parse_set, read_table, read_value
+from facts_damping.parameters.files import find, new_folder, read_sets, read_table
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.studies import batch, invariants
@@ -74,8 +74,7 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
     for fault in campaign.faults:
         check_known(f"{path}: faults", fault, list(FAULTS))
     contents = {bed: read_run(one.run) for bed, one in campaign.beds.items()}
-    pairs = dict(parse_set(text) for text in sets)
-    changed = {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}
+    changed, _ = read_sets(sets)
     told = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
     digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
     made = Plan(path.stem, path.read_text(encoding="utf-8"), campaign, contents, changed, digest)

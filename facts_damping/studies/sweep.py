@@ -13,7 +13,7 @@ from facts_damping.case.loading import read_run
 from facts_damping.control.table import PROGRAMS
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
-from facts_damping.parameters.files import find, parse_set, read_table, read_value
+from facts_damping.parameters.files import find, read_sets, read_table
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.simulation.user_code import source_hash
@@ -120,8 +120,7 @@ def _check_tables(study: Study, first: Point, case: Case) -> None:
 def _base(study: Study, sets: Sequence[str], source: str) -> Base:
     """What all runs of a study have in common."""
     content, _ = read_run(study.run)
-    pairs = dict(parse_set(text) for text in sets)
-    changed = {key: read_value(value, f"--set {key}={value}") for key, value in pairs.items()}
+    changed, _ = read_sets(sets)
     return Base(content, source, {**study.set, **changed}, study.modes, study.jacobian)
 
 

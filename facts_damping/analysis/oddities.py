@@ -1,0 +1,58 @@
+"""What is odd about a run's controllers, a line each: not armed, not heard, late, at their limits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.analysis.supervision import cause_text
+from facts_damping.monitors import ARMED, STATES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from facts_damping.signals import Record
+
+LATE_S = 2.0  # a longer mean latency is taken for a mistake of units
+MOSTLY = 0.5  # share of the frames
+
+
+def oddities(
+    record: Record, supervision: Sequence[Mapping[str, Any]], latency: Mapping[str, Any], duty: Mapping[str, float]
+) -> list[str]:
+    """Lines for what a reader of the figures must know first; none: the controllers could do what they are for.
+
+    `supervision`, `latency`, `duty`: as `analysis.summary` has them.
+    """
+    mean = latency.get("mean")
+    late = (
+        [] if mean is None or mean < 1e3 * LATE_S else [f"latency {mean / 1e3:.1f} s on average, more than {LATE_S:g}"]
+    )
+    limited = [
+        f"{device} was at its limit {100 * share:.0f} % of the time" for device, share in duty.items() if share > MOSTLY
+    ]
+    return [*_not_armed(record, supervision), *_not_heard(record), *late, *limited]
+
+
+def _not_armed(record: Record, supervision: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Controllers that were to act, and were not let."""
+    for one in supervision:
+        if record.configuration.get("arm_at") is not None and one["shares"][STATES[ARMED]] == 0.0:
+            why = f" ({cause_text(one['refusals'][-1])})" if one["refusals"] else ""
+            yield f"{one['controller']} was never armed{why}: it controlled nothing"
+
+
+def _not_heard(record: Record) -> Iterator[str]:
+    """Controllers of which no setpoint came to a device."""
+    rows = record.configuration.get("controllers") or []
+    fallbacks = {i for i, row in enumerate(rows) if row.get("fallback_of") is not None}
+    for c, name in enumerate(record.controller_names):
+        if c not in fallbacks and not (record.applied["controller"] == c).any():
+            link = (rows[c].get("link") if c < len(rows) else None) or record.configuration.get("link") or {}
+            delay = _delay(link) if isinstance(link, dict) else 0.0
+            why = f": its link delays by {delay:g} s" if delay > LATE_S else ""
+            yield f"no setpoint of {name} came to a device in {record.time_s[-1]:.3g} s{why}"
+
+
+def _delay(link: Mapping[str, Any]) -> float:
+    """Constant delays of a link, both ways, s."""
+    return sum(float(row.get("delay") or 0.0) for way in ("up", "down") for row in link.get(way) or ())

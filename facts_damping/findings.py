@@ -1,0 +1,112 @@
+"""What came out of a run, in a few lines of words and numbers: on the terminal, in notebooks, by `print`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.analysis.summary import summarise
+from facts_damping.analysis.supervision import history_text
+from facts_damping.case.loading import make_case
+from facts_damping.errors import FactsDampingError, one_line
+from facts_damping.simulation import loop
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from facts_damping.signals import Record
+
+KINDS = {
+    "fault": "fault",
+    "line_out": "trip",
+    "line_in": "reclosing",
+    "load_step": "step",
+    "mechanical_power_step": "step of the power",
+    "generator_trip": "trip",
+}  # of events, as people say them; others by their names
+UNSAID = ("clear",)  # goes without saying
+MOST = 3  # elements with events that a title names
+NO_CONTROL: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None, "asked": None}
+
+
+def findings(record: Record, summary: Mapping[str, Any]) -> list[str]:
+    """Lines: what it is of, the verdict, the index beside no control, what supervisors did, what is odd.
+
+    `summary`: of the record (`analysis.summarise`). Where the record holds its run, that is simulated without control.
+    """
+    told = [title(record), _verdict(summary), *_index(record, summary)]
+    told += [f"supervisor of {one['controller']}: {history_text(one)}" for one in summary["supervision"]]
+    return [*told, *(f"warning: {line}" for line in summary["warnings"])]
+
+
+def title(record: Record) -> str:
+    """Grid, events, controllers and network of a record in words."""
+    run = record.configuration
+    if not run:
+        return "a recording without its run"
+    grid = clause(run["system"])
+    parts = [grid[0].upper() + grid[1:], *_events(run.get("scenario") or [])]
+    names = [row["name"] for row in run.get("controllers") or []]
+    if not names:
+        return f"{', '.join(parts)}: no control"
+    named = isinstance(record.asked.get("link"), str)
+    network = clause(run["link"]) or "a network"
+    return f"{', '.join(parts)}: {_several(names)} over {network}{'' if named else ', changed'}"
+
+
+def clause(table: Mapping[str, Any]) -> str:
+    """How the description of a shipped table begins; else its name."""
+    begins = str(table.get("description") or "").partition(",")[0].partition(" (")[0].strip()
+    return begins or str(table.get("name", "")).replace("_", " ")
+
+
+def _events(events: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Events by their elements: `fault and trip of line 3`."""
+    by_element: dict[str, list[str]] = {}
+    for event in sorted(events, key=lambda event: float(event["time"])):
+        if event["kind"] not in UNSAID:
+            fields = ("line", "bus", "load", "machine")
+            element = next((str(event[name]) for name in fields if event.get(name) is not None), "")
+            kind = KINDS.get(event["kind"], event["kind"].replace("_", " "))
+            kinds = by_element.setdefault(element.replace("_", " "), [])
+            kinds += [] if kind in kinds else [kind]
+    told = [f"{_several(kinds)} of {element}" for element, kinds in by_element.items()]
+    more = [f"{len(told) - MOST} more"] if len(told) > MOST else []
+    return [_several([*told[:MOST], *more])] if told else []
+
+
+def _several(words: Sequence[str]) -> str:
+    """Words with commas and `and`."""
+    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
+
+
+def _verdict(summary: Mapping[str, Any]) -> str:
+    """The verdict, with what it rests on."""
+    if not summary["modes"] or summary["verdict"] not in ("damped", "growing"):
+        return f"{summary['verdict']}: {summary['verdict_because']}"
+    mode = summary["modes"][0]
+    return f"{summary['verdict']}; damping ratio {100 * mode['damping_ratio']:.1f} % at {mode['frequency_hz']:.2f} Hz"
+
+
+def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
+    """ITAE of a run with an event, beside that of the same run without control."""
+    own = (summary["indices"] or {}).get("ITAE")
+    if own is None or not record.configuration.get("scenario"):
+        return []
+    if not record.configuration.get("controllers"):
+        return [f"ITAE {own:.3g}"]
+    try:
+        free = without_control(record)
+    except FactsDampingError as error:
+        return [f"ITAE {own:.3g}; without control it cannot be simulated: {one_line(error)}"]
+    if not free.in_synchronism.all():
+        return [f"ITAE {own:.3g}; without control synchronism is lost at {free.time_s[-1]:.1f} s"]
+    other = summarise(free, method=None)["indices"]["ITAE"]
+    change = round(100.0 * (own / other - 1.0))
+    beside = f"{abs(change)} % {'more' if change > 0 else 'less'}" if change else "the same"
+    return [f"ITAE {own:.3g}, without control {other:.3g}: {beside}"]
+
+
+def without_control(record: Record) -> Record:
+    """The record's run without controllers, simulated in process over the same time. Raises `FactsDampingError`."""
+    over = {"duration": len(record.time_ns) / record.frame_rate}
+    return loop.run(make_case({**record.configuration, **NO_CONTROL, **over}, "without control"))
