@@ -55,6 +55,8 @@ DELIVERY = np.dtype(
     ]
 )
 
+SPEED_BAND = 0.1  # p.u. about synchronous speed: overspeed protection trips a machine at 110 %
+
 # One setpoint of one device, as a controller issues it or as a link delivers it.
 SETPOINT = np.dtype(
     [

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.analysis.measures import columns, measure_weights, speed_differences
+from facts_damping.analysis.measures import columns, inline_system, measure_weights, speed_differences
+from facts_damping.signals import SPEED_BAND
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,11 +45,17 @@ def unknown(record: Record) -> str | None:
 
 
 def instability(record: Record) -> str | None:
-    """Why a run that is not stable ended: loss of synchronism, or a network without a solution; none: it did not."""
+    """Why a run that is not stable ended; none: it did not.
+
+    Loss of synchronism, a frequency out of its band (SPEED_BAND), or a network without a solution.
+    """
     if record.in_synchronism.all():
         return None
     last = record.machines[-1]
     known = all(np.isfinite(last[name]).all() for name in ("rotor_angle", "terminal_voltage"))
+    nominal = inline_system(record.configuration).get("frequency")
+    if known and nominal is not None and np.abs(last["speed_deviation"]).max() > SPEED_BAND:
+        return f"frequency beyond {nominal * (1 - SPEED_BAND):g} to {nominal * (1 + SPEED_BAND):g} Hz"
     return "loss of synchronism" if known else "voltage collapse: the network equations have no solution"
 
 

@@ -27,6 +27,7 @@ RUN_FIELDS = ("system", "scenario", "link", "measurement", "frame_rate", "durati
 
 FIRST_ANSWERS = 1  # tick by which every node has been heard: an identifier's first estimate is waited for in tick 1
 
+FREE_RUN = "two_area_free"  # at rest, and it stays there
 MODES = ("free", "lockstep", "realtime")
 STAMPS = ("simulated", "wall")
 OPTIONS: dict[str, tuple[Any, str]] = {
@@ -75,11 +76,9 @@ class Options:
 
 
 def descriptor(description: str, unit: str = "", low: Any = None, high: Any = None, read_only: bool = True) -> Any:
-    """A ROS parameter's descriptor with meaning, unit and range."""
+    """A ROS parameter's descriptor with meaning, unit and range, for `declare`."""
     made = ParameterDescriptor(description=f"{description} [{unit}]" if unit else description, read_only=read_only)
-    if isinstance(low, int) and isinstance(high, int):
-        made.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
-    elif low is not None and high is not None:
+    if low is not None and high is not None:
         made.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high), step=0.0)]
     return made
 
@@ -99,7 +98,14 @@ def field_descriptor(field: FieldInfo, read_only: bool = True) -> Any:
 
 
 def declare(node: Node, name: str, default: Any, wanted: Any) -> Any:
-    """Declare a parameter and give its value, plain; a whole number is taken for a float."""
+    """Declare a parameter and give its value, plain; a whole number is taken for a float.
+
+    Its type is that of the default, and so is that of its range.
+    """
+    if type(default) is int and wanted.floating_point_range:
+        whole = [int(one) for limit in wanted.floating_point_range for one in (limit.from_value, limit.to_value)]
+        wanted.integer_range = [IntegerRange(from_value=whole[0], to_value=whole[1], step=1)]
+        wanted.floating_point_range = []
     given = node._parameter_overrides  # noqa: SLF001 (rclpy tells what was given in no other way)
     if name in given:
         given[name] = Parameter(name, value=as_declared(default, given[name].value))
@@ -152,9 +158,11 @@ def usage(node: Node, does: str) -> str:
 
 
 def read_case(node: Node) -> Case:
-    """Declare the run's parameters and read the case that they describe."""
+    """Declare the run's parameters and read the case that they describe; a graph that runs free begins at rest."""
     text = "name of a run under config/runs, or path of a YAML file; empty: all defaults"
-    run: str = declare(node, "run", "", descriptor(text))
+    mode = node._parameter_overrides.get("mode")  # noqa: SLF001 (as in `declare`)
+    free = (OPTIONS["mode"][0] if mode is None else mode.value) == "free"
+    run: str = declare(node, "run", FREE_RUN if free else "", descriptor(text))
     text = "changes to the run: key.path=value; an empty one changes nothing"
     sets = [one for one in declare(node, "set", [""], descriptor(text)) if one]
     case = load_case(run or None, sets)

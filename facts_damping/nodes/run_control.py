@@ -7,17 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping_msgs.msg import RunState
 from facts_damping_msgs.srv import Apply, Step
+from rcl_interfaces.msg import SetParametersResult
 from std_srvs.srv import Trigger
 
 from facts_damping.errors import InputError, one_line
 from facts_damping.nodes.messages import state_message
 from facts_damping.nodes.node import LATCHED, STATE
+from facts_damping.nodes.parameters import declare, descriptor
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.node import Node
+    from rclpy.parameter import Parameter
 
     from facts_damping.nodes.live_plant import LivePlant
     from facts_damping.nodes.member import Member
@@ -44,6 +47,10 @@ class RunControl:
             node.create_service(Trigger, f"~/{name}", answer)
         node.create_service(Step, "~/step", self.on_step)
         node.create_service(Apply, "~/apply", self.on_apply)
+        text = "an event, as in a scenario, without its time: it happens now, or where it is given at the start, then"
+        if event := declare(node, "event", "", descriptor(text, read_only=False)):
+            self._ask_event(event)
+        node.add_on_set_parameters_callback(self.on_set)
 
     def _next(self) -> str:
         """From when on a change acts, in words."""
@@ -98,10 +105,24 @@ class RunControl:
             self._member.change("rearm", act=self._plant.rearm)
         return response
 
+    def _ask_event(self, text: str) -> None:
+        """Have an event happen at the next tick. Raises `InputError` where it cannot."""
+        self._member.change("event", "", text, self._plant.ask_event(text))
+
+    def on_set(self, parameters: list[Parameter[Any]]) -> SetParametersResult:
+        """Have an event happen that is given as a parameter."""
+        try:
+            for one in parameters:
+                if one.name == "event" and one.value:
+                    self._ask_event(one.value)
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=one_line(error))
+        return SetParametersResult(successful=True)
+
     def on_apply(self, request: Apply.Request, response: Apply.Response) -> Apply.Response:
         """Have an event happen now."""
         try:
-            self._member.change("event", "", request.change, self._plant.ask_event(request.change))
+            self._ask_event(request.change)
         except InputError as error:
             response.message = one_line(error)
         else:

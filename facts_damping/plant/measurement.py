@@ -13,7 +13,7 @@ from facts_damping.plant import devices as facts
 from facts_damping.plant.dynamics import derivatives, row_times, saturated, solve_network, stator
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_stage
-from facts_damping.signals import DeviceTruths, MachineTruths
+from facts_damping.signals import SPEED_BAND, DeviceTruths, MachineTruths
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,12 +64,14 @@ def _device(plant: Plant, state: PlantState, d: int, out: Any, work: Work) -> No
 
 @compiled
 def _in_synchronism(plant: Plant, x: NDArray[np.float64], stage: int) -> bool:
-    """Whether all rotors in service and all infinite buses lie within 180 degrees of each other."""
+    """Whether rotors in service and infinite buses lie within 180 degrees of each other, and speeds in their band."""
     low, high = math.inf, -math.inf
     for g in range(plant.machines.size):
         if plant.online[stage, g] > 0.0:
-            delta = x[plant.machines[g].offset]
+            delta, omega = x[plant.machines[g].offset], x[plant.machines[g].offset + 1]
             low, high = min(low, delta), max(high, delta)
+            if abs(omega) > SPEED_BAND:
+                return False
     for i in range(plant.infinite.size):
         angle = phase(plant.infinite[i])
         low, high = min(low, angle), max(high, angle)

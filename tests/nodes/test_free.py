@@ -12,13 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from rcl_interfaces.srv import ListParameters
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import ListParameters, SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from facts_damping.analysis.summary import summarise
+from facts_damping.case.loading import load_case
 from facts_damping.recording.reader import load
-from facts_damping.simulation import replay
+from facts_damping.simulation import loop, replay
 from tests.nodes.graphs import BEGUN, PATIENCE_S, payloads, somebody, ticks, wait_until_recording
 
 if TYPE_CHECKING:
@@ -55,7 +58,7 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     loopback: Any, start: Callable[..., Any], client: Any, tmp_path: Path
 ) -> None:
     """All of it is in a recording that began under way, which is replayed to the bit."""
-    common = {**FREE, "duration": WHOLE_S}
+    common = {**FREE, "duration": WHOLE_S, "scenario": "large"}
     part = WHOLE_S / 60.0
     plant = start("plant_sim", **common)
     until(plant, 5 * part)
@@ -102,6 +105,41 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     assert record.gap_tick is None
     assert replayed(record) is None
     assert "/plant_sim" in record.publishers.values()
+
+
+def test_the_default_run_stands_at_rest_until_an_event_is_called_for(
+    loopback: Any, start: Callable[..., Any], client: Any, tmp_path: Path
+) -> None:
+    """By a parameter; one that cannot be is refused with its reason."""
+    recorder = start("recorder", output=tmp_path / "bag", **FREE)
+    plant = start("plant_sim", **FREE)
+    until(plant, 1.0)
+    step = "{kind: load_step, load: load_2, change: -0.1}"
+    for text, allowed in ((step.replace("load_2", "load_9"), False), (step, True)):
+        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
+        asked = SetParameters.Request(parameters=[ParameterMessage(name="event", value=value)])
+        (result,) = client(SetParameters, "/plant_sim/set_parameters", asked).results
+        assert result.successful == allowed
+        assert ("load_9" in result.reason) != allowed
+    until(plant, ticks(plant) / RATE + 1.0)
+    stop(plant, recorder)
+    record = load(tmp_path / "bag")
+    (event,) = record.events
+    speeds = np.abs(record.machines["speed_deviation"]).max(axis=1)
+    assert np.all(speeds[record.time_ns <= event["time_ns"]] < 1e-12)
+    assert speeds[-1] > 1e-4
+
+
+def test_an_hour_at_rest_and_a_swing_that_settles() -> None:
+    """A frequency that leaves its band ends it as a loss of synchronism, with the reason."""
+    rest = loop.run(load_case("two_area_free", ["duration=3600"]))
+    assert np.abs(rest.machines["speed_deviation"]).max() < 1e-12
+    assert rest.in_synchronism.all()
+    step = "scenario=[{time: 1, kind: load_step, load: load_2, change: -0.1}]"
+    swing = loop.run(load_case("two_area_free", [step, "duration=120"]))
+    assert np.abs(swing.machines["speed_deviation"][-1]).max() < 0.002
+    drifts = summarise(loop.run(load_case(None, [step, "duration=120"])))
+    assert (drifts["verdict"], drifts["instability"]) == ("lost synchronism", "frequency beyond 54 to 66 Hz")
 
 
 @pytest.mark.parametrize("stamp", ["simulated", "wall"])

@@ -41,9 +41,16 @@ def test_nodes_started_one_by_one_give_the_in_process_run(start: Any, tmp_path: 
 
 
 def test_parameters_have_description_unit_and_range(loopback: Any, start: Any, client: Any) -> None:
-    start("controller", start_timeout=60.0)
-    start("wan_link", start_timeout=60.0)
-    start("plant_sim", mode="realtime", duration=1000.0, start_timeout=60.0)
+    common = {"run": "two_area_deployment", "start_timeout": 60.0}
+    for node in ("controller", "wan_link", "supervisor"):
+        start(node, **common)
+    start("plant_sim", mode="realtime", duration=1000.0, **common)
+    for node in ("controller", "wan_link", "supervisor", "plant_sim"):
+        names = client(ListParameters, f"/{node}/list_parameters", ListParameters.Request()).result.names
+        asked = DescribeParameters.Request(names=names)
+        for d in client(DescribeParameters, f"/{node}/describe_parameters", asked).descriptors:
+            assert not d.integer_range or d.type == ParameterType.PARAMETER_INTEGER, (node, d.name)
+            assert not d.floating_point_range or d.type == ParameterType.PARAMETER_DOUBLE, (node, d.name)
     names = client(ListParameters, "/controller/list_parameters", ListParameters.Request()).result.names
     own = {"gain", "Tw", "T1", "T2", "T3", "T4"}
     assert own | {"run", "set", "mode", "timeout", "index", "frame_rate", "duration", "seed"} <= set(names)
