@@ -79,10 +79,17 @@ def graph_prefix(node: Node, address: Address) -> str:
     return own.removesuffix(address.namespace) if address.namespace else ""
 
 
-def shared_topic(node: Node, topics: Iterable[str]) -> str | None:
-    """The first of topics, each of which has one publisher in a graph, that somebody else publishes, too."""
-    own = (topic for topic in topics if not topic.endswith(OF_ALL))
-    return next((topic for topic in own if node.count_publishers(topic) > 1), None)
+def shared_topic(node: Node, topics: Iterable[str], *, joins: bool) -> str | None:
+    """The first of topics, each of which has one publisher in a graph, that somebody else publishes, too.
+
+    `joins`: one of the same name may be there still, whose place the node takes: others let it in once that is silent.
+    """
+    for topic in topics:
+        there = node.get_publishers_info_by_topic(topic)
+        names = {(one.node_namespace, one.node_name) for one in there}
+        if not topic.endswith(OF_ALL) and (len(names) if joins else len(there)) > 1:
+            return topic
+    return None
 
 
 def wait_for_peers(
@@ -99,7 +106,7 @@ def wait_for_peers(
     whoever else listens is nobody's peer. Who joins a graph also waits until the one whose place it takes has left.
     Meanwhile requests are answered, by `serve`.
     """
-    deadline = time.monotonic() + options.start_timeout
+    deadline, topics = time.monotonic() + options.start_timeout, [*heard, *(p.topic_name for p in expected)]
     while True:
         own = {_participant(one) for topic in (peers, *heard) for one in node.get_publishers_info_by_topic(topic)}
         missing = [
@@ -108,7 +115,7 @@ def wait_for_peers(
             if _readers(node, publisher, own, options) < count + int(options.view)
         ]
         missing += [f"a publisher of {topic}" for topic in heard if node.count_publishers(topic) < 1]
-        shared, late = shared_topic(node, [*heard, *(p.topic_name for p in expected)]), time.monotonic() > deadline
+        shared, late = shared_topic(node, topics, joins=options.join), time.monotonic() > deadline
         if shared is not None and (late or not options.join):
             raise RunError(f"another graph publishes {shared} too; set another ROS_DOMAIN_ID (0 to 101)")
         if not missing and shared is None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from facts_damping.nodes.parameters import Options
 
 KNOW_S = 0.01  # wall time between two looks at who publishes, at least
+SILENT_S = 1.0  # wall time without a message after which one of the same name may take the place of a node
 PLANT = "plant/state"  # who publishes it is the plant
 
 
@@ -122,23 +123,34 @@ class Publishers:
             raise Refused("publisher")
 
     def _succeeding(self, heard: Heard | None = None) -> set[bytes]:
-        """Nodes that, unless in lockstep, are alone on a topic (on any, if none is given) whose publisher has left.
+        """Nodes that, unless in lockstep, take the place of a topic's publisher (of any topic, if none is given).
 
-        In real time as long as the plant is there: without it the run is over, and it has no successor.
+        It has left, and they are alone; or it is silent, and they have its name: DDS takes 20 s to see that a node was
+        killed. In real time as long as the plant is there: without it the run is over, and it has no successor.
         """
         if self._options.paced and time.monotonic() - self._sought_at > KNOW_S:
             self._sought_at = time.monotonic()
-            known = {one.topic: one.publisher for one in self.topics if one.publisher is not None}
-            there = {topic: self.of(topic) for topic in known}
-            plant = self.plant.topic if self.plant is not None else ""
-            over = plant in known and known[plant] not in there[plant]
-            self._heirs = {
-                topic: own[0]
-                for topic, own in there.items()
-                if len(own) == 1 and own[0] != known[topic]
-                if self._options.free or not (over or self.is_plant(known[topic]))
+            known = {one.topic: one for one in self.topics if one.publisher is not None}
+            plant = known.get(self.plant.topic) if self.plant is not None else None
+            over = plant is not None and plant.publisher not in self.of(plant.topic)
+            heirs = {
+                topic: self._heir(one)
+                for topic, one in known.items()
+                if self._options.free or not (over or self.is_plant(one.publisher or b""))
             }
+            self._heirs = {topic: heir for topic, heir in heirs.items() if heir is not None}
         return {gid[:NODE] for topic, gid in self._heirs.items() if heard is None or topic == heard.topic}
+
+    def _heir(self, heard: Heard) -> bytes | None:
+        """Who alone takes the place of a topic's publisher; None: nobody."""
+        there = self._node.get_publishers_info_by_topic(heard.topic)
+        names = {bytes(one.endpoint_gid): (one.node_namespace, one.node_name) for one in there}
+        others = [publisher for publisher in names if publisher != heard.publisher]
+        if len(others) != 1:
+            return None
+        before = names.get(heard.publisher or b"")
+        silent = not heard.silent and now() - heard.at > SILENT_S
+        return others[0] if before is None or (silent and names[others[0]] == before) else None
 
     def of(self, topic: str) -> list[bytes]:
         """Identities of all that publish on a topic now."""
