@@ -27,7 +27,7 @@ MESSAGES := msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/pyproject.toml
     $(wildcard msg_defs/msg/*.msg msg_defs/srv/*.srv msg_defs/packaging/*)
 # The messages' wheel in dist, if it is of these messages, this Python and this distribution of ROS 2.
 TAG := $(shell $(PYTHON) -c 'import sys; print("cp%d%d" % sys.version_info[:2])' 2>/dev/null)
-FITTING = $(if $(filter $(shell cat $(MESSAGES) | sha256sum | cut -c1-64) $(ROS),$(shell cat dist/messages.sha256 2>/dev/null)),\
+FITTING = $(if $(filter $(shell cat $(MESSAGES) | sha256sum | cut -c1-64),$(shell cat dist/messages.sha256 2>/dev/null)),\
     $(if $(filter $(ROS),$(lastword $(shell cat dist/messages.sha256 2>/dev/null))),\
         $(wildcard dist/facts_damping_msgs-*-$(TAG)-$(TAG)-*.whl)))
 METADATA := setup.py setup.cfg package.xml

@@ -179,8 +179,9 @@ class Record:
     that joined the run under way: `node`, `time_s`, `armed_s` (None: disarmed to the end). `changes` are what was
     changed under way: `tick` from which it acts, `node`, `role`, `index`, `kind`, `name`, `value` (run_control.md).
     `absences` are ticks at which a node was not there, before it began (again): `role`, `index`, `first`, `end`.
-    `publishers`: the node that published, by topic and the publisher's identity (GID), in one text. `versions` are of
-    what made it, by package; none where that is not known.
+    `heard`: what nodes had at hand when they acted, by role, index and what it was: (ticks, 2), a tick of the node and
+    the tick of the newest message that it had then. `publishers`: the node that published, by topic and the publisher's
+    identity (GID), in one text. `versions` are of what made it, by package; none where that is not known.
     `in_synchronism` is false at the tick that ended an unstable run. `notes` says what a damaged
     recording lacks; `gap_tick` is its first tick of which something is missing, none if there is none.
     `arrays` has all of it as one column a quantity, a row a tick, and `units` the unit of each.
@@ -210,6 +211,7 @@ class Record:
     joined: list[dict[str, Any]] = field(default_factory=list)
     changes: list[dict[str, Any]] = field(default_factory=list)
     absences: list[dict[str, Any]] = field(default_factory=list)
+    heard: dict[tuple[str, int, str], NDArray[np.int64]] = field(default_factory=dict)
     links: int = 1
     publishers: dict[str, str] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)

@@ -117,11 +117,15 @@ def check_parameter(where: str, name: str, value: Value, table: dict[str, Parame
             raise InputError(f"{where}: {shown} given; allowed: {whole}{p.low:g} to {p.high:g} {p.unit}")
 
 
-def with_weights(controller: Controller, path: Path) -> Controller:
-    """A controller, filled in, that begins with the weights of a file. Raises `InputError` where they are not its."""
-    given = controller.model_copy(update={"weights": str(path)})
-    weights = _weights(given, given.scheme, given.parameters, lambda field: f"{path}: {field}")
-    return controller.model_copy(update={"weights": weights})
+def with_weights(controller: Controller, weights: Path | Weights) -> Controller:
+    """A controller, filled in, that begins with weights, or those of a file.
+
+    Raises `InputError` where they are not its.
+    """
+    source = str(weights) if isinstance(weights, Path) else "weights"
+    given = controller.model_copy(update={"weights": source if isinstance(weights, Path) else weights})
+    found = _weights(given, given.scheme, given.parameters, lambda field: f"{source}: {field}")
+    return controller.model_copy(update={"weights": found})
 
 
 def _weights(

@@ -12,6 +12,7 @@ from facts_damping.errors import InputError, RunError
 from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.simulation import replay as again
+from facts_damping.simulation.replayed_nodes import Played
 from facts_damping.terminal import Progress, table, write_json, write_whole
 from facts_damping.version import versions
 
@@ -108,7 +109,7 @@ def _other_versions(recorded: dict[str, str], replayed: dict[str, str]) -> list[
 
 def _in_process(
     _arguments: argparse.Namespace, case: Case, played: Record, _folder: Path | None
-) -> tuple[again.Played, None]:
+) -> tuple[Played, None]:
     """What the compiled steps say."""
     progress = Progress("replay")
     try:
@@ -117,9 +118,7 @@ def _in_process(
         progress.close()
 
 
-def _by_nodes(
-    arguments: argparse.Namespace, case: Case, played: Record, folder: Path | None
-) -> tuple[again.Played, str]:
+def _by_nodes(arguments: argparse.Namespace, case: Case, played: Record, folder: Path | None) -> tuple[Played, str]:
     """What the nodes say, and the recording of the graph."""
     from facts_damping.nodes import graph
     from facts_damping.recording import seal
@@ -135,7 +134,7 @@ def _by_nodes(
     finally:
         progress.close()
     told = seal(outcome.recording)
-    return again.Played(*(getattr(told, name) for name in again.Played._fields)), str(outcome.recording)
+    return Played(*(getattr(told, name) for name in Played._fields)), str(outcome.recording)
 
 
 def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], folder: Path) -> Path:

@@ -53,6 +53,8 @@ class ControllerNode:
         address, hardware = controller_addresses(self.case)[self.index], ", ".join(self.controller.devices)
         self.name, graph = address.name, graph_prefix(node, address)
         self.member = Member(node, self.case, self.options, CONTROLLER, self.index, graph=graph, hardware=hardware)
+        if self.weights.resumed:
+            self.member.change_weights(self.controller)
         names = [name for name in kind_of(self.controller).parameters if not name.startswith("identifier_")]
         rows, swing = self.bank.settings[self.index], self.bank.mode_shape[self.index]
         declare_settings(node, self.controller, names, rows, swing, self.member.change)
@@ -122,7 +124,7 @@ class ControllerNode:
         check(self.programs)
         said = count if self.member.joining.acts else 0
         self.to_link.publish(self.setpoints.fill(tick, start, issued[:said], self.name))
-        self.to_recorder.publish(self.inner.fill(tick, start, len(delivered) > 0, self.state))
+        self.to_recorder.publish(self.inner.fill(tick, start, len(delivered) > 0, self.state, self.ticks.heard))
         self.member.tell(self.health)
         self.weights.keep(self.learnt)
 

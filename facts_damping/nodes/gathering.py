@@ -34,6 +34,7 @@ class Gathering:
         self._options, self._senders, self._step = options, dict(senders), step
         self._parts: dict[str, list[tuple[int, Any]]] = {name: [] for name in senders}
         self._newest = dict.fromkeys(senders, -1)
+        self.heard = dict.fromkeys(senders, -1)  # tick of the newest message of each that is used
         self._frames: list[tuple[int, Any]] = []
         self._heard = time.monotonic()
 
@@ -64,6 +65,8 @@ class Gathering:
 
     def _go_on(self) -> None:
         tick, content = self._frames.pop(0)
+        for name, told in self._parts.items():
+            self.heard[name] = max([self.heard[name], *(at for at, _ in told if at <= tick)])
         parts = {name: [what for at, what in told if at <= tick] for name, told in self._parts.items()}
         self._parts = {name: [one for one in told if one[0] > tick] for name, told in self._parts.items()}
         self._step(tick, {"frames": content, **parts})

@@ -26,7 +26,7 @@ from facts_damping.nodes.node import (
     rest,
     wait_for_peers,
 )
-from facts_damping.nodes.publishers import PLANT, Heard, Publishers
+from facts_damping.nodes.publishers import PLANT, SILENT_S, Heard, Publishers
 from facts_damping.nodes.refusals import Refusals
 from facts_damping.nodes.spinning import BeginAgain
 from facts_damping.nodes.tables import start_of
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.nodes.parameters import Options
 
+NOTICED_S = SILENT_S + 0.2  # wall time in which others have noticed that a node was killed
 FOUND_S = 0.5  # wall time in which nodes find each other, if nothing else goes on
 QUIET_S = 0.5  # wall time without a message after which nothing more comes of a run that has ended
 
@@ -134,14 +135,15 @@ class Guard:
         """Wait until the graph is there (node.py); whose its topics are is known from then on.
 
         Who runs free waits for nobody, only until those who are there can have found it. So does, in real time, who
-        begins the run: whoever only listens hears it from the first frame on.
+        begins the run: whoever only listens hears it from the first frame on. Who joins waits until others have noticed
+        that the one before it is silent.
         """
         if not self._options.free:
             heard = [one.topic for one in self.who.topics if not one.common and not one.silent]
             peers = f"{self._graph}{TOPIC}"
             wait_for_peers(self.node, expected, heard, self.node.resolve_topic_name(peers), self._options, serve)
-        if self._options.free or (self._options.paced and self._leads):
-            until = time.monotonic() + FOUND_S
+        if self._options.late or (self._options.paced and self._leads):
+            until = time.monotonic() + (NOTICED_S if self._options.join else FOUND_S)
             while time.monotonic() < until:
                 rest(serve)
         self.who.know()

@@ -48,6 +48,8 @@ class IdentifierNode:
         bank, _, self.identifiers, self.state = build_control(self.case)
         hardware = ", ".join(self.controller.devices)
         self.member = Member(node, self.case, self.options, IDENTIFIER, self.index, graph=graph, hardware=hardware)
+        if self.weights.resumed:
+            self.member.change_weights(self.controller)
         own = [n for n in self.controller.parameters if n.startswith("identifier_")]
         rows, swing = self.identifiers.settings[self.own], bank.mode_shape[self.index]
         declare_settings(node, self.controller, own + SHARED, rows, swing, self.member.change)
@@ -89,7 +91,7 @@ class IdentifierNode:
         identify(*learner, delivered, len(delivered))
         write_estimates(*learner, tick, self.rows, 0)
         if self.member.joining.acts:
-            self.to_controller.publish(self.estimates.fill(tick, self.rows, self.state, self.own))
+            self.to_controller.publish(self.estimates.fill(tick, self.rows, self.state, self.own, self.ticks.heard))
         self.member.tell(lambda: self.ticks.health("identifies"))
         self.weights.keep(self.learnt)
 

@@ -14,6 +14,7 @@ from facts_damping.nodes.joining import Joining
 from facts_damping.nodes.messages import Health, diagnostics, run_change
 from facts_damping.nodes.node import CHANGES, COMMON, LOGGED, SAYING
 from facts_damping.nodes.spinning import Spinner
+from facts_damping.parameters.run import Weights
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.events import ROLES
 from facts_damping.simulation.measured_plant import tick_ns
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.nodes.parameters import Options
+    from facts_damping.parameters.run import Controller
 
 (PLANT, LINK, CONTROLLER, IDENTIFIER, SUPERVISOR), RECORDER = ROLES, "recorder"  # a recorder changes nothing
 IDLE_S = 1.0  # wall time without a message after which a node says so, and from then on between two such reports
@@ -73,6 +75,11 @@ class Member:
     def change(self, kind: str, name: str = "", value: Any = None, act: Callable[[int], None] | None = None) -> None:
         """Have something changed from the next tick on, whose number `act` is called with; it is told then."""
         self._pending.append((kind, name, value, act))
+
+    def change_weights(self, controller: Controller) -> None:
+        """Tell what a node begins with that has resumed what was learnt before."""
+        if isinstance(controller.weights, Weights):
+            self.change("weights", "", controller.weights.model_dump())
 
     def begin(self, tick: int) -> None:
         """Begin a tick: what was asked for since the last one acts from here on, and is told."""

@@ -33,6 +33,8 @@ from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, to_n
 from facts_damping.simulation.build import identifier_network
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from builtin_interfaces.msg import Time
     from numpy.typing import NDArray
 
@@ -100,9 +102,12 @@ class ControllerStateMessage:
         signals, devices = len(controller.signals), len(controller.devices)
         self._net = controller_network(controller)
         names = groups(self._net)
+        heard = ["estimate"] if index in identifier_names(case) else []
         self._template = t = Template(
             ControllerState(
                 controller=controller_names(case)[index],
+                heard=heard,
+                heard_ticks=[-1] * len(heard),
                 input_names=controller.signals,
                 inputs=[0.0] * signals,
                 output_names=controller.devices,
@@ -118,6 +123,7 @@ class ControllerStateMessage:
         )
         self._index, self._devices, self._groups = index, devices, len(names)
         self._flags = t.index(["fresh"]), t.index(["learnt"])
+        self._heard = t.index(f"heard_ticks.{i}" for i in range(len(heard)))
         self._lyapunov = t.index(["lyapunov", "lyapunov_fall"])
         sizes = {
             **dict.fromkeys(("unlimited_outputs", "outputs", "saturated"), devices),
@@ -129,12 +135,13 @@ class ControllerStateMessage:
         }
         self._fields = {name: t.index(f"{name}.{i}" for i in range(size)) for name, size in sizes.items()}
 
-    def fill(self, tick: int, start_ns: int, fresh: bool, state: BankState) -> bytes:
-        """Message of a tick."""
+    def fill(self, tick: int, start_ns: int, fresh: bool, state: BankState, heard: int = -1) -> bytes:
+        """Message of a tick; `heard`: tick of the newest estimate that was used."""
         t, c, fields, net, learner = self._template, self._index, self._fields, self._net, state.learner
         t.write_head(start_ns, tick)
         for field, value in zip(self._flags, (fresh, fresh and state.memory.taught[c, 0]), strict=True):
             t.write(field, value)
+        t.write(self._heard, heard)
         unlimited, outputs = state.unlimited[c, : self._devices], state.outputs[c, : self._devices]
         t.write(fields["inputs"], state.held.signal[c, : len(fields["inputs"].places)])
         t.write(fields["unlimited_outputs"], unlimited)
@@ -165,30 +172,33 @@ class ControllerStateMessage:
 class SupervisorStateMessage:
     """What a supervisor of a case tells of itself."""
 
-    def __init__(self, controller: str, thresholds: NDArray[Any]) -> None:
-        """`controller`: its name; `thresholds`: what the supervisor's monitors are set to."""
-        self._controller = controller
+    def __init__(self, controller: str, thresholds: NDArray[Any], heard: Sequence[str]) -> None:
+        """`controller`: its name; `thresholds`: what the supervisor's monitors are set to; `heard`: what it goes by."""
+        self._controller, self._heard = controller, list(heard)
         self._limits = np.where(thresholds["follows"] == OFF, np.nan, thresholds["limit"])
-        self._templates: dict[tuple[int, int, int], tuple[Template, Field, Field]] = {}
+        self._templates: dict[tuple[int, int, int], tuple[Template, Field, Field, Field]] = {}
 
-    def fill(self, tick: int, start_ns: int, told: Any) -> bytes:
-        """Message of a tick, of a record of SUPERVISION."""
+    def fill(self, tick: int, start_ns: int, told: Any, heard: Sequence[int]) -> bytes:
+        """Message of a tick, of a record of SUPERVISION; `heard`: ticks of the newest messages that were used."""
         key = int(told["state"]), int(told["cause"]), int(told["refused"])
         if key not in self._templates:
             self._templates[key] = self._laid_out(*key)
-        t, values, others = self._templates[key]
+        t, values, others, ticks = self._templates[key]
         t.write_head(start_ns, tick)
         t.write(values, told["values"])
         t.write(others, [told[name] for name in TOLD.values()])
+        t.write(ticks, heard)
         return t.data()
 
-    def _laid_out(self, state: int, cause: int, refused: int) -> tuple[Template, Field, Field]:
+    def _laid_out(self, state: int, cause: int, refused: int) -> tuple[Template, Field, Field, Field]:
         message = SupervisorState(controller=self._controller, state=STATES[state])
         message.cause, message.refused = cause_name(cause), cause_name(refused)
         message.monitors, message.limits = list(MONITORS), self._limits.tolist()
         message.values = [0.0] * len(MONITORS)
+        message.heard, message.heard_ticks = self._heard, [-1] * len(self._heard)
         t = Template(message)
-        return t, t.index(f"values.{i}" for i in range(len(MONITORS))), t.index(TOLD)
+        ticks = t.index(f"heard_ticks.{i}" for i in range(len(self._heard)))
+        return t, t.index(f"values.{i}" for i in range(len(MONITORS))), t.index(TOLD), ticks
 
 
 class Estimate(NamedTuple):
@@ -214,6 +224,8 @@ class Estimates:
         self._template = t = Template(
             JacobianEstimate(
                 identifier=identifier_names(case)[index],
+                heard=["setpoints"],
+                heard_ticks=[-1],
                 output_names=controller.signals,
                 input_names=controller.devices,
                 jacobian=[0.0] * (p * q),
@@ -225,16 +237,20 @@ class Estimates:
             )
         )
         self._rates = t.index(f"learning_rates.{i}" for i in range(p * len(names)))
-        self._lyapunov = t.index(["lyapunov", "lyapunov_fall"])
+        self._lyapunov, self._heard = t.index(["lyapunov", "lyapunov_fall"]), t.index(["heard_ticks.0"])
         self._jacobian = t.index(f"jacobian.{i}" for i in range(p * q))
         self._ahead = t.index(["ahead"])
         self._by_signal = {name: t.index(f"{name}.{i}" for i in range(p)) for name in ("prediction", "error", "change")}
 
-    def fill(self, tick: int, rows: NDArray[Any], state: IdentifierState, n: int) -> bytes:
-        """Message of a tick's estimates (ESTIMATE), signal by signal, and of how identifier n learns."""
+    def fill(self, tick: int, rows: NDArray[Any], state: IdentifierState, n: int, heard: int = -1) -> bytes:
+        """Message of a tick's estimates (ESTIMATE), signal by signal, and of how identifier n learns.
+
+        `heard`: tick of the newest setpoints that were used.
+        """
         t = self._template
         t.write_head(int(rows["measured_ns"][0]), tick)
         t.write(self._jacobian, rows["jacobian"])
+        t.write(self._heard, heard)
         for name, field in self._by_signal.items():
             t.write(field, rows[name][:: self._shape[1]])
         t.write(self._ahead, rows["ahead"][0])

@@ -78,12 +78,14 @@ class SupervisorNode:
         self.name, self.told, self.before = address.name, np.zeros(1, SUPERVISION), -1
         own_reserves, by = reserves(self.case.run), signing(self.case, self.options.start_timeout)
         self.heard = [c for c in (self.index, own_reserves.get(self.index)) if c is not None]
+        self.controllers = [controller_names(self.case)[c] for c in self.heard]
         self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/{SUPERVISED}"))
-        self.says = SupervisorStateMessage(controller_names(self.case)[self.index], self.made.thresholds[self.own])
         self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/{SUPERVISED}", SAYING)
         self.to_recorder = node.create_publisher(SupervisorState, f"{self.name}/state", SAYING)
         self.devices = np.zeros(len(self.case.run.devices), DEVICE_TRUTH)
         self.gathering, self.publishers = self.wire(node, graph, by)
+        thresholds = self.made.thresholds[self.own]
+        self.says = SupervisorStateMessage(self.controllers[0], thresholds, list(self.gathering.heard))
         for name in COMMANDS:
             node.create_service(Trigger, f"~/{name}", partial(self.on_command, name))
         self.member.guard.hear_run()
@@ -93,16 +95,15 @@ class SupervisorNode:
         """Hear the link, the plant, the controller, and its fallback."""
         case, guard, heard = self.case, self.member.guard, self.heard
         places, names = controller_addresses(case), controller_names(case)
-        senders = {f"setpoints {c}": str(places[c]) for c in heard} | {"plant": "plant_sim"}
-        topics = {f"setpoints {c}": f"{graph}{places[c]}/setpoints" for c in heard}
+        senders = {names[c]: str(places[c]) for c in heard} | {"plant": "plant_sim"}
+        topics = {names[c]: f"{graph}{places[c]}/setpoints" for c in heard}
         topics["plant"] = f"{graph}{PLANT_STATE}"
         if not kind_of(case.controllers[self.index]).node:  # one of the user's own need not tell its state
             senders["state"], topics["state"] = str(places[self.index]), f"{graph}{places[self.index]}/state"
         gathering = Gathering(self.options, senders, self.act)
         for c in heard:
-            part = f"setpoints {c}"
             setpoints = SetpointsMessage(case, names[c], [c], seal(by, f"{places[c]}/setpoints"))
-            guard.subscribe(VoltageSetpoints, topics[part], gathering.taking(part), setpoints.read)
+            guard.subscribe(VoltageSetpoints, topics[names[c]], gathering.taking(names[c]), setpoints.read)
         if "state" in senders:
             inner = ControllerStateMessage(case, self.index)
             guard.subscribe(ControllerState, topics["state"], gathering.taking("state"), inner.read)
@@ -130,7 +131,7 @@ class SupervisorNode:
             row["finite"], row["norm"], row["lyapunov"], row["fall"] = inner
         for devices in parts["plant"][-1:]:
             self.devices[:] = devices
-        come = [rows for part, told in parts.items() if part.startswith("setpoints") for rows in told]
+        come = [rows for name in self.controllers for rows in parts[name]]
         issued = np.concatenate([*come, np.zeros(0, SETPOINT)])
         start, end = (tick_ns(k, self.case.run.frame_rate) for k in (tick, tick + 1))
         out = setpoint_buffer(len(self.case.controllers[self.index].devices), len(issued))
@@ -138,7 +139,7 @@ class SupervisorNode:
         count = supervise(*own, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0)
         self.to_link.publish(self.setpoints.fill(tick, start, out[:count], self.name))
         if tell(*own, tick, self.told, 0):
-            self.to_recorder.publish(self.says.fill(tick, start, self.told[0]))
+            self.to_recorder.publish(self.says.fill(tick, start, self.told[0], list(self.gathering.heard.values())))
             self.report(start)
         self.member.tell(self.health)
 

@@ -32,6 +32,7 @@ class UnitDelay:
         self._frames: list[tuple[int, Any]] = []
         self._newest, self._heard = -1, time.monotonic()
         self._rate, self._tick, self._arrived = frame_rate, -1, -1  # the tick that is used; the last one with an entry
+        self.heard = -1  # tick of the newest message that is used
 
     def receive(self, tick: int, content: Any) -> None:
         """Take a message of the sender."""
@@ -50,6 +51,7 @@ class UnitDelay:
             tick, content = self._frames.pop(0)
             self._tick, self._arrived = tick, tick if len(content) else self._arrived
             told = [message for at, message in self._told if at < tick]
+            self.heard = max([self.heard, *(at for at, _ in self._told if at < tick)])
             self._told = [(at, message) for at, message in self._told if at >= tick]
             self._step(tick, content, told)
 

@@ -38,14 +38,14 @@ class WeightsFile:
         if resume and not name:
             raise InputError("resume: true given; allowed: with save")
         self._path, self._resume = Path(name) if name else None, bool(resume)
-        self._saved = time.monotonic()
+        self._saved, self.resumed = time.monotonic(), False
 
     def start(self, case: Case, index: int) -> Case:
         """The case whose controller `index` begins with what was saved, if that is wanted and there."""
         if self._path is None or not self._resume or not self._path.is_file():
             return case
         controllers = list(case.controllers)
-        controllers[index] = with_weights(controllers[index], self._path)
+        controllers[index], self.resumed = with_weights(controllers[index], self._path), True
         return replace(case, controllers=controllers)
 
     def keep(self, learnt: Callable[[], Weights | None], last: bool = False) -> None:

@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from facts_damping.recording.bagfile import TopicInfo
 
 
+Heard = dict[tuple[str, int, str], "NDArray[np.int64]"]
+
+
 class Series(NamedTuple):
     """Messages of one topic in order of ticks: the topic's name, its ticks, the messages by the column.
 
@@ -312,6 +315,23 @@ def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> ND
     ]
     table = _joined(parts, LEARNING)
     return table[np.lexsort((_order(parts), table["controller"], table["identifier"], table["tick"]))]
+
+
+def heard(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) -> Heard:
+    """What nodes had at hand when they acted (`signals.Record.heard`); nothing where their messages do not tell."""
+    found: Heard = {}
+    for source in sources:
+        parts: dict[tuple[str, int, str], list[NDArray[np.int64]]] = {}
+        for block in source.blocks:
+            names = getattr(block.message, "heard", [])
+            for name, ticks in zip(names, getattr(block.message, "heard_ticks", []), strict=False):
+                pairs = np.column_stack([source.ticks[block.rows], np.asarray(ticks, np.int64)])
+                what = f"controller {place(name)}" if name.startswith("controller_") else name
+                parts.setdefault((role, place(sender(block.message)), what), []).append(pairs)
+        for key, tables in parts.items():
+            whole = np.concatenate(tables)
+            found[key] = whole[np.argsort(whole[:, 0], kind="stable")]
+    return found
 
 
 def _rows(layout: Any, block: Block, source: Series, **fields: Any) -> NDArray[Any]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from facts_damping.recording.columns import Block
 
 ROLES = ("plant", "link", "controller", "identifier", "supervisor")
-KINDS = ("start", *COMMANDS, "parameter", "link", "event", "rearm", "release", "pause", "resume", "step")
+KINDS = ("start", *COMMANDS, "weights", "parameter", "link", "event", "rearm", "release", "pause", "resume", "step")
 MOST_TICKS = 10**9  # of any run
 TIME = r"[0-9]{1,18}"  # ns
 

@@ -158,6 +158,9 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         joined=events.joined(block for topic in topics["diagnostics"] for block in messages[topic]),
         changes=changes,
         absences=[dict(zip(("role", "index", "first", "end"), one, strict=True)) for one in away],
+        heard=decode.heard("controller", cut["learning"], attrgetter("controller"))
+        | decode.heard("identifier", cut["estimates"], attrgetter("identifier"))
+        | decode.heard("supervisor", cut["supervision"], attrgetter("controller")),
         publishers=content.publishers,
         versions=content.versions,
         notes=notes,

@@ -21,15 +21,11 @@ from facts_damping.digest import canonical
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import each_path, read_sets
 from facts_damping.plant.integration import watch
-from facts_damping.signals import DELIVERY, NANOSECONDS, REFUSED, SETPOINT
-from facts_damping.simulation.build import build_plant, commands
+from facts_damping.signals import NANOSECONDS, REFUSED
+from facts_damping.simulation.build import build_plant
 from facts_damping.simulation.changes import by_tick, change_watch
-from facts_damping.simulation.loop import allocate_signals, control_system
 from facts_damping.simulation.measured_plant import tick_ns
-from facts_damping.simulation.policies import check, connect
-from facts_damping.simulation.replayed_changes import ReplayedChanges
-from facts_damping.simulation.restarts import Restarts
-from facts_damping.simulation.tick import control_step
+from facts_damping.simulation.replayed_nodes import NodeReplay, Played
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -185,16 +181,6 @@ def _ordered(table: NDArray[Any], there: Sequence[str], wanted: Sequence[str]) -
     return found
 
 
-class Played(NamedTuple):
-    """What a case's controllers, identifiers and supervisors say to what was delivered."""
-
-    issued: NDArray[Any]  # SETPOINT
-    estimates: NDArray[Any]  # ESTIMATE
-    supervised: NDArray[Any]  # SETPOINT
-    supervision: NDArray[Any]  # SUPERVISION
-    learning: NDArray[Any]  # LEARNING, also of nodes that were not there
-
-
 def acted(of: Record | Played) -> NDArray[Any]:
     """The setpoints that go, or went, down the links: those of supervisors, where there are any."""
     return of.supervised if len(of.supervision) else of.issued
@@ -203,39 +189,16 @@ def acted(of: Record | Played) -> NDArray[Any]:
 def play(case: Case, record: Record, progress: Callable[[int, int], None] = lambda _done, _of: None) -> Played:
     """What a case's controllers, identifiers and supervisors say to what was delivered to them.
 
-    `record`: as `fitted` gives it. The same `control_step` as in the loop, but identifiers hear what was recorded.
+    `record`: as `fitted` gives it. Identifiers hear the setpoints that were recorded, because those moved the plant.
     """
-    ticks, used = record.ticks, np.array(case.used_links, np.int64)
+    ticks = record.ticks
     arrived = [_by_tick(record.delivered[record.delivered["link"] == link], ticks) for link in range(len(case.links))]
-    recorded = _by_tick(acted(record), ticks)
-    most = max(len(rows) for link in arrived for rows in link)
-    delivered, ring = np.zeros((len(arrived), most), DELIVERY), np.zeros((len(arrived), 4), np.int64)
-    control, heard = control_system(case, most), np.zeros(max(map(len, recorded)), SETPOINT)
-    programs = connect(case, control.bank_state)
-    issued = len(record.delivered) * commands(case)
-    kept = allocate_signals(case, len(ticks), delivered=0, issued=issued, applied=0)
-    changed = ReplayedChanges(case, record, control)
-    restarts = Restarts(control.bank, control.bank_state)
+    nodes = NodeReplay(case, record, arrived, _by_tick(acted(record), ticks))
     for at, tick in enumerate(ticks.tolist()):
-        changed.begin(tick)
-        restarts.begin(tick)
-        for link, rows in enumerate(arrived):
-            delivered[link, : len(rows[at])], ring[link, 2] = rows[at], len(rows[at])
-        heard[: len(recorded[at])] = recorded[at]
-        control_step(control, used, delivered, ring, heard, len(recorded[at]), tick, record.devices[at], kept)
-        check(programs)
-        changed.end()
+        nodes.tick(at, tick)
         if at % record.frame_rate == 0 or at + 1 == len(ticks):
             progress(at + 1, len(ticks))
-    issued_rows, estimates = kept.issued[: kept.used[2]], kept.estimates[: kept.used[4]]
-    passed, told = kept.supervised[: kept.used[6]], kept.supervision[: kept.used[7]]
-    return Played(
-        changed.said("controller", issued_rows),
-        changed.said("identifier", estimates),
-        changed.said("supervisor", passed),
-        changed.said("supervisor", told),
-        kept.learning[: kept.used[5]],
-    )
+    return nodes.played()
 
 
 def watched(case: Case, record: Record) -> Record:

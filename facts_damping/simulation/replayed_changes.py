@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.case.controllers import check_parameter, sizes
+from facts_damping.case.controllers import check_parameter, sizes, with_weights
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.monitors import COMMANDS
+from facts_damping.parameters.run import Weights
+from facts_damping.simulation.build import build_control
 from facts_damping.simulation.changes import ask, set_parameter
 from facts_damping.simulation.restarts import restore
 from facts_damping.supervision.model import begin
@@ -40,29 +43,40 @@ class ReplayedChanges:
         self._changes = list(own)  # by tick; those before the first one are known of late recordings, too
         starts = any(one["kind"] == "start" and one["role"] != "supervisor" for one in own)
         self._fresh = deepcopy(control) if starts else control
-        self._silent = [one for one in record.absences if one["role"] != "link" and one["index"] in same]
-        self._silent += _disarmed(own)
-        self._kept: list[tuple[NDArray[Any], NDArray[Any]]] = []
+        self._absences = [one for one in record.absences if one["role"] != "link" and one["index"] in same]
+        self._silent = [*self._absences, *_disarmed(own)]
 
     def begin(self, tick: int) -> None:
-        """What acts from a tick on; what a silent identifier must not tell its controller is kept as it is."""
+        """What acts from a tick on."""
         while self._changes and self._changes[0]["tick"] <= tick:
             one = self._changes.pop(0)
             if one["role"] == "supervisor":
                 self._oversee(one)
             elif one["kind"] == "start":
                 self._begin_again(one["role"], one["index"])
+            elif one["kind"] == "weights":
+                self._learnt(one["role"], one["index"], one["value"])
             elif one["kind"] == "parameter":
                 set_parameter(self._case, self._control.bank, self._control.identifiers, one)
-        state = self._control.bank_state
-        told = (state.jacobian, state.compensated.change, state.compensated.change_ns)
-        silent = [one["index"] for one in self._silent if one["role"] == "identifier" and _within(one, tick)]
-        self._kept = [(array[c : c + 1], array[c : c + 1].copy()) for c in silent for array in told]
 
-    def end(self) -> None:
-        """Put back what was kept."""
-        for array, before in self._kept:
-            array[:] = before
+    def _learnt(self, role: str, c: int, given: dict[str, Any]) -> None:
+        """A controller, or its identifier, with what had been learnt before."""
+        controllers, now = list(self._case.controllers), self._control
+        controllers[c] = with_weights(controllers[c], Weights.model_validate(given))
+        _, bank_state, _, identifier_state = build_control(replace(self._case, controllers=controllers))
+        if role == "controller":
+            restore(now.bank_state.learner, bank_state.learner, c)
+        else:
+            place = list(now.identifiers.controller).index(c)
+            restore(now.identifier_state.learner, identifier_state.learner, place)
+
+    def absent(self, role: str, index: int, tick: int) -> bool:
+        """Whether a node was not there at a tick."""
+        return any(one["role"] == role and one["index"] == index and _within(one, tick) for one in self._absences)
+
+    def silent(self, role: str, index: int, tick: int) -> bool:
+        """Whether what a node found at a tick was not said: it was not there, or disarmed."""
+        return any(one["role"] == role and one["index"] == index and _within(one, tick) for one in self._silent)
 
     def said(self, role: str, rows: NDArray[Any]) -> NDArray[Any]:
         """Rows, of controllers or of identifiers, without those that were not said."""
@@ -107,10 +121,13 @@ def _possible(case: Case, change: dict[str, Any]) -> bool:
     controller = case.controllers[change["index"]]
     if change["role"] == "identifier" and controller.scheme != "indirect":
         return False
-    if change["kind"] != "parameter":
+    if change["kind"] not in ("parameter", "weights"):
         return change["kind"] in ("start", "arm")
     table = kind_of(controller).parameters
     try:
+        if change["kind"] == "weights":
+            with_weights(controller, Weights.model_validate(change["value"]))
+            return True
         check_parameter("", change["name"], change["value"], table, sizes(controller))
     except (InputError, TypeError, ValueError):  # the latter of what is neither number nor text
         return False

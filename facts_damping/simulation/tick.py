@@ -103,8 +103,6 @@ def control_step(
     used: Int1,
     delivered: Deliveries2,
     ring: Int2,
-    heard: Setpoints,
-    count: int,
     tick: int,
     devices: DeviceTruths,
     kept: Signals,
@@ -112,9 +110,8 @@ def control_step(
     """Controllers act on what was delivered in a tick, supervisors pass that on, then identifiers learn.
 
     `delivered`, (links, entries), and `ring`, which says how many there are, as in `link.transfer.Direction`;
-    controller c uses link `used[c]`; `devices`: DEVICE_TRUTH, which supervisors see. Identifiers hear `count` setpoints
-    of `heard`; where that is -1, those that act. What they estimate is used in the tick after. Returns how many
-    setpoints act.
+    controller c uses link `used[c]`; `devices`: DEVICE_TRUTH, which supervisors see. Identifiers hear what acts; what
+    they estimate is used in the tick after. Returns how many setpoints act.
     """
     bank, bank_state = control.bank, control.bank_state
     ids, id_state = control.identifiers, control.identifier_state
@@ -128,13 +125,11 @@ def control_step(
             control.passed[i] = control.issued[i]
     else:
         acting = _supervised(control, delivered, ring, issued, tick, devices, kept)
-    if count < 0:
-        heard, count = control.passed, acting
     rows = kept.used[4]
     for n in range(ids.controller.size):
         c = ids.controller[n]
         identify(ids, id_state, n, delivered[used[c]], ring[used[c], 2])
-        store_setpoints(ids, id_state, n, heard, count)
+        store_setpoints(ids, id_state, n, control.passed, acting)
         rows = write_estimates(ids, id_state, n, tick, kept.estimates, rows)
         set_estimate(bank_state, c, id_state.jacobian[n], id_state.change[n], id_state.held.newest_ns[n])
     kept.used[4], rows = rows, kept.used[5]
@@ -222,9 +217,7 @@ def halves(loop: Loop, first: int, until: int) -> bool:
                 delivered = uplink(links, link, tick, start, end, frame, measured_ns, status)
                 kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
             continue
-        acting = control_step(
-            control, links.used, links.up.out, links.up.ring, control.passed, -1, tick, kept.devices[tick], kept
-        )
+        acting = control_step(control, links.used, links.up.out, links.up.ring, tick, kept.devices[tick], kept)
         applied = 0
         for link in range(several):
             arrived = downlink(links, link, tick, end, control.passed, acting)

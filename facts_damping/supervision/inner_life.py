@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from facts_damping.compiling import compiled
+from facts_damping.compiling import compiled, entry_point
+from facts_damping.control.bank import Bank, BankState
 from facts_damping.control.inputs import UNSET
 from facts_damping.neurofuzzy.network import shape_of
-
-if TYPE_CHECKING:
-    from facts_damping.control.bank import Bank, BankState
+from facts_damping.supervision.model import SupervisorRows
 
 
 @compiled
@@ -32,3 +31,9 @@ def look_inside(bank: Bank, state: BankState, c: int, found: Any) -> None:
         total += norm * norm
     found.norm = math.sqrt(total)
     found.lyapunov, found.fall = state.memory.lyapunov[c, 0], state.memory.lyapunov[c, 1]
+
+
+@entry_point
+def inner_life(bank: Bank, state: BankState, c: int, found: SupervisorRows, at: int) -> None:
+    """The same into a row of SUPERVISOR."""
+    look_inside(bank, state, c, found[at])

@@ -135,6 +135,9 @@ COMMANDED = np.dtype(
 )
 
 
+SupervisorRows = Annotated[NDArray[Any], Array(SUPERVISOR, 1)]
+
+
 class Supervisors(Struct):
     """Frozen parameters of all supervisors; the first axis is the supervisor."""
 
@@ -150,7 +153,7 @@ class Supervisors(Struct):
 class SupervisorState(Struct):
     """State of all supervisors; the first axis is the supervisor."""
 
-    rows: Annotated[NDArray[Any], Array(SUPERVISOR, 1)]  # (supervisors,) of SUPERVISOR
+    rows: SupervisorRows  # (supervisors,) of SUPERVISOR
     held: Held
     stations: Annotated[NDArray[Any], Array(STATION, 2)]  # (supervisors, stations) of STATION
     commanded: Annotated[NDArray[Any], Array(COMMANDED, 2)]  # (supervisors, most devices) of COMMANDED

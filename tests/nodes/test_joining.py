@@ -17,7 +17,7 @@ from facts_damping.parameters.files import read_table
 from facts_damping.parameters.security import add_key
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.reader import load
-from facts_damping.simulation import learnt_weights, loop
+from facts_damping.simulation import learnt_weights, loop, replay
 from tests.nodes.graphs import PATIENCE_S, ticks
 
 if TYPE_CHECKING:
@@ -62,6 +62,14 @@ def graph(start: Callable[..., Any], tmp_path: Path) -> Callable[..., Graph]:
     return lambda **more: Graph(start, tmp_path, **more)
 
 
+def assert_replayed(record: Any) -> None:
+    """Both lives of whatever was started again: the replay commands what is recorded."""
+    case = replay.case_of(record, "it", None, [])
+    part = replay.fitted(record, case)
+    assert len(part.time_ns) == len(record.time_ns)
+    assert replay.first_difference(part, replay.play(case, part).issued) is None
+
+
 def say(node: Any) -> str:
     return str(node.said()[0])
 
@@ -99,6 +107,7 @@ def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, clien
     at_rest = (record.time_s > release["time_s"] + 0.6) & (record.time_s < release["rearmed_s"])
     assert np.all(reference[at_rest] == 0.0)
     assert np.any(reference[record.time_s > release["rearmed_s"]] != 0.0)
+    assert_replayed(record)
 
 
 def test_a_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, client: Any, tmp_path: Path) -> None:
@@ -135,6 +144,7 @@ def test_a_link_and_an_identifier_are_joined_too(loopback: Any, graph: Any, clie
     assert not np.any((applied > summary["releases"][0]["time_s"]) & (applied < at["wan_link"]["armed_s"]))
     assert not np.any((told > at["identifier"]["time_s"]) & (told < at["identifier"]["armed_s"]))
     assert len(read_table(weights)["identifier"]) == len(learnt)
+    assert_replayed(record)
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from tests.two_devices import centralised, decentralised
 
 if TYPE_CHECKING:
     from facts_damping.signals import Record
+    from facts_damping.simulation.replayed_nodes import Played
 
 NETWORKS = list(zip([*VARIANTS, "gaussian+fourier"], itertools.cycle(("direct", "indirect")), strict=False))
 OWN_LINKS = ["scenario=large", "duration=3", "controllers.0.link=plc", "controllers.1.link.up.0.delay=0.05"]
@@ -45,7 +46,7 @@ def recorded(run: str | None, sets: list[str]) -> Record:
     return loop.run(load_case(run, [*(text for text in common if text.split("=")[0] not in given), *sets]))
 
 
-def played(record: Record, *sets: str) -> tuple[Record, Any, Any, replay.Played]:
+def played(record: Record, *sets: str) -> tuple[Record, Any, Any, Played]:
     case = replay.case_of(record, "recording", None, list(sets))
     part = replay.fitted(record, case)
     said = replay.play(case, part)

@@ -1,0 +1,198 @@
+"""A replay node by node: controllers, supervisors, identifiers, each by what it had at hand when it acted.
+
+That is what its messages tell (`Record.heard`). By the clock nodes may be late for each other; in lockstep, and where a
+recording does not tell, it is the estimate and the setpoints of the tick before, and for a supervisor all of its tick.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.control.bank import act, controller_network, set_estimate
+from facts_damping.control.identifier import identify, store_setpoints, write_estimates
+from facts_damping.neurofuzzy.learning import write_learning
+from facts_damping.signals import ESTIMATE, LEARNING, SETPOINT, SUPERVISION
+from facts_damping.simulation.build import identifier_network
+from facts_damping.simulation.loop import control_system
+from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.simulation.policies import check, connect
+from facts_damping.simulation.replayed_changes import ReplayedChanges
+from facts_damping.simulation.restarts import Restarts
+from facts_damping.supervision.inner_life import inner_life
+from facts_damping.supervision.model import SUPERVISOR
+from facts_damping.supervision.step import supervise, tell
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.neurofuzzy.network import Network
+    from facts_damping.signals import Record
+
+EMPTY = {"issued": SETPOINT, "estimates": ESTIMATE, "supervised": SETPOINT, "supervision": SUPERVISION}
+INNER = ("finite", "norm", "lyapunov", "fall")  # of SUPERVISOR: what a supervisor hears of its controller's inner life
+
+
+class Played(NamedTuple):
+    """What a case's controllers, identifiers and supervisors say to what was delivered."""
+
+    issued: NDArray[Any]  # SETPOINT
+    estimates: NDArray[Any]  # ESTIMATE
+    supervised: NDArray[Any]  # SETPOINT
+    supervision: NDArray[Any]  # SUPERVISION
+    learning: NDArray[Any]  # LEARNING, also of nodes that were not there
+
+
+class Estimate(NamedTuple):
+    """What an identifier has found in a tick, as `set_estimate` takes it."""
+
+    jacobian: NDArray[np.float64]
+    change: NDArray[np.float64]
+    measured_ns: int
+
+
+class Heard:
+    """Which messages are new to a node in each of its ticks: from what it tells, else as in lockstep."""
+
+    def __init__(self, record: Record) -> None:
+        self._newest = {key: dict(rows.tolist()) for key, rows in record.heard.items()}
+        self._tells = {key[:2] for key in record.heard}
+        self._used: dict[tuple[str, int, str], int] = {}
+        self._begun = {(one["role"], one["index"], one["tick"]) for one in record.changes if one["kind"] == "start"}
+
+    def new(self, role: str, index: int, what: str, tick: int, usual: int) -> range:
+        """Ticks of the messages that are new at a tick; `usual`: that of the newest, where nothing is told.
+
+        Who begins under way has of those before it the newest alone.
+        """
+        key = role, index, what
+        if key not in self._newest and key[:2] in self._tells:
+            return range(0)
+        newest = self._newest.get(key, {}).get(tick, usual)
+        before = newest - 1 if (role, index, tick) in self._begun else self._used.get(key, -1)
+        self._used[key] = max(self._used.get(key, -1), newest)
+        return range(max(0, before + 1), newest + 1)
+
+
+class NodeReplay:
+    """The nodes of a case that act on measurements, and what they have said so far."""
+
+    def __init__(
+        self, case: Case, record: Record, delivered: list[list[NDArray[Any]]], acting: list[NDArray[Any]]
+    ) -> None:
+        """`delivered`: by link and tick (DELIVERY); `acting`: setpoints that went down the links, by tick."""
+        self._case, self._record, self._delivered, self._acting = case, record, delivered, acting
+        most = max(len(rows) for link in delivered for rows in link)
+        self._control = control_system(case, most)
+        self._out, self._devices = self._control.issued, record.devices[0]
+        self._programs = connect(case, self._control.bank_state)
+        self._changed = ReplayedChanges(case, record, self._control)
+        self._restarts = Restarts(self._control.bank, self._control.bank_state)
+        self._heard = Heard(record)
+        self._place = {int(tick): at for at, tick in enumerate(record.ticks)}
+        self._networks = {(c, 0): controller_network(one) for c, one in enumerate(case.controllers) if one.scheme}
+        self._networks |= {(c, 1): identifier_network(case.controllers[c]) for c in self._identified()}
+        self._issued: dict[tuple[int, int], NDArray[Any]] = {}  # by controller and tick, as all of these
+        self._inner: dict[tuple[int, int], NDArray[Any]] = {}
+        self._estimates: dict[tuple[int, int], Estimate] = {}
+        self._told: dict[str, list[NDArray[Any]]] = {name: [] for name in Played._fields}
+
+    def _identified(self) -> list[int]:
+        return [int(c) for c in self._control.identifiers.controller]
+
+    def tick(self, at: int, tick: int) -> None:
+        """A tick of all nodes, `at` in the record."""
+        self._changed.begin(tick)
+        self._restarts.begin(tick)
+        for c in range(len(self._case.controllers)):
+            self._act(c, at, tick)
+        check(self._programs)
+        for s in range(len(self._control.supervisors.settings)):
+            self._supervise(s, at, tick)
+        for n, c in enumerate(self._identified()):
+            self._identify(n, c, at, tick)
+
+    def played(self) -> Played:
+        """What was said, without that of nodes that were not there, or silent."""
+        whole = {
+            name: np.concatenate(parts) if parts else np.zeros(0, EMPTY.get(name, LEARNING))
+            for name, parts in self._told.items()
+        }
+        roles = {"issued": "controller", "estimates": "identifier", "supervised": "supervisor"}
+        roles["supervision"] = "supervisor"
+        return Played(**(whole | {name: self._changed.said(role, whole[name]) for name, role in roles.items()}))
+
+    def _act(self, c: int, at: int, tick: int) -> None:
+        """A controller: with the estimates that are new, on what was delivered."""
+        control, rows = self._control, self._delivered[self._case.used_links[c]][at]
+        for newer in self._heard.new("controller", c, "estimate", tick, tick - 1):
+            if (c, newer) in self._estimates and not self._changed.silent("identifier", c, newer):
+                set_estimate(control.bank_state, c, *self._estimates[c, newer])
+        count = act(control.bank, control.bank_state, c, tick, rows, len(rows), self._out, 0)
+        self._issued[c, tick] = self._out[:count].copy()
+        self._told["issued"].append(self._issued[c, tick])
+        found = np.zeros(1, SUPERVISOR)
+        inner_life(control.bank, control.bank_state, c, found, 0)
+        self._inner[c, tick] = found
+        state = control.bank_state
+        self._learning(c, 0, tick, state.learner.each[c], state.memory.lyapunov[c])
+
+    def _learning(self, c: int, identifier: int, tick: int, learner: Any, lyapunov: NDArray[np.float64]) -> None:
+        net: Network | None = self._networks.get((c, identifier))
+        if net is not None:
+            rows = np.zeros(net.outputs * (int(learner.group[-1]) + 1), LEARNING)
+            write_learning(net, learner, lyapunov, tick, c, identifier, rows, 0)
+            self._told["learning"].append(rows)
+
+    def _supervise(self, s: int, at: int, tick: int) -> None:
+        """A supervisor: with setpoints, the plant's and the controller's state, as far as they are new."""
+        made, state = self._control.supervisors, self._control.supervisor_state
+        own, row = made.settings[s], state.rows[s]
+        c, link = int(own["controller"]), int(own["link"])
+        pairs = [(who, newer) for who in self._whose(c) for newer in self._new(c, f"controller {who}", tick)]
+        rows = [self._issued[one] for one in pairs if one in self._issued and self._spoke(*one)]
+        for newer in self._new(c, "state", tick):
+            if (c, newer) in self._inner and not self._changed.absent("controller", c, newer):
+                for name in INNER:
+                    row[name] = self._inner[c, newer][name][0]
+        ticks = [newer for newer in self._new(c, "plant", tick) if newer in self._place]
+        if ticks:
+            self._devices = self._record.devices[self._place[ticks[-1]]]
+        issued = np.concatenate([*rows, self._out[:0]])
+        frames = self._delivered[link][at]
+        span = tick, tick_ns(tick, int(own["frame_rate"])), tick_ns(tick + 1, int(own["frame_rate"]))
+        given = frames, len(frames), issued, len(issued), np.ascontiguousarray(self._devices)
+        count = supervise(made, state, s, *span, *given, self._out, 0)
+        self._told["supervised"].append(self._out[:count].copy())
+        told = np.zeros(1, SUPERVISION)
+        if tell(made, state, s, tick, told, 0):
+            self._told["supervision"].append(told)
+
+    def _new(self, c: int, what: str, tick: int) -> range:
+        return self._heard.new("supervisor", c, what, tick, tick)
+
+    def _whose(self, c: int) -> list[int]:
+        """A controller and its fallback."""
+        return [c, *(i for i, one in enumerate(self._case.controllers) if one.fallback_of == c)]
+
+    def _spoke(self, c: int, tick: int) -> bool:
+        return not self._changed.silent("controller", c, tick)
+
+    def _identify(self, n: int, c: int, at: int, tick: int) -> None:
+        """An identifier: with the setpoints that went to the devices, then on what was delivered."""
+        made, state = self._control.identifiers, self._control.identifier_state
+        for newer in self._heard.new("identifier", c, "setpoints", tick, tick - 1):
+            if newer in self._place:
+                rows = self._acting[self._place[newer]]
+                store_setpoints(made, state, n, rows, len(rows))
+        frames = self._delivered[self._case.used_links[c]][at]
+        identify(made, state, n, frames, len(frames))
+        size = len(self._case.controllers[c].signals) * len(self._case.controllers[c].devices)
+        rows = np.zeros(size, ESTIMATE)
+        write_estimates(made, state, n, tick, rows, 0)
+        self._told["estimates"].append(rows)
+        found = state.jacobian[n].copy(), state.change[n].copy(), int(state.held.newest_ns[n])
+        self._estimates[c, tick] = Estimate(*found)
+        self._learning(c, 1, tick, state.learner.each[n], state.lyapunov[n])
