@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 NOTICED_S = SILENT_S + 0.2  # wall time in which others have noticed that a node was killed
 FOUND_S = 0.5  # wall time in which nodes find each other, if nothing else goes on
+LOOK_S = 0.5  # wall time between two looks at who is there
 QUIET_S = 0.5  # wall time without a message after which nothing more comes of a run that has ended
 
 
@@ -75,6 +76,8 @@ class Guard:
         self.who = Publishers(node, options, graph)
         self._own: list[Subscription[Any]] = []  # what was subscribed to here
         self.refusals = Refusals(node, graph, say, peer=peer)
+        self._there: dict[str, bool] = {}  # nodes that have been heard, and whether they are still there
+        self._looked_at = 0.0
 
     def subscribe(
         self,
@@ -130,6 +133,23 @@ class Guard:
         if self._options.free or self.voice.lines or not self.over:
             return False
         return time.monotonic() - self.heard > QUIET_S
+
+    def who_is_there(self) -> None:
+        """Say, once, of each node that is heard, that it has joined, or that it has left."""
+        if time.monotonic() - self._looked_at < LOOK_S:
+            return
+        self._looked_at = time.monotonic()
+        for heard in self.who.topics:
+            silent = time.monotonic() - heard.at > SILENT_S
+            if heard.publisher is None or heard.common or heard.tick < 0:
+                continue
+            name = self.who.name(heard.topic, heard.publisher)
+            if not silent and self._there.get(name) is not True:
+                self._there[name] = True
+                self.voice.info(f"{name} has joined: tick {heard.tick} of {heard.topic}")
+            elif silent and self._there.get(name) and self.node.count_publishers(heard.topic) == 0:
+                self._there[name] = False
+                self.voice.warn(f"{name} has left: nothing of {heard.topic} after tick {heard.tick}")
 
     def wait_for_peers(self, expected: dict[Publisher[Any], int], serve: Callable[[], None]) -> None:
         """Wait until the graph is there (node.py); whose its topics are is known from then on.

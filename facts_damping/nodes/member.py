@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from facts_damping_msgs.msg import RunChange
 
+from facts_damping.case.names import label
 from facts_damping.nodes import stamps
 from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.joining import Joining
@@ -18,6 +19,7 @@ from facts_damping.parameters.run import Weights
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.events import ROLES
 from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from facts_damping.parameters.run import Controller
 
 (PLANT, LINK, CONTROLLER, IDENTIFIER, SUPERVISOR), RECORDER = ROLES, "recorder"  # a recorder changes nothing
+NUMBERED = (LINK, CONTROLLER, IDENTIFIER, SUPERVISOR)  # of which a run may have several
 IDLE_S = 1.0  # wall time without a message after which a node says so, and from then on between two such reports
 
 
@@ -61,6 +64,8 @@ class Member:
         self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, SAYING)
         self._pending: list[tuple[str, str, Any, Callable[[int], None] | None]] = []
         self._tick, self._told_at = -1, time.monotonic()
+        of = f"{role} {index} of {label(case.summary())}" if role in NUMBERED else f"{role} of {label(case.summary())}"
+        self.guard.voice.info(f"started: facts_damping {__version__}, {of}, mode {options.mode}")
         self.at_ns = 0  # start of the newest tick
 
     def spin(self) -> Spinner:
@@ -123,6 +128,7 @@ class Member:
     def look(self, last: bool = False) -> None:
         """Now and then: report what was refused, and that nothing comes, where that is so."""
         self.guard.tell(last)
+        self.guard.who_is_there()
         now = time.monotonic()
         if self._role != PLANT and not last and min(now - self.guard.heard, now - self._told_at) > IDLE_S:
             silent = f"nothing has come for {now - self.guard.heard:.0f} s"

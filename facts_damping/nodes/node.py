@@ -65,6 +65,7 @@ TOPIC = "security/refused"  # of every node of a graph: what it has refused
 OF_ALL = (COMMON, CHANGES, TOPIC)  # ends of topics that many nodes publish
 BAG = "rosbag2_recorder"  # how the node of `ros2 bag record` is called
 NODE = 12  # first bytes of a publisher's identity that all of a node's have
+PATIENT_S = 1.0  # wall time after which a node says what it waits for
 LEAVE_S = 5.0  # wall time that a node takes at most to leave the graph
 
 
@@ -106,6 +107,7 @@ def wait_for_peers(
     whoever else listens is nobody's peer. Who joins a graph also waits until the one whose place it takes has left.
     Meanwhile requests are answered, by `serve`.
     """
+    voice, told = Voice(node), False
     deadline, topics = time.monotonic() + options.start_timeout, [*heard, *(p.topic_name for p in expected)]
     while True:
         own = {_participant(one) for topic in (peers, *heard) for one in node.get_publishers_info_by_topic(topic)}
@@ -120,6 +122,9 @@ def wait_for_peers(
             raise RunError(f"another graph publishes {shared} too; set another ROS_DOMAIN_ID (0 to 101)")
         if not missing and shared is None:
             return
+        if not told and time.monotonic() > deadline - options.start_timeout + PATIENT_S:
+            told = True
+            voice.info(f"waits, {options.start_timeout:g} s at most, for {', '.join(missing)}")
         if late:
             raise RunError(f"missing after {options.start_timeout:g} s: {', '.join(missing)}")
         rest(serve)
@@ -280,8 +285,10 @@ def _run(node: Node, make: Callable[[Node], Part], does: str) -> int | None:
         finally:
             part.spinner.close()
         finish(node.publishers, HEARD_S)
+        voice.info("ended")
     except Stopped:
         finish(node.publishers, HEARD_S)
+        voice.info("ended: stopped by a signal")
     except BeginAgain:
         voice.info("another plant has begun: this node begins again, too")
         return None

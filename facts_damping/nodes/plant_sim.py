@@ -24,6 +24,7 @@ from facts_damping.nodes.run_control import RunControl
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.spinning import Stopped, check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -58,6 +59,7 @@ class PlantSim:
         self.answered = [-1 for _ in self.links]
         self.waiting: list[list[Any]] = [[] for _ in self.links]
         self.misses = self.misses_told = 0
+        self.released: list[str] = []
         endless = self.options.free and self.case.run.duration is None
         self.ticks = sys.maxsize if endless else self.case.ticks
         self.spinner = self.member.spin()
@@ -101,6 +103,24 @@ class PlantSim:
         level = DiagnosticStatus.WARN if flaws else DiagnosticStatus.OK
         values = {"deadline_misses": self.misses, "mode": self.options.mode, "released": ", ".join(released)}
         return Health(level, "; ".join(flaws) or "on time", values)
+
+    def tell_released(self) -> None:
+        """Say which devices are released, or take setpoints again, and what that needs."""
+        now = self.plant.released()
+        if now == self.released:
+            return
+        watchdog, voice, at = (
+            self.case.run.watchdog,
+            self.member.guard.voice,
+            self.plant.start(self.plant.tick) / NANOSECONDS,
+        )
+        for device in set(now) - set(self.released):
+            silent = f"no setpoint accepted for {watchdog.timeout:g} s" if watchdog else "told so"
+            again = f" or {watchdog.good} good setpoints" if watchdog and watchdog.good else ""
+            voice.warn(f"{device} released at {at:.3f} s: {silent}; re-armed by ~/rearm{again}")
+        for device in set(self.released) - set(now):
+            voice.info(f"{device} takes setpoints again from {at:.3f} s on")
+        self.released = now
 
     def progress(self) -> None:
         """Tell the program that runs the graph how far it is: `tick K N MISSES`."""
@@ -164,6 +184,7 @@ class PlantSim:
             plant.advance([rows for kept in self.waiting for rows in kept])
             for kept in self.waiting:
                 kept.clear()
+            self.tell_released()
             for device, release in plant.late() if self.options.paced else ():
                 self.member.change("release", device, act=release)
         self.end(k, plant.sound)

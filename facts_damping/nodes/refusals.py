@@ -60,7 +60,10 @@ class Refusals:
         for (topic, cause, source), count in counts.items():
             if count != self._told[topic, cause, source]:
                 self._voice.line(f"refused {count} {cause} {topic} {source}")
-                self._voice.warn(f"refused {count} messages by {topic} of {source} so far: {cause}")
+                if (topic, cause, source) not in self._told:  # the rest is counted, and told at the end
+                    self._voice.warn(f"refused a message by {topic} of {source}: {cause}")
+        if last:
+            self._voice.warn(f"refused {counts.total()} messages in all")
         self._told = counts
         if self._say is None:
             return

@@ -212,6 +212,24 @@ def test_all_log_that_synchronism_is_lost_and_end(loopback: Any) -> None:
             assert node.exitcode == 0
 
 
+def test_nodes_say_who_comes_and_goes_and_what_is_released(loopback: Any) -> None:
+    with somebody("listener") as listener:
+        heard = hearing(*listener)
+        heard(Log, "/rosout", qos=qos_profile_rosout_default)
+        nodes = on_loopback(loopback, ("plant_sim", "wan_link", "controller"), mode="free")
+
+        def said(*texts: str) -> Callable[[list[Any]], bool]:
+            return lambda came: all(any(text in f"{one.name}: {one.msg}" for one in came) for text in texts)
+
+        heard(Log, "/rosout", said("controller: started: facts_damping ", "wan_link: /controller has joined"))
+        nodes["controller"].kill()
+        told = list(heard(Log, "/rosout", said("wan_link: /controller has left", "plant_sim: sssc released at")))
+        again = on_loopback(loopback, ("controller",), mode="free")
+        heard(Log, "/rosout", lambda came: said("wan_link: /controller has joined")(came[len(told) :]))
+        assert sum("has joined" in one.msg for one in told if one.name == "plant_sim") == 1  # its link, not every tick
+        again["controller"].kill()
+
+
 def test_a_log_level_is_obeyed(domain: int) -> None:
     short = ["-p", "duration:=0.1", "-p", "mode:=free"]
     assert run("plant_sim", "--ros-args", "--log-level", "warn", *short, cold=False).stderr == ""
