@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-SHORT = 5  # letters of a name
+SHORT = range(3, 6)  # letters of a word
 
 
 class FactsDampingError(Exception):
@@ -40,7 +40,7 @@ def meant(name: str, allowed: Iterable[str]) -> str:
     from difflib import get_close_matches  # noqa: PLC0415 (asked for by errors alone)
 
     by_small = {one.lower(): one for one in allowed}
-    likeness = 0.8 if len(name) > SHORT else 0.65  # of short ones a letter is a third
+    likeness = 0.65 if name.isalpha() and len(name) in SHORT else 0.8  # of short words a letter is a third
     found = get_close_matches(name.lower(), by_small, 1, likeness)
     return f" (did you mean {by_small[found[0]]}?)" if found else ""
 

@@ -55,7 +55,7 @@ DELIVERY = np.dtype(
     ]
 )
 
-SPEED_BAND = 0.1  # p.u. about synchronous speed: overspeed protection trips a machine at 110 %
+SPEED_BAND = 0.2  # p.u. about synchronous speed: beyond it no machine runs, and nothing here is a model of it
 
 # One setpoint of one device, as a controller issues it or as a link delivers it.
 SETPOINT = np.dtype(

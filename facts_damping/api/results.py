@@ -79,8 +79,10 @@ class Result(Record):
 
     def __repr__(self) -> str:
         """In a line."""
+        if not len(self.time_ns):
+            return f"<Result {self.name}: empty>"
         ended = "" if self.in_synchronism.all() else ", out of synchronism"
-        return f"<Result {self.name}: {len(self.time_ns)} ticks{ended}>"
+        return f"<Result {self.name}: {len(self.time_ns)} ticks, {self.time_s[-1]:.3f} s{ended}>"
 
     def _repr_html_(self) -> str:
         """What came out, with a picture, for a notebook."""

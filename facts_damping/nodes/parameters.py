@@ -85,6 +85,7 @@ def descriptor(description: str, unit: str = "", low: Any = None, high: Any = No
 
 # Duration that is not given, and what the parameter means then.
 SCENARIOS = 0.0
+INLINE = ""  # of a field that stands inline in the run
 DURATION = descriptor("simulated time; 0: the scenario's, and no end where the graph runs free", "s", 0.0, 1e5)
 
 
@@ -171,10 +172,10 @@ def read_case(node: Node) -> Case:
         value = getattr(case.run, name)
         if name == "duration" and value is None:
             value = SCENARIOS
-        if isinstance(value, (str, int, float)):
-            given = declare(node, name, value, DURATION if name == "duration" else field_descriptor(fields[name]))
-            if given != value:
-                changed.append(f"{name}={given}")
+        value = value if isinstance(value, (str, int, float)) else INLINE
+        given = declare(node, name, value, DURATION if name == "duration" else field_descriptor(fields[name]))
+        if given != value:
+            changed.append(f"{name}={given}")
     return load_case(run or None, [*changed, *sets]) if changed else case
 
 

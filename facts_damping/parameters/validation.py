@@ -90,14 +90,14 @@ def _extra(model: type[ParameterModel], location: tuple[int | str, ...]) -> dict
 
 
 def _wanted(model: type[ParameterModel], location: tuple[int | str, ...]) -> str:
-    """A field that is missing: its name, its range and unit, and a usual value, as far as it has them."""
-    name, limits = str(location[-1]), getattr(_field(model, location), "metadata", [])
+    """What a field that is missing may be: unit, range, a usual value, as far as it has them."""
+    limits = getattr(_field(model, location), "metadata", [])
     words = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
     found = [f"{word} {getattr(m, key):g}" for m in limits for key, word in words.items() if hasattr(m, key)]
     extra = _extra(model, location)
     unit = "" if extra.get("unit", "-") == "-" else str(extra["unit"])
     told = [*([f"in {unit}"] if unit else []), *found, *([f"usual {extra['usual']:g}"] if "usual" in extra else [])]
-    return f"{name} ({', '.join(told)})" if told else name
+    return ", ".join(told) or "a value of this field"
 
 
 def origin(field: str, source: str, sets: dict[str, str] | None) -> str:
@@ -132,8 +132,11 @@ def check(model: type[M], content: Any, source: str, sets: dict[str, str] | None
         raise InputError(f"{where}.{first['ctx']['discriminator'].strip(chr(39))}: missing; allowed: one of its kinds")
     if first["type"] == "missing":
         beside = [one["loc"] for one in errors if one["type"] == "missing" and one["loc"][:-1] == location[:-1]]
+        if len(beside) == 1:
+            raise InputError(f"{where}: missing; allowed: {_wanted(model, location)}")
         above = origin(".".join([*([under] if under else []), *keys[:-1]]), source, sets)
-        raise InputError(f"{above}: missing: {'; '.join(_wanted(model, one) for one in beside)}")
+        wanted = "; ".join(f"{one[-1]}: {_wanted(model, one)}" for one in beside)
+        raise InputError(f"{above}: {', '.join(str(one[-1]) for one in beside)}: missing; allowed: {wanted}")
     if first["type"] == "value_error":
         raise InputError(f"{where}: {message}")
     allowed = re.sub(r"^(Input should be|Input should have|.* should have|.* should match) ", "", message)

@@ -296,7 +296,7 @@ def test_a_class_beside_the_agent_that_fails_is_named(tmp_path: Path, many: bool
         ({"link": "nowhere"}, "'nowhere' given"),
         ({"study": "nowhere"}, "nowhere"),
         ({"window": 0}, "window: 0 given; allowed: 1 or more ticks"),
-        ({"reward": IndexReward("ISO")}, "reward.of: 'ISO' given; allowed: ITAE, IAE, ITSE, ISE"),
+        ({"reward": IndexReward("ISO")}, "reward.of: 'ISO' given (did you mean ISE?); allowed: ITAE, IAE, ITSE, ISE"),
         ({"scale": [1.0, 2.0]}, "scale: 2 numbers given; allowed: one, or 1, one a signal"),
     ],
 )

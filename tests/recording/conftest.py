@@ -166,6 +166,8 @@ class Messages:
             header=self.header(rows["measured_ns"][0]),
             tick=tick,
             identifier=identifier(controller).split("/")[1],
+            heard=["setpoints"],
+            heard_ticks=np.array([tick - 1]),
             output_names=[str(signal) for signal in row["signal"]],
             input_names=[record.device_names[device] for device in devices],
             jacobian=rows["jacobian"].copy(),

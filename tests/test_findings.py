@@ -1,0 +1,82 @@
+"""What comes out of a run, in words: the same lines by `print`, in a notebook, on the command line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import facts_damping as fd
+from facts_damping.cli.main import main
+from facts_damping.findings import title, without_control
+
+PDCI = "LLC-tuned over the Pacific DC Intertie's network"
+
+
+@pytest.mark.parametrize(
+    ("run", "fields", "said"),
+    [
+        ("two_area_deployment", {}, f"Two areas, fault and trip of line 3: {PDCI}"),
+        ("two_area_deployment", {"link.up.1.delay": "303 ms"}, f"Two areas, fault and trip of line 3: {PDCI}, changed"),
+        ("two_area_deployment", {"controllers": []}, "Two areas, fault and trip of line 3: no control"),
+        ("two_area_small", {}, "Two areas, step of load 2: LLC over a network without delay"),
+        ("two_area_multiple", {}, "Two areas, trip and reclosing of line 2 and step of the power of G1: LLC over a "),
+        ("two_area_small", {"scenario": []}, "Two areas: LLC over a network without delay"),
+        ("smib_supervised", {}, f"Single machine, fault of line 1: LLC and {PDCI}"),
+    ],
+)
+def test_titles_are_words(run: str, fields: dict[str, Any], said: str) -> None:
+    assert title(fd.simulate(run, duration=1, **fields)).startswith(said)
+
+
+def test_the_same_lines_everywhere(capsys: pytest.CaptureFixture[str]) -> None:
+    result = fd.simulate("two_area_deployment")
+    lines = str(result).splitlines()
+    assert main(["simulate", "two_area_deployment"]) == 0
+    assert capsys.readouterr().out.splitlines()[: len(lines) + 1] == [*lines, ""]
+    page = result._repr_html_()
+    assert all(f"<p>{line.split(':')[0]}" in page for line in lines)
+    assert 'src="data:image/png;base64,iVBOR' in page
+    own, other = (
+        result.indices or {},
+        fd.simulate("two_area_deployment", controllers=[], supervision="off").indices or {},
+    )
+    part = 100 * (1 - own["ITAE"] / other["ITAE"])
+    assert lines[1].startswith("damped; damping ratio ")
+    assert lines[2] == f"ITAE {own['ITAE']:.3g}, without control {other['ITAE']:.3g}: {part:.0f} % less"
+    assert lines[3:] == ["supervisor of controller_0_LLC_tuned: armed at 0.50 s"]
+
+
+def test_the_run_without_control_has_the_same_noise_and_time() -> None:
+    part = fd.simulate("two_area_deployment", duration=3)
+    free = without_control(part)
+    assert len(free.time_ns) == len(part.time_ns)
+    assert free.frames[: 2 * 60].tobytes() == fd.simulate("two_area_deployment", controllers=[]).frames[:120].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"link": "satellite"}, "controller_0_LLC_tuned was never armed (stale 0.45 s, more than 0.4): it controlled"),
+        (
+            {"link.up.1.delay": 25, "supervision": "off"},
+            "no setpoint of controller_0_LLC_tuned came to a device in 20 s",
+        ),
+        ({"link.up.1.delay": 2.5, "supervision": "off"}, "latency 2.5 s on average, more than 2"),
+        (
+            {"link": "ideal", "supervision": "off", "controllers": [{"name": "LLC", "parameters": {"gain": 1e3}}]},
+            "sssc was at its limit ",
+        ),
+    ],
+)
+def test_what_is_odd_is_said(fields: dict[str, Any], said: str) -> None:
+    result = fd.simulate("two_area_deployment", **fields)
+    assert any(line.startswith(f"warning: {said}") for line in result.findings)
+
+
+def test_what_cannot_be_known_is_said() -> None:
+    result = fd.simulate("two_area_small", duration=8)
+    assert title(replace(result, configuration={})) == "a recording without its run"
+    lost = fd.simulate("two_area_large", controllers=[])
+    assert lost.findings[1] == "lost synchronism: loss of synchronism"
