@@ -252,3 +252,16 @@ def root(gramian: NDArray[np.float64]) -> NDArray[np.float64]:
     """S of S S^T = P, P symmetric and not negative."""
     axes, values, _ = singular((gramian + gramian.T) / 2.0)
     return axes * np.sqrt(values)
+
+
+def parts(joined: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Which part each of several hangs together with, numbered as they appear; `joined`: (n, n), either way."""
+    label = np.full(len(joined), -1)
+    either = joined | joined.T
+    for first in range(len(joined)):
+        if label[first] < 0:
+            own = np.arange(len(joined)) == first
+            while (more := own | either[own].any(axis=0)).sum() > own.sum():
+                own = more
+            label[own] = label.max() + 1
+    return label

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dis
 import gc
 import importlib
 import inspect
@@ -275,3 +276,15 @@ def test_setpoints_go_as_they_are() -> None:
     with pytest.raises(TypeError, match="merge: setpoints: float64, 1 axes given"):
         merge(made.applied, 0, np.zeros(3), 0)
     assert merge(made.applied, 0, np.zeros(0, SETPOINT), 0) == 0
+
+
+def test_globals_that_a_function_loads_are_those_that_dis_names() -> None:
+    for entry in ENTRY_POINTS.values():
+        code = entry.py_func.__code__
+        assert keys.globals_of(code) == {
+            one.argval for one in dis.get_instructions(code) if one.opname == "LOAD_GLOBAL"
+        }
+    inner = compile("def f(x):\n    return [abs(y) for y in x if (lambda z: max(z, 1))(y)]", "f", "exec").co_consts[0]
+    assert {"abs", "max"} <= keys.globals_of(inner)
+    wide = compile("def f():\n    " + "\n    ".join(f"g{i}" for i in range(400)), "f", "exec").co_consts[0]
+    assert keys.globals_of(wide) == {f"g{i}" for i in range(400)}

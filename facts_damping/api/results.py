@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping import findings
-from facts_damping.analysis import plots
 from facts_damping.analysis.summary import summarise
 from facts_damping.api.brief import brief
 from facts_damping.api.cases import case_of
@@ -65,6 +64,8 @@ class Result(Record):
 
         `beside`: other records by their names, drawn over it. Raises `InputError` for a name that is none.
         """
+        from facts_damping.analysis import plots  # noqa: PLC0415 (pictures' library takes longer than a run)
+
         shown = [(self.name if beside else "", self), *(beside or {}).items()]
         return plots.figure(names or ("differences",), shown)
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.io import loadmat
 
 from facts_damping.control.linear_law import matrices
 from facts_damping.errors import InputError, one_line
@@ -68,6 +67,8 @@ def _arrays(path: Path) -> dict[str, Any]:
     with path.open("rb") as file:
         if path.suffix == ".npz":
             return dict(np.load(file, allow_pickle=False).items())
+        from scipy.io import loadmat  # noqa: PLC0415 (it takes longer than a run, and few need it)
+
         return {name: values for name, values in loadmat(file).items() if not name.startswith("__")}
 
 

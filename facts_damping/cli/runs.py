@@ -302,7 +302,11 @@ def modes(arguments: argparse.Namespace) -> None:
     found = modal_analysis.analyse(system, loading.installed(system, arguments.devices))
     if arguments.linear is not None:
         linear_plant.save(linear_plant.of(found), Path(arguments.linear))
-    pictures = [] if arguments.out is None else modal_analysis.plot(found, files.new_folder(Path(arguments.out)))
+    pictures = []
+    if arguments.out is not None:
+        from facts_damping.small_signal import modal_pictures
+
+        pictures = modal_pictures.plot(found, files.new_folder(Path(arguments.out)))
     write_json(arguments.json, modal_analysis.document(found))
     for line in (*modal_analysis.modes_text(found), *(f"plot: {path}" for path in pictures)):
         say(arguments, line)

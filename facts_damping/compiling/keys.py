@@ -6,7 +6,6 @@ another entry point only its name and its types count, since it is called and no
 
 from __future__ import annotations
 
-import ast
 import dis
 import hashlib
 import os
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 PACKAGE = "facts_damping"
+LOAD_GLOBAL, SHIFT = dis.opmap["LOAD_GLOBAL"], int(sys.version_info >= (3, 11))  # its argument: an index, and a flag
 TARGETS = {"x86_64": "x86-64", "aarch64": "generic"}  # processors: each machine of the kind has what these have
 
 
@@ -38,13 +38,10 @@ def target() -> str:
 @cache
 def _compiler() -> str:
     """What compiles: versions, the target, and how Numba is used."""
-    tree = ast.parse(Path(__file__).with_name("with_numba.py").read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module) and ast.get_docstring(node, clean=False):
-            node.body = node.body[1:]
+    how = hashlib.sha256(Path(__file__).with_name("with_numba.py").read_bytes()).hexdigest()
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     kind = f"{sys.platform} {platform.machine()} {target()}"
-    return f"{python} {version('numba')} {version('llvmlite')} {kind} {ast.dump(tree)}"
+    return f"{python} {version('numba')} {version('llvmlite')} {kind} {how}"
 
 
 def _code(code: types.CodeType, docstring: str | None) -> str:
@@ -72,12 +69,15 @@ def _constant(value: Any) -> str:
     return repr(value)
 
 
-def _instructions(code: types.CodeType) -> Iterator[dis.Instruction]:
-    """Those of a function and of all in it."""
-    yield from dis.get_instructions(code)
-    for constant in code.co_consts:
-        if isinstance(constant, types.CodeType):
-            yield from _instructions(constant)
+def globals_of(code: types.CodeType) -> set[str]:
+    """Names of the globals that a function loads, and all in it: as `dis` says, in a tenth of its time."""
+    found, extended = set(), 0
+    for operation, low in zip(code.co_code[::2], code.co_code[1::2], strict=True):
+        argument = extended | low
+        if operation == LOAD_GLOBAL:
+            found.add(code.co_names[argument >> SHIFT])
+        extended = argument << 8 if operation == dis.EXTENDED_ARG else 0
+    return found.union(*(globals_of(one) for one in code.co_consts if isinstance(one, types.CodeType)))
 
 
 @cache
@@ -88,8 +88,7 @@ def _used(function: Any) -> list[tuple[str, Any]]:
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
             names |= set(constant.co_names)
-    loaded = {one.argval for one in _instructions(code) if one.opname == "LOAD_GLOBAL"}
-    for name in sorted(loaded & set(function.__globals__)):
+    for name in sorted(globals_of(code) & set(function.__globals__)):
         value = function.__globals__[name]
         if isinstance(value, types.ModuleType) and value.__name__.startswith(f"{PACKAGE}."):
             found += [(f"{name}.{n}", vars(value)[n]) for n in sorted(names & set(vars(value)))]

@@ -25,7 +25,7 @@ LEAST = 1e-30  # of what must be more than 0: less means nothing in any unit her
 class ParameterModel(BaseModel):
     """A table row or a section of a file: unknown keys, wrong types, NaN and infinities are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
 
     @field_validator("*")
     @classmethod

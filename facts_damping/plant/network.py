@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from facts_damping.errors import InputError
+from facts_damping.matrices import parts
 from facts_damping.parameters.devices import Series
 from facts_damping.phasors import line_factors, over, polar, times
 
@@ -192,10 +192,10 @@ def check_islands(system: System, topology: Topology, when: str) -> None:
     links = np.eye(len(names))
     for a, b in [(b.from_bus, b.to_bus) for b in branches(system, topology)] + [d.ends for d in series_devices(system)]:
         links[index[a], index[b]] = 1
-    count, label = connected_components(links, directed=False)
+    label = parts(links != 0)
     sources = [m.bus for m in system.machines if m.name not in topology.machines_out]
     fed = {label[index[bus]] for bus in (*sources, *(i.bus for i in system.infinite_buses))}
-    for island in range(count):
+    for island in range(int(label.max(initial=-1)) + 1):
         if island not in fed:
             members = [name for name in names if label[index[name]] == island]
             raise InputError(

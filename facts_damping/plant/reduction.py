@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from facts_damping.errors import InputError
-from facts_damping.matrices import product
+from facts_damping.matrices import parts, product
 from facts_damping.phasors import over, times
 from facts_damping.plant.network import (
     Branch,
@@ -128,7 +127,7 @@ def _solve(
 
 def floating(matrix: NDArray[np.complex128], fixed: set[int]) -> NDArray[np.bool_]:
     """Which buses have no path to any shunt or bus of fixed voltage, so that their voltage is not given."""
-    _, label = connected_components(matrix != 0, directed=False)
+    label = parts(matrix != 0)
     shunt = np.abs(matrix.sum(axis=1)) > 1e-9 * np.abs(matrix).max(axis=1)  # rows of lossless parts sum to zero
     shunt[list(fixed)] = True
     fed = set(label[shunt])

@@ -13,7 +13,7 @@ from facts_damping.analysis.plots import plot_record
 from facts_damping.case.loading import load_system, make_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
-from facts_damping.small_signal import modal_analysis, one_line
+from facts_damping.small_signal import modal_analysis, modal_pictures, one_line
 from facts_damping.small_signal.modal_analysis import MOST_MACHINES, MOST_MODES, MOST_RESIDUES
 from tests.andes_cases import CASES
 
@@ -57,7 +57,7 @@ def test_the_modes_of_a_large_grid_fit_the_eye(modal: Modal, tmp_path: Path) -> 
     tables = "\n".join(lines).split("residue 1/s")[1:]
     assert all(table.count("  damper ") == MOST_RESIDUES for table in tables)
     assert modal_analysis.drawn(modal) == sorted(modal_analysis.drawn(modal), key=lambda mode: mode.damping_ratio)
-    made = modal_analysis.plot(modal, tmp_path)
+    made = modal_pictures.plot(modal, tmp_path)
     assert [path.name for path in made] == ["one_line.png", "mode_shapes.png", "transfer_functions.png"]
     assert [np.isfinite(transfer["gain"]) for transfer in document["transfer_functions"]] == [True, True]
 
