@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import importlib
+import os
 import signal
 
-from facts_damping.terminal import INTERRUPTIONS, end_at_once
+from facts_damping.terminal import INTERRUPTIONS
 
 
 def _start(node: str, *, computes: bool = True) -> None:
     """Load a node and be it; `computes`: it needs kernels, which the first one on a machine compiles."""
     for number in INTERRUPTIONS:
-        signal.signal(number, end_at_once)  # until the node takes them
+        signal.signal(number, lambda *_: os._exit(0))  # until the node takes them: nothing is there to clean up
     if computes:
         importlib.import_module("facts_damping.nodes.warmup").compile_once()
     importlib.import_module(f"facts_damping.nodes.{node}").main()

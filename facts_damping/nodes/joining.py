@@ -21,11 +21,11 @@ NEVER = -1  # ns, of what has not happened yet
 class Joining:
     """Whether a node has joined, and whether what it does may act."""
 
-    def __init__(self, node: Node, options: Options, *, disarmed: bool = True) -> None:
-        """Offer the service that arms, where the node may join; `disarmed`: it is, until then."""
-        self.joins, self._began, self._asked = options.join and disarmed, False, False
+    def __init__(self, node: Node, options: Options, *, arms: bool = True) -> None:
+        """Offer the service that arms; `arms`: by it one that joins is let act, until then it is disarmed."""
+        self.joins, self._began, self._asked = options.join and arms, False, False
         self._joined_ns = self._armed_ns = NEVER
-        if self.joins:
+        if arms:
             node.create_service(Trigger, "~/arm", self.on_arm)
 
     def on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

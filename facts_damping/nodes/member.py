@@ -59,7 +59,9 @@ class Member:
         self._rate, self._name = case.run.frame_rate, node.get_fully_qualified_name()
         stamps.begin(learns=options.paced and role not in (PLANT, RECORDER))
         self.guard = Guard(node, case, options, graph, say, leads=role == PLANT)
-        self.joining = Joining(node, options, disarmed=role != SUPERVISOR)  # which begins in shadow by itself
+        self.joining = Joining(
+            node, options, arms=role in (LINK, CONTROLLER, IDENTIFIER)
+        )  # a supervisor begins in shadow
         self._changes: Publisher[Any] = node.create_publisher(RunChange, f"{graph}{CHANGES}", LOGGED)
         self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, SAYING)
         self._pending: list[tuple[str, str, Any, Callable[[int], None] | None]] = []

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import time
+import warnings
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -244,6 +245,7 @@ def run_node(name: str, make: Callable[[Node], Part], does: str) -> None:
     """
     _set_up_middleware()
     stop_by_signals()
+    warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)  # who asked may have left
     if _asks_for_help():
         os.environ[RANGE] = "OFF"  # nobody need know of a node that does not run
     status = None

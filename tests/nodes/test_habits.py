@@ -282,9 +282,7 @@ def test_ctrl_c_ends_a_node_soon_and_in_a_line_at_most(executable: str, after: f
         told = time.monotonic()
         out, errors = node.communicate(timeout=PATIENCE_S)
     assert time.monotonic() - told < SOON_S
-    assert node.returncode in (0, 130)
-    assert out == ""
-    assert errors in ("", "facts-damping: interrupted\n")
+    assert (node.returncode, out, errors) == (0, "", "")
 
 
 def test_a_first_node_says_that_it_compiles(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from std_srvs.srv import Trigger
 
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import wan_link
@@ -51,6 +52,8 @@ def test_parameters_have_description_unit_and_range(loopback: Any, start: Any, c
         for d in client(DescribeParameters, f"/{node}/describe_parameters", asked).descriptors:
             assert not d.integer_range or d.type == ParameterType.PARAMETER_INTEGER, (node, d.name)
             assert not d.floating_point_range or d.type == ParameterType.PARAMETER_DOUBLE, (node, d.name)
+    arm = client(Trigger, "/controller/arm", Trigger.Request())
+    assert (arm.success, arm.message) in ((False, "it is armed"), (False, "it has not begun yet"))
     names = client(ListParameters, "/controller/list_parameters", ListParameters.Request()).result.names
     own = {"gain", "Tw", "T1", "T2", "T3", "T4"}
     assert own | {"run", "set", "mode", "timeout", "index", "frame_rate", "duration", "seed"} <= set(names)
