@@ -1,6 +1,6 @@
-"""Pages of the site that follow from the code: commands, fields of files; and those that lie beside docs/.
+"""Pages that follow from the code: `python docs/generated.py` writes commands.md and fields.md.
 
-A hook of mkdocs: nothing of it is kept in the repository.
+And a hook of mkdocs, for pages that lie beside docs/.
 """
 
 from __future__ import annotations
@@ -79,10 +79,8 @@ WORDS = {str: "text", int: "integer", float: "number", bool: "`true` or `false`"
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages to those that are there."""
-    beside = {name: _moved((ROOT / file).read_text(encoding="utf-8")) for name, file in BESIDE.items()}
-    made = {"commands.md": commands(), "fields.md": fields(), **beside}
-    for name, text in made.items():
-        files.append(File.generated(config, name, content=text))
+    for name, file in BESIDE.items():
+        files.append(File.generated(config, name, content=_moved((ROOT / file).read_text(encoding="utf-8"))))
     return files
 
 
@@ -248,3 +246,13 @@ def _models(annotation: Any) -> Iterator[type[ParameterModel]]:
         return
     for one in get_args(annotation):
         yield from _models(one)
+
+
+def pages() -> dict[str, str]:
+    """The pages by their names."""
+    return {"commands.md": commands(), "fields.md": fields()}
+
+
+if __name__ == "__main__":
+    for page, text in pages().items():
+        (ROOT / "docs" / page).write_text(f"{text.rstrip()}\n", encoding="utf-8")

@@ -32,8 +32,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).parents[1]
-PAGES = {"README": ROOT / "README.md", **{page.stem: page for page in sorted((ROOT / "docs").glob("*.md"))}}
-GENERATED = {"commands": runpy.run_path(str(ROOT / "docs" / "generated.py"))["commands"]}
+LAST = ("commands", "fields")  # which repeat what others have
+PAGES = {page.stem: page for page in sorted((ROOT / "docs").glob("*.md"), key=lambda one: (one.stem in LAST, one))}
+PAGES = {"README": ROOT / "README.md", **PAGES}
 PROGRAM = "facts-damping"
 PYTHON = re.compile(r"^```python\n(.*?)^```$(?:\n\n^```text\n(.*?)^```$)?", re.DOTALL | re.MULTILINE)
 END = "\f\n"  # after what a block prints
@@ -91,7 +92,7 @@ def given(arguments: list[str]) -> int:
 
 
 def text_of(page: str) -> str:
-    return GENERATED[page]() if page in GENERATED else PAGES[page].read_text(encoding="utf-8")
+    return PAGES[page].read_text(encoding="utf-8")
 
 
 def python(page: str) -> list[tuple[str, str]]:
@@ -150,7 +151,7 @@ def steps(page: str, before: set[str]) -> list[Step]:
 
 
 _BEFORE: set[str] = set()
-STEPS = {page: steps(page, _BEFORE) for page in [*PAGES, *GENERATED]}
+STEPS = {page: steps(page, _BEFORE) for page in PAGES}
 
 
 @pytest.fixture

@@ -99,6 +99,12 @@ def test_every_picture_has_a_caption(page: Path) -> None:
         assert after in "*_", picture
 
 
+def test_pages_that_follow_from_the_code_are_what_it_says() -> None:
+    """`python docs/generated.py` writes them."""
+    for name, text in GENERATED["pages"]().items():
+        assert (ROOT / "docs" / name).read_text(encoding="utf-8").split() == text.split(), name
+
+
 def test_versions_are_one() -> None:
     version = facts_damping.__version__
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

@@ -17,6 +17,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
 MAX_FILE_BYTES = 10_000_000
+# Fields that may name a file, and how a file is named in them.
+PATHS = (
+    *("system", "model", "scenario", "measurement", "link", "supervision", "profile", "run"),
+    *("weights", "linear", "policy", "fmu", "file", "keys"),
+)
+FILE = r"[^:\s]+\.(ya?ml|npz|mat|csv|mcap|fmu)|[^:\s]+\.py:\w+"
 
 
 @cache
@@ -97,7 +103,20 @@ def read_table(path: Path) -> dict[str, Any]:
         if not isinstance(parent, dict) or "extends" in parent:
             raise InputError(f"{path}: extends: '{base}' given; allowed: a file that does not extend another itself")
         content = {**parent, **content}
-    return content
+    stored = content.get("asked") is not None  # a run that was loaded before: files as seen from where that was
+    return content if stored else dict(anchored(content, path.parent))
+
+
+def anchored(content: Any, folder: Path, field: str = "") -> Any:
+    """Content of a file in a folder, whose relative paths begin there; `field`: of which it is the value."""
+    if isinstance(content, dict):
+        of = str(content.get("field", "")).rpartition(".")[2]  # an axis of a study: its values are of that field
+        last = {name: of if name == "values" else str(name).rpartition(".")[2] for name in content}
+        return {name: anchored(value, folder, last[name]) for name, value in content.items()}
+    if isinstance(content, list):
+        return [anchored(one, folder, field) for one in content]
+    names = isinstance(content, str) and field in PATHS and re.fullmatch(FILE, content)
+    return str(folder / content) if names else content
 
 
 def new_folder(path: Path) -> Path:

@@ -244,7 +244,7 @@ def write(found: Design, folder: Path) -> list[Path]:
     where = {name: folder / f"{name}.yaml" for name in ("system", *found.scenarios, "run", "training_cases")}
     head = f"# {found.system.name} with {found.tried[found.chosen.tried].place.label}, by facts-damping design\n"
     first = next(iter(found.scenarios), None)
-    run = {"system": str(where["system"]), "scenario": str(where[first]) if first else [], **found.run}
+    run = {"system": where["system"].name, "scenario": where[first].name if first else [], **found.run}
     texts = {"system": head + rows_text(found.content), **{name: dump(one) for name, one in found.scenarios.items()}}
     texts["run"] = dump({"description": run.pop("description"), **run})
     if first == TRAINING:

@@ -15,12 +15,13 @@ from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import load_case, load_system, make_case
 from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
-from facts_damping.parameters.files import read_table, shipped
+from facts_damping.parameters.files import read_table, share_folder, shipped
 from facts_damping.parameters.stages import Noise
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build as build_grid
 from facts_damping.plant.network import series_devices
 from facts_damping.simulation import build, loop
+from facts_damping.studies import sweep
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -417,3 +418,24 @@ def test_no_two_nodes_and_no_two_links_stand_in_the_same_place() -> None:
                 assert place == ""
             else:
                 assert place == (space if space and first[1] != second[1] else str(controllers[c]))
+
+
+def test_paths_in_a_file_begin_in_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a run, of a study and its axes, at any depth; wherever the command is typed."""
+    folder = tmp_path / "mine" / "runs"
+    folder.mkdir(parents=True)
+    system = (share_folder() / "config" / "systems" / "two_area.yaml").read_text(encoding="utf-8")
+    (tmp_path / "mine" / "grid.yaml").write_text(system.replace("name: two_area", "name: my_grid", 1))
+    (folder / "slow.yaml").write_text("{up: [{delay: 0.2}], down: []}")
+    (folder / "law.yaml").write_text("{num: [1], den: [1, 1]}")
+    controller = "{name: mine, linear: law.yaml, link: slow.yaml}"
+    (folder / "run.yaml").write_text(f"{{system: ../grid.yaml, scenario: [], controllers: [{controller}]}}")
+    (folder / "study.yaml").write_text("{run: run.yaml, sweep: [{field: link, values: [ideal, slow.yaml]}]}")
+    monkeypatch.chdir(tmp_path)
+    for path in ("mine/runs/run.yaml", str(folder / "run.yaml")):
+        case = load_case(path)
+        assert (case.system.name, case.links[0].up[0].delay) == ("my_grid", 0.2)  # type: ignore[attr-defined]
+    points = sweep.plan("mine/runs/study.yaml", []).points
+    assert [point.changes["link"] for point in points] == ["ideal", "mine/runs/slow.yaml"]
+    monkeypatch.chdir(folder)
+    assert load_case("run.yaml").system.name == "my_grid"
