@@ -14,7 +14,7 @@ from facts_damping.case.model import Case
 from facts_damping.case.supervision import check_fallbacks, read_supervision
 from facts_damping.errors import InputError, check_known
 from facts_damping.measurement.filters import reference_filter
-from facts_damping.parameters.files import each_path, find, read_sets, read_table, set_field
+from facts_damping.parameters.files import check_kind, each_path, find, read_sets, read_table, set_field
 from facts_damping.parameters.placement import place
 from facts_damping.parameters.run import Run, Scenario
 from facts_damping.parameters.system import System
@@ -87,6 +87,7 @@ def read_run(given: str | dict[str, Any] | None) -> tuple[dict[str, Any], str]:
     else:
         path = find("runs", given)
         content, source = read_table(path), str(path)
+        check_kind("runs", content, source)
     if content.get(PROFILE) is not None and content.get("asked") is None:
         take_profile(content, content[PROFILE], f"{source}: {PROFILE}", list(content))
     return content, source

@@ -55,6 +55,8 @@ def _known(found: re.Match[str]) -> str:
 def refuse(unknown: Sequence[str], options: Sequence[str]) -> NoReturn:
     """Raise `InputError` for arguments that a command does not have."""
     close = meant(unknown[0].partition("=")[0], options) if unknown[0].startswith("-") else ""
+    if re.match(r"[a-z_]+[.\w]*=", unknown[0]):
+        close = f" (did you mean --set {unknown[0]}?)"
     raise InputError(f"{' '.join(unknown)}: given{close}; allowed: what --help lists")
 
 

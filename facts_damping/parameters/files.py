@@ -14,9 +14,11 @@ from facts_damping.parameters.validation import short
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
 MAX_FILE_BYTES = 10_000_000
+TAKEN_BY = {"runs": "simulate", "studies": "sweep", "campaigns": "campaign", "systems": "modes"}  # command by kind
+MARKS = {"runs": "system", "studies": "sweep", "campaigns": "beds"}  # a field that files of a kind have
 # Fields that may name a file, and how a file is named in them.
 PATHS = (
     *("system", "model", "scenario", "measurement", "link", "supervision", "profile", "run"),
@@ -60,9 +62,23 @@ def find(kind: str, name: str, within: str = "") -> Path:
         return plain  # without a look at all the others: a sweep asks often
     known = {n.removeprefix(within): f for n, f in shipped(kind).items() if n.startswith(within)}
     if name not in known:
-        told = f"{kind}: '{name}' given{meant(name, known)}"
+        told = f"{kind}: '{name}' given{_elsewhere(kind, name) or meant(name, known)}"
         raise InputError(f"{told}; allowed: {', '.join(known) or 'none'}, or the path of a YAML file")
     return known[name]
+
+
+def _elsewhere(kind: str, name: str) -> str:
+    """Which command takes a name that is one of another kind; nothing where there is none."""
+    other = next((one for one in TAKEN_BY if one != kind and name in shipped(one)), None)
+    return f", one of the {other}, which `facts-damping {TAKEN_BY[other]}` takes" if other else ""
+
+
+def check_kind(kind: str, content: Mapping[str, Any], source: str) -> None:
+    """Raise `InputError` where a file is one of another kind that another command takes."""
+    other = next((one for one, field in MARKS.items() if one != kind and field in content), None)
+    if other is not None and MARKS[kind] not in content:
+        takes = f"which `facts-damping {TAKEN_BY[other]}` takes"
+        raise InputError(f"{source}: one of the {other} given, {takes}; allowed: one of the {kind}")
 
 
 def read_yaml(path: Path) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
@@ -124,8 +125,8 @@ class Streams(ParameterModel):
 
 def read_streams(given: str) -> Streams:
     """Streams from the path of a YAML file, or from one server's address. Raises `InputError`."""
-    if "://" in given:
-        return check(Streams, {"servers": [given]}, "streams")
+    if "://" in given or re.fullmatch(r"[\w.-]+:\d+(/\d+)?", given):
+        return check(Streams, {"servers": [given if "://" in given else f"tcp://{given}"]}, "streams")
     if not given:
         raise InputError(f"streams: nothing given; allowed: a YAML file, or {ALLOWED}")
     path = find("streams", given)

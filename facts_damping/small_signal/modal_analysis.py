@@ -110,7 +110,9 @@ def modes_text(modal: Modal) -> Iterator[str]:
     """Lines for the terminal."""
     system = modal.system
     yield f"{system.name}: {system.description}"
-    yield f"devices installed: {', '.join(modal.devices) or 'none'}\n"
+    there = ", ".join(device.name for device in system.devices)
+    none = f"none (--devices installs them: {there})" if there else "none"
+    yield f"devices installed: {', '.join(modal.devices) or none}\n"
     yield "bus            V p.u.  angle deg       P MW     Q Mvar"
     for bus in modal.built.flow.buses(system.base_power):
         yield "{name:<12} {v_pu:8.4f} {angle_deg:10.3f} {p_mw:10.2f} {q_mvar:10.2f}".format(**bus)

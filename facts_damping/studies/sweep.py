@@ -13,7 +13,7 @@ from facts_damping.case.loading import read_run
 from facts_damping.control.table import PROGRAMS
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
-from facts_damping.parameters.files import find, read_sets, read_table
+from facts_damping.parameters.files import check_kind, find, read_sets, read_table
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.simulation.user_code import source_hash
@@ -65,7 +65,9 @@ def plan(name: str, sets: Sequence[str], only: Sequence[str] = (), *, check_step
     Raises `InputError` also where its first run cannot be made.
     """
     path = find("studies", name)
-    study = check(Study, read_table(path), str(path))
+    content = read_table(path)
+    check_kind("studies", content, str(path))
+    study = check(Study, content, str(path))
     study = study.model_copy(update={"check_step": study.check_step or check_step})
     return planned(study, path.stem, str(path), path.read_text(encoding="utf-8"), sets, only)
 

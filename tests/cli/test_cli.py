@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from facts_damping.cli.main import main
 from facts_damping.cli.runs import check_ended_well, out_folder
 from facts_damping.errors import DegradedError
 from facts_damping.nodes.graph import Outcome
-from facts_damping.parameters.files import new_folder
+from facts_damping.parameters.files import new_folder, share_folder
 from facts_damping.simulation import loop
 from tests.commands import assert_one_line
 
@@ -292,3 +293,55 @@ def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path: Path, monke
     monkeypatch.setattr("time.strftime", lambda _: "20260101-120000")
     made = [new_folder(out_folder(Namespace(out=None), "one")) for _ in range(3)]
     assert [one.name for one in made] == [f"20260101-120000-one{more}" for more in ("", "-2", "-3")]
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (
+            "simulate comparison",
+            "runs: 'comparison' given, one of the studies, which `facts-damping sweep` takes; allowed: ",
+        ),
+        (
+            "sweep two_area_small",
+            "'two_area_small' given, one of the runs, which `facts-damping simulate` takes; allowed: ",
+        ),
+        (
+            "sweep config/runs/two_area_small.yaml",
+            "small.yaml: one of the runs given, which `facts-damping simulate` takes",
+        ),
+        (
+            "simulate config/studies/comparison.yaml",
+            "comparison.yaml: one of the studies given, which `facts-damping sweep`",
+        ),
+        (
+            "simulate two_area_small controllers.0.name=LLC",
+            "given (did you mean --set controllers.0.name=LLC?); allowed: ",
+        ),
+        ("simulate --set link=pcdi", "links: 'pcdi' given (did you mean pdci?); allowed: "),
+        ("simulate --set controllers.0.name=LCC", "'LCC' given (did you mean LLC?); allowed: LLC, "),
+        (
+            "simulate --set controller.0.gain=12",
+            "--set controller.0.gain=12: controller: unknown key (did you mean controllers?)",
+        ),
+        (
+            "simulate --set link=csg --set link.up.0.delay=5Hz",
+            "--set link.up.0.delay=5Hz: link.up.0.delay: '5Hz' given; allowed: a ",
+        ),
+        (
+            "simulate --set link=csg --set link.up.0.delay=70",
+            "delay: 70 given; allowed: less than or equal to 60, in s",
+        ),
+    ],
+)
+def test_what_was_meant_is_said(command: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert_one_line(2, command.split(), said, capsys)
+
+
+def test_all_that_is_missing_is_said_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With unit, range and a usual value."""
+    system = (share_folder() / "config" / "systems" / "two_area.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "grid.yaml"
+    path.write_text(re.sub(r"kind: statcom, bus: B8W, .*}", "kind: statcom}", system))
+    said = "devices.1: bus, v_max, rate_max, I_max: missing; allowed: bus: a value of this field; v_max: in p.u., "
+    assert_one_line(2, ["modes", str(path)], f"{path}: {said}more than 0, at most 1, usual 0.1; rate_max: ", capsys)
