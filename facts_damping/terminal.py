@@ -10,13 +10,15 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
 
+CM, USUAL_PT, PRINT_DPI = 2.54, 10.0, 300  # an inch; size of text that pictures are drawn with; where a width is asked
 INTERRUPTED = 130  # exit status
 SILENCE_S = 3.0  # so long a command says nothing
 PR_SET_PDEATHSIG = 1  # of prctl(2)
@@ -190,10 +192,38 @@ def write_whole(path: Path, text: str) -> None:
         beside.write_text(text, encoding="utf-8")
 
 
-def save_picture(figure: Any, path: Path, **options: Any) -> None:
-    """Write a figure of Matplotlib as PNG, whole or not at all."""
-    with replacing(path) as beside:
-        figure.savefig(beside, format="png", **options)
+class Look(NamedTuple):
+    """How pictures are written: format, width in cm and size of usual text in points; None: as they are drawn."""
+
+    format: str = "png"
+    width_cm: float | None = None
+    font_pt: float | None = None
+
+
+AS_DRAWN = Look()
+_look: ContextVar[Look] = ContextVar("_look", default=AS_DRAWN)
+
+
+def draw_as(look: Look) -> None:
+    """Have pictures written like this from here on."""
+    _look.set(look)
+
+
+def save_picture(figure: Any, path: Path, **options: Any) -> Path:
+    """Write a figure of Matplotlib, whole or not at all; `path`: as PNG. Returns where it is."""
+    look = _look.get()
+    place = path.with_suffix(f".{look.format}")
+    if look.font_pt is not None:
+        for text in figure.findobj(lambda one: hasattr(one, "set_fontsize")):
+            text.set_fontsize(text.get_fontsize() * look.font_pt / USUAL_PT)
+    if look.width_cm is not None:
+        width, height = figure.get_size_inches()
+        figure.set_size_inches(look.width_cm / CM, height * look.width_cm / CM / width)
+        options["dpi"] = PRINT_DPI
+    given = options if look.format == "png" else {name: options[name] for name in options.keys() & {"dpi"}}
+    with replacing(place) as beside:
+        figure.savefig(beside, format=look.format, **given)
+    return place
 
 
 def end_at_once(_number: int, _frame: Any) -> None:

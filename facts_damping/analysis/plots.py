@@ -54,9 +54,7 @@ def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -
     for picture in PICTURES:
         figure = _figure(picture, records)
         if figure is not None:
-            path = place / f"{picture.stem}.png"
-            save_picture(figure, path, dpi=DPI, pil_kwargs=FAST)
-            paths.append(path)
+            paths.append(save_picture(figure, place / f"{picture.stem}.png", dpi=DPI, pil_kwargs=FAST))
     return paths
 
 

@@ -65,5 +65,4 @@ def plot(
     grid[-1].set_xlabel("t [s]")
     handles, names = grid[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper right", ncols=2, fontsize="small", frameon=False)
-    save_picture(figure, path, dpi=DPI)
-    return path
+    return save_picture(figure, path, dpi=DPI)

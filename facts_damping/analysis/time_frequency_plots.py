@@ -66,10 +66,7 @@ def distribution_figures(
 
 def save(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
     """Write figures as PNG files: their paths."""
-    paths = [folder / f"{stem}.png" for stem in figures]
-    for path, figure in zip(paths, figures.values(), strict=True):
-        save_picture(figure, path, dpi=DPI)
-    return paths
+    return [save_picture(figure, folder / f"{stem}.png", dpi=DPI) for stem, figure in figures.items()]
 
 
 def _heading(name: str, title: str, settings: Settings) -> str:

@@ -144,5 +144,4 @@ def draw(results: Iterable[Result], path: Path, of: Shown = SHOWN) -> Path:
     axes.add_artist(axes.legend(fontsize=9, loc="lower right"))
     kinds = [Line2D([], [], color="black", ls="", marker=marks[step], label=f"{1e3 * step:g} ms") for step in steps]
     axes.legend(handles=kinds, fontsize=9, loc="lower center", title="step")
-    save_picture(figure, path, dpi=150)
-    return path
+    return save_picture(figure, path, dpi=150)

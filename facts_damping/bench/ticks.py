@@ -42,12 +42,12 @@ class Rate(NamedTuple):
     failed: str
 
 
-def ours() -> float:
-    """Ticks a second of the default run between its first and its last frame, recorder and start not counted."""
+def ours(run: str | None = None, seconds: float = SECONDS) -> float:
+    """Ticks a second of a run, by default the lightest, between first and last frame: start and end not counted."""
     from facts_damping.nodes import graph  # noqa: PLC0415 (it needs ROS, the other programs do not)
 
     with TemporaryDirectory() as folder:
-        outcome = graph.run(load_case(None, [f"duration={SECONDS}"]), "lockstep", Path(folder), lambda *_: None)
+        outcome = graph.run(load_case(run, [f"duration={seconds}"]), "lockstep", Path(folder), lambda *_: None)
         if outcome.messages_lost:
             raise RunError(f"{outcome.messages_lost} messages were lost")
         times = [m.publish_ns for m in scan(outcome.recording).messages if m.topic == "/pmu/frames"]

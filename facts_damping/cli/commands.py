@@ -13,6 +13,7 @@ from facts_damping.cli.options import (
     jobs,
     named,
     pair,
+    pictures,
     profile,
     scheduler,
     supervised,
@@ -70,6 +71,7 @@ def _runs(add: Add) -> None:
     named(command, "run", "runs", "; none: the defaults", nargs="?")
     supervised(command)
     common(command)
+    pictures(command)
     check_step(command)
     digested(command)
     command = add(
@@ -88,6 +90,7 @@ def _runs(add: Add) -> None:
     command.add_argument("--foxglove", nargs="?", const=8765, type=whole(1, 65535), metavar="PORT", help=text)
     supervised(command)
     common(command)
+    pictures(command)
     digested(command)
 
 
@@ -112,6 +115,7 @@ def _recordings(add: Add) -> None:
     )
     command.add_argument("--report", metavar="FILE.html", help="also write one page with everything, for a browser")
     common(command, sets=False)
+    pictures(command)
     digested(command)
     command = add(
         "views",
@@ -138,6 +142,7 @@ def _recordings(add: Add) -> None:
     command.add_argument("--policy", action="store_true", help=text)
     timeout(command)
     common(command)
+    pictures(command)
     command = add(
         "export",
         "recordings.export",
@@ -209,6 +214,7 @@ def _systems(add: Add) -> None:
     command.add_argument("--scenario", metavar="NAME", help="scenario with the dispatch to start from")
     command.add_argument("--linear", metavar="FILE", help="FILE.npz for the linear plant: A, B, C, D and names")
     common(command, of="system")
+    pictures(command)
     command = add(
         "margin",
         "studies.margin",
@@ -223,6 +229,7 @@ def _systems(add: Add) -> None:
     command.add_argument("--pade", type=whole(1, 10), metavar="N", help=text)
     command.add_argument("--time-domain", action="store_true", help="also by simulations of the nonlinear loop")
     common(command)
+    pictures(command)
     command = add(
         "import",
         "runs.import_",
@@ -262,6 +269,7 @@ def _studies(add: Add) -> None:
     check_step(command)
     scheduler(command)
     common(command)
+    pictures(command)
     command = add(
         "campaign",
         "campaigns.campaign",

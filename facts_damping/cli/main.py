@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from facts_damping.cli import options
 from facts_damping.cli.commands import parser
 from facts_damping.errors import DegradedError, FactsDampingError, InputError, RecordingError, one_line
-from facts_damping.terminal import INTERRUPTED, INTERRUPTIONS, at_work, end_at_once
+from facts_damping.terminal import INTERRUPTED, INTERRUPTIONS, Look, at_work, draw_as, end_at_once
 
 if TYPE_CHECKING:
     import argparse
@@ -89,6 +89,8 @@ def _do(arguments: argparse.Namespace) -> None:
         from facts_damping.nodes import forked
 
         forked.load()  # what nodes need, while this process loads what it needs itself
+    draws = hasattr(arguments, "width")
+    draw_as(Look(arguments.format, arguments.width, arguments.font) if draws else Look())
     module, _, name = arguments.function.partition(".")
     with at_work(arguments.command):
         getattr(importlib.import_module(f"facts_damping.cli.{module}"), name)(arguments)

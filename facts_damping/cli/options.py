@@ -89,6 +89,14 @@ def common(
         parser.set_defaults(json=None)
 
 
+def pictures(command: argparse.ArgumentParser) -> None:
+    """How pictures are written, for a paper say."""
+    command.add_argument("--format", choices=["png", "pdf", "svg"], default="png", help="of pictures; default: png")
+    command.add_argument("--width", type=between(3.0, 50.0, " cm"), metavar="CM", help="of pictures; default: 23 cm")
+    text = "size of usual text in pictures, points; default: 10"
+    command.add_argument("--font", type=between(4.0, 30.0, " points"), metavar="PT", help=text)
+
+
 def profile(command: argparse.ArgumentParser, default: str | None = None) -> None:
     """The profile of all runs."""
     text = f"of all runs: thesis, deployment, or a YAML file; default: {default or 'as they say'}"

@@ -51,8 +51,7 @@ def _plot_shapes(modal: Modal, path: Path) -> Path:
         axes.set_yticklabels([])
         axes.set_title(f"{mode.frequency_hz:.3f} Hz, damping {mode.damping_ratio:.3f}\n{mode.label}", fontsize=9)
     figure.suptitle(f"{modal.system.name}: mode shapes (speeds, relative to the fastest)", fontsize=10)
-    save_picture(figure, path, dpi=150)
-    return path
+    return save_picture(figure, path, dpi=150)
 
 
 def _label_places(shape: Mapping[str, complex]) -> dict[str, tuple[float, float]]:
@@ -92,8 +91,7 @@ def _plot_transfer(modal: Modal, path: Path) -> Path:
     axes[0, 0].set_ylabel("magnitude [p.u./p.u.]")
     axes[1, 0].set_ylabel("phase [deg]")
     figure.suptitle(f"{modal.system.name}: transfer functions to the signals", fontsize=10)
-    save_picture(figure, path, dpi=150)
-    return path
+    return save_picture(figure, path, dpi=150)
 
 
 def _clearest(modal: Modal, device: int) -> list[int]:

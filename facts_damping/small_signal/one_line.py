@@ -111,8 +111,7 @@ def draw(
         ratio = round(mode.damping_ratio, 3) + 0.0  # no -0.000
         told += f"; arrows: speeds in the mode of {mode.frequency_hz:.3f} Hz, damping ratio {ratio:.3f}"
     axes.set_title(f"{system.name}: {told}", fontsize=11)
-    save_picture(figure, path, dpi=130)
-    return path
+    return save_picture(figure, path, dpi=130)
 
 
 def _branches(axes: Axes, at: Places, found: list[tuple[str, str, float]]) -> None:

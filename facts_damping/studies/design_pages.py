@@ -235,8 +235,7 @@ def draw(found: Design, path: Path) -> Path:
         axes[0, m].set_xlabel("controllability [1/s]", fontsize=8)
         axes[1, m].set_xlabel("observability [-]", fontsize=8)
     figure.suptitle(f"{found.system.name}: places of devices, and speeds, by mode", fontsize=10)
-    save_picture(figure, path, dpi=130)
-    return path
+    return save_picture(figure, path, dpi=130)
 
 
 def write(found: Design, folder: Path) -> list[Path]:

@@ -235,8 +235,7 @@ def draw(found: Margin, beside: Beside | None, path: Path) -> Path:
     damping.legend(fontsize=9)
     given = ", ".join(f"{c.name}, {c.signals[0]} to {'+'.join(c.devices)}" for c in found.case.controllers)
     figure.suptitle(f"{found.case.system.name}: {given}, {found.case.run.frame_rate} frames/s", fontsize=11)
-    save_picture(figure, path, dpi=DPI, metadata={"Software": None})
-    return path
+    return save_picture(figure, path, dpi=DPI, metadata={"Software": None})
 
 
 def _gaps(stable: Sequence[tuple[float, float]], end: float) -> list[tuple[float, float]]:

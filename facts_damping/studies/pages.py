@@ -22,6 +22,6 @@ def at(row: Any, path: Sequence[str]) -> Any:
     return row
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a picture; the same picture gives the same file."""
-    save_picture(figure, path, dpi=DPI, metadata={"Software": None})
+def save(figure: Figure, path: Path) -> Path:
+    """Write a picture; the same picture gives the same file. Returns where it is."""
+    return save_picture(figure, path, dpi=DPI, metadata={"Software": None})

@@ -57,10 +57,7 @@ def draw(rows: Rows, swept: Sequence[str], margins: Rows, across: str, folder: P
             made[f"probability{ending}"] = draw_probability(sound, x, swept, axes, criterion)
             made[f"map{ending}"] = draw_map(sound, x, others[0], swept, criterion) if others else None
     made["latency"] = draw_latency(sound, swept) if few else None
-    for stem, figure in made.items():
-        if figure is not None:
-            save(figure, folder / f"{stem}.png")
-    return [folder / f"{stem}.png" for stem, figure in made.items() if figure is not None]
+    return [save(figure, folder / f"{stem}.png") for stem, figure in made.items() if figure is not None]
 
 
 def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:

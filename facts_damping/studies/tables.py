@@ -71,8 +71,7 @@ def draw(rows: Sequence[dict[str, Any]], asked: Tables, folder: Path) -> list[Pa
     axes[0, 0].invert_yaxis()
     if asked.across is not None:
         picture.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(columns))
-    save(picture, folder / "figures.png")
-    return [folder / "figures.png"]
+    return [save(picture, folder / "figures.png")]
 
 
 def _column(row: dict[str, Any], asked: Tables) -> str:

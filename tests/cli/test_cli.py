@@ -6,6 +6,7 @@ import json
 import os
 import re
 import signal
+import struct
 import subprocess
 import sys
 from argparse import Namespace
@@ -345,3 +346,19 @@ def test_all_that_is_missing_is_said_at_once(tmp_path: Path, capsys: pytest.Capt
     path.write_text(re.sub(r"kind: statcom, bus: B8W, .*}", "kind: statcom}", system))
     said = "devices.1: bus, v_max, rate_max, I_max: missing; allowed: bus: a value of this field; v_max: in p.u., "
     assert_one_line(2, ["modes", str(path)], f"{path}: {said}more than 0, at most 1, usual 0.1; rate_max: ", capsys)
+
+
+def test_pictures_for_a_paper(tmp_path: Path) -> None:
+    """As wide as a column, in the format that is asked for, with text of its size."""
+    asked = ["simulate", "--set", "duration=2", "--width", "8.8", "--font", "8", "--out", str(tmp_path)]
+    for ending in ("png", "pdf", "svg"):
+        assert main([*asked, "--format", ending]) == 0
+    assert {path.stem for path in tmp_path.glob("*.pdf")} == {path.stem for path in tmp_path.glob("*.png")}
+    width, _ = struct.unpack(">II", (tmp_path / "speeds.png").read_bytes()[16:24])
+    assert width == round(8.8 / 2.54 * 300)
+    assert (tmp_path / "speeds.pdf").read_bytes()[:5] == b"%PDF-"
+    drawn = (tmp_path / "speeds.svg").read_text(encoding="utf-8")
+    assert float(re.findall(r'width="([\d.]+)pt"', drawn)[0]) == pytest.approx(8.8 / 2.54 * 72, abs=0.01)
+    assert main(["simulate", "--set", "duration=2", "--out", str(tmp_path / "usual")]) == 0
+    width, _ = struct.unpack(">II", (tmp_path / "usual" / "speeds.png").read_bytes()[16:24])
+    assert width == 1350
