@@ -66,8 +66,8 @@ class Member:
         self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, SAYING)
         self._pending: list[tuple[str, str, Any, Callable[[int], None] | None]] = []
         self._tick, self._told_at = -1, time.monotonic()
-        of = f"{role} {index} of {label(case.summary())}" if role in NUMBERED else f"{role} of {label(case.summary())}"
-        self.guard.voice.info(f"started: facts_damping {__version__}, {of}, mode {options.mode}")
+        self._what = f"{role} {index}" if role in NUMBERED else role
+        self._run = label(case.summary())
         self.at_ns = 0  # start of the newest tick
 
     def spin(self) -> Spinner:
@@ -76,6 +76,8 @@ class Member:
 
     def wait(self, expected: dict[Publisher[Any], int], spinner: Spinner) -> None:
         """Wait for the others of the graph, those that hear each publisher, and the recorder that hears all nodes."""
+        of = f"{self._what} of {self._run}, mode {self._options.mode}"
+        self.guard.voice.info(f"started: facts_damping {__version__}, {of}")
         extra = int(self._options.recorder)
         self.guard.wait_for_peers(expected | {self._changes: extra, self._diagnostics: extra}, spinner.serve)
 

@@ -143,14 +143,17 @@ class Publishers:
 
     def _heir(self, heard: Heard) -> bytes | None:
         """Who alone takes the place of a topic's publisher; None: nobody."""
-        there = self._node.get_publishers_info_by_topic(heard.topic)
-        names = {bytes(one.endpoint_gid): (one.node_namespace, one.node_name) for one in there}
-        others = [publisher for publisher in names if publisher != heard.publisher]
+        there = self.of(heard.topic)
+        others = [publisher for publisher in there if publisher != heard.publisher]
         if len(others) != 1:
             return None
-        before = names.get(heard.publisher or b"")
-        silent = not heard.silent and now() - heard.at > SILENT_S
-        return others[0] if before is None or (silent and names[others[0]] == before) else None
+        if heard.publisher in there:
+            if heard.silent or now() - heard.at < SILENT_S:
+                return None
+            ends = self._node.get_publishers_info_by_topic(heard.topic)
+            if len({(one.node_namespace, one.node_name) for one in ends}) > 1:
+                return None
+        return others[0]
 
     def of(self, topic: str) -> list[bytes]:
         """Identities of all that publish on a topic now."""

@@ -103,7 +103,7 @@ def test_help_says_what_it_does_its_parameters_and_an_example(executable: str, d
     assert (done.returncode, done.stderr) == (0, "")
     assert f"usage: ros2 run facts_damping {executable}" in done.stdout
     assert f"example: ros2 run facts_damping {executable}" in done.stdout
-    assert re.search(r"^  run \(''\): name of a run", done.stdout, re.MULTILINE)
+    assert re.search(r"^  run \('two_area_free'\): name of a run", done.stdout, re.MULTILINE)
     assert re.search(r"^  duration \(0.0, 0 to 100000\): simulated time", done.stdout, re.MULTILINE)
 
 

@@ -264,7 +264,7 @@ def test_a_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_b
     killed = ticks(plant)
     run.run_until(killed + 60)  # by then the device has let go
     second = run.add("supervisor", join="true")
-    run.run_until(killed + 120)
+    run.run_until(killed + 240)  # it has joined: others have found the first one silent
     refused = client(Trigger, "/supervisor/arm", Trigger.Request())
     assert refused.message.startswith("not armed: device (devices that are blocked, or released by their watchdog)")
     assert client(Trigger, "/plant_sim/rearm", Trigger.Request()).success

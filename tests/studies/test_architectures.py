@@ -115,7 +115,7 @@ def test_a_study_that_asks_for_tables_leaves_a_page_and_a_picture(
 @pytest.mark.parametrize(
     ("tables", "said"),
     [
-        ("{figures: [ITEA]}", "tables.figures: 'ITEA' given; allowed: "),
+        ("{figures: [ITEA]}", "tables.figures: 'ITEA' given (did you mean ITAE?); allowed: "),
         ("{rows: [who], figures: [ITAE]}", "tables: 'who' given; allowed: system, scenario"),
         ("{figures: []}", "tables.figures: [] given"),
     ],
