@@ -41,7 +41,8 @@ def meant(name: str, allowed: Iterable[str]) -> str:
 
     by_small = {one.lower(): one for one in allowed}
     likeness = 0.65 if name.isalpha() and len(name) in SHORT else 0.8  # of short words a letter is a third
-    found = get_close_matches(name.lower(), by_small, 1, likeness)
+    found = get_close_matches(name.lower(), by_small, 3, likeness)
+    found.sort(key=lambda one: sorted(one) != sorted(name.lower()))  # letters that changed places come first
     return f" (did you mean {by_small[found[0]]}?)" if found else ""
 
 
