@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import time
 from collections import Counter
+from dataclasses import replace
 from itertools import chain, repeat
 from typing import TYPE_CHECKING, Any
 
@@ -402,3 +403,45 @@ def _wait_for(folder: Path, counts: dict[str, int]) -> None:
             return
         assert time.monotonic() < deadline, {topic: there.count(topic) for topic in counts}
         time.sleep(0.2)
+
+
+SLOW = '''
+import time
+
+
+class Slow:
+    """Every twentieth step takes longer than two frames."""
+
+    def __init__(self, spec):
+        self.steps = 0
+
+    def step(self, t_s, y, age_s, fresh):
+        self.steps += 1
+        if self.steps % 20 == 0:
+            time.sleep(0.04)
+        return [2.0 * y[0]]
+'''
+
+
+@pytest.mark.parametrize("controller", ["indirect", "late"])
+def test_a_supervised_run_by_the_clock_is_replayed_to_the_bit(
+    controller: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With an identifier; and with a controller that is late, so that deadlines are missed."""
+    (tmp_path / "slow.py").write_text(SLOW)
+    late = f"controllers=[{{name: slow, policy: {tmp_path / 'slow.py'}:Slow}}]"
+    sets = {"indirect": ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"], "late": [late]}[controller]
+    given = [word for one in [*sets, "duration=4"] for word in ("--set", one)]
+    with opened():
+        status = main(["run", "two_area_deployment", "--mode", "realtime", *given, "--out", str(tmp_path / "run")])
+    misses = json.loads((tmp_path / "run" / "result.json").read_text())["deadline_misses"]
+    assert (status, misses > 5) == (0, controller == "late")
+    assert main(["replay", str(tmp_path / "run" / "recording"), "--policy"]) == 0
+    assert "identical, bit for bit" in capsys.readouterr().out
+    record = load(tmp_path / "run" / "recording")
+    rows = record.heard["supervisor", 0, "controller 0"]
+    assert np.any(rows[:, 1] < rows[:, 0]) == (controller == "late")
+    told = replace(record, heard={})
+    case = replay.case_of(told, "it", None, [], policy=True)
+    same = replay.first_supervised(told, replay.play(case, replay.fitted(told, case)))
+    assert (same is None) == (controller == "indirect")  # without what it had at hand one that was late is another
