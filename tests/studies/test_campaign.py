@@ -200,7 +200,7 @@ def test_of_graphs_one_fault_in_two_is_done_to_a_node(small: Path) -> None:
 def test_a_dask_cluster_makes_the_same_draws(small: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=1, host="127.0.0.1", threads_per_worker=1, processes=False, dashboard_address=":0"
+        n_workers=1, host="127.0.0.1", protocol="tcp://", threads_per_worker=1, processes=False, dashboard_address=":0"
     ) as cluster:
         out = str(tmp_path / "dask")
         assert main(["campaign", str(small), "--scheduler", cluster.scheduler_address, "--out", out]) == 0
