@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 MAX_FILE_BYTES = 10_000_000
 TAKEN_BY = {"runs": "simulate", "studies": "sweep", "campaigns": "campaign", "systems": "modes"}  # command by kind
 MARKS = {"runs": "system", "studies": "sweep", "campaigns": "beds"}  # a field that files of a kind have
+DEEPEST = 20  # levels of a file in which paths are looked for
 # Fields that may name a file, and how a file is named in them.
 PATHS = (
     *("system", "model", "scenario", "measurement", "link", "supervision", "profile", "run"),
@@ -123,16 +124,30 @@ def read_table(path: Path) -> dict[str, Any]:
     return content if stored else dict(anchored(content, path.parent))
 
 
-def anchored(content: Any, folder: Path, field: str = "") -> Any:
-    """Content of a file in a folder, whose relative paths begin there; `field`: of which it is the value."""
-    if isinstance(content, dict):
-        of = str(content.get("field", "")).rpartition(".")[2]  # an axis of a study: its values are of that field
-        last = {name: of if name == "values" else str(name).rpartition(".")[2] for name in content}
-        return {name: anchored(value, folder, last[name]) for name, value in content.items()}
-    if isinstance(content, list):
-        return [anchored(one, folder, field) for one in content]
-    names = isinstance(content, str) and field in PATHS and re.fullmatch(FILE, content)
-    return str(folder / content) if names else content
+def anchored(content: Any, folder: Path) -> Any:
+    """Content of a file in a folder, whose relative paths begin there, down to DEEPEST.
+
+    What YAML's aliases share stays shared, also with itself.
+    """
+    made: dict[tuple[int, str], Any] = {}  # by what it is made of, and the field of which that is the value
+
+    def of(one: Any, field: str, depth: int) -> Any:
+        if isinstance(one, str):
+            return str(folder / one) if field in PATHS and re.fullmatch(FILE, one) else one
+        if not isinstance(one, (dict, list)) or depth > DEEPEST:
+            return one
+        key = id(one), field
+        if key not in made:
+            made[key] = one  # for what contains itself
+            if isinstance(one, list):
+                made[key] = [of(part, field, depth + 1) for part in one]
+            else:
+                axis = str(one.get("field", "")).rpartition(".")[2]  # of a study: its values are of that field
+                last = {name: axis if name == "values" else str(name).rpartition(".")[2] for name in one}
+                made[key] = {name: of(value, last[name], depth + 1) for name, value in one.items()}
+        return made[key]
+
+    return of(content, "", 0)
 
 
 def new_folder(path: Path) -> Path:
