@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 EMPTY = {"issued": SETPOINT, "estimates": ESTIMATE, "supervised": SETPOINT, "supervision": SUPERVISION}
+KEPT = 36_000  # ticks for which what was said is kept: nobody goes by what is older
 INNER = ("finite", "norm", "lyapunov", "fall")  # of SUPERVISOR: what a supervisor hears of its controller's inner life
 
 
@@ -113,6 +114,9 @@ class NodeReplay:
             self._supervise(s, at, tick)
         for n, c in enumerate(self._identified()):
             self._identify(n, c, at, tick)
+        for said in (self._issued, self._inner, self._estimates):
+            for c in range(len(self._case.controllers)):
+                said.pop((c, tick - KEPT), None)
 
     def played(self) -> Played:
         """What was said, without that of nodes that were not there, or silent."""
