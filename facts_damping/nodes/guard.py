@@ -135,21 +135,25 @@ class Guard:
         return time.monotonic() - self.heard > QUIET_S
 
     def who_is_there(self) -> None:
-        """Say, once, of each node that is heard, that it has joined, or that it has left."""
-        if time.monotonic() - self._looked_at < LOOK_S:
+        """Say, once, of each node that is heard, that it has joined, or that it has left or is silent."""
+        now = time.monotonic()
+        if now - self._looked_at < LOOK_S:
             return
-        self._looked_at = time.monotonic()
-        for heard in self.who.topics:
-            silent = time.monotonic() - heard.at > SILENT_S
-            if heard.publisher is None or heard.common or heard.tick < 0:
-                continue
-            name = self.who.name(heard.topic, heard.publisher)
-            if not silent and self._there.get(name) is not True:
+        self._looked_at = now
+        newest: dict[str, Heard] = {}  # topic of each node by which something has come last
+        for heard in sorted(self.who.topics, key=lambda one: one.at):
+            if heard.publisher is not None and not heard.common and heard.tick >= 0:
+                newest[self.who.name(heard.topic, heard.publisher)] = heard
+        for name, heard in newest.items():
+            silent, others = now - heard.at > SILENT_S, now - self.heard < SILENT_S  # others go on: no pause
+            gone = silent and self.node.count_publishers(heard.topic) == 0
+            if not silent and not self._there.get(name):
                 self._there[name] = True
                 self.voice.info(f"{name} has joined: tick {heard.tick} of {heard.topic}")
-            elif silent and self._there.get(name) and self.node.count_publishers(heard.topic) == 0:
+            elif self._there.get(name) and (gone or (silent and others)):
                 self._there[name] = False
-                self.voice.warn(f"{name} has left: nothing of {heard.topic} after tick {heard.tick}")
+                what = "has left" if gone else "is silent"
+                self.voice.warn(f"{name} {what}: nothing of {heard.topic} after tick {heard.tick}")
 
     def wait_for_peers(self, expected: dict[Publisher[Any], int], serve: Callable[[], None]) -> None:
         """Wait until the graph is there (node.py); whose its topics are is known from then on.
