@@ -81,6 +81,7 @@ def test_a_killed_controller_s_successor_acts_when_it_is_armed(graph: Any, clien
     first = run.add("controller", join="true")
     run.add("plant_sim")
     run.run_until(RATE)
+    assert not client(Trigger, "/controller/arm", Trigger.Request()).success  # and others know who will ask
     first.send_signal(signal.SIGKILL)
     second = run.add("controller", join="true")
     second.wait(lambda: "joined at" in say(second), PATIENCE_S)

@@ -260,6 +260,7 @@ def test_a_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_b
     first = run.add("supervisor", join="true")
     plant = run.add("plant_sim")
     run.run_until(120)
+    assert not client(Trigger, "/supervisor/arm", Trigger.Request()).success  # and others know who will ask
     first.send_signal(signal.SIGKILL)
     killed = ticks(plant)
     run.run_until(killed + 60)  # by then the device has let go
