@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.analysis.summary import summarise
@@ -24,6 +25,7 @@ KINDS = {
     "generator_trip": "trip",
 }  # of events, as people say them; others by their names
 UNSAID = ("clear",)  # goes without saying
+EVENTS, CONTROLLERS, NETWORK, MEASUREMENT = range(4)  # parts of a title
 MOST = 3  # elements with events that a title names
 NO_CONTROL: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None, "asked": None}
 
@@ -43,14 +45,32 @@ def title(record: Record) -> str:
     run = record.configuration
     if not run:
         return "a recording without its run"
+    what, who, network, _ = _parts(record)
+    return f"{what}: {who}{f' over {network}' if run.get('controllers') else ''}"
+
+
+def names(records: Sequence[Record]) -> list[str]:
+    """Short names of records in words: as few parts as tell them apart, numbered where none do; of one its title."""
+    if len(records) == 1:
+        return [title(records[0])]
+    rows = [_parts(record) if record.configuration else (title(record),) * 4 for record in records]
+    for count in range(1, 5):
+        for chosen in combinations((CONTROLLERS, NETWORK, EVENTS, MEASUREMENT), count):
+            found = [", ".join(row[i] for i in chosen) for row in rows]
+            if len(set(found)) == len(found):
+                return found
+    return [f"{i + 1} {row[CONTROLLERS]}" for i, row in enumerate(rows)]
+
+
+def _parts(record: Record) -> tuple[str, str, str, str]:
+    """What happens to which grid, who controls it, over which network, measured by what."""
+    run = record.configuration
     grid = clause(run["system"])
-    parts = [grid[0].upper() + grid[1:], *_events(run.get("scenario") or [])]
-    names = [row["name"] for row in run.get("controllers") or []]
-    if not names:
-        return f"{', '.join(parts)}: no control"
+    told = [grid[0].upper() + grid[1:], *_events(run.get("scenario") or [])]
     named = isinstance(record.asked.get("link"), str)
-    network = clause(run["link"]) or "a network"
-    return f"{', '.join(parts)}: {_several(names)} over {network}{'' if named else ', changed'}"
+    network = f"{clause(run['link']) or 'a network'}{'' if named else ', changed'}"
+    who = _several([row["name"] for row in run.get("controllers") or []]) or "no control"
+    return ", ".join(told), who, network, clause(run.get("measurement") or {})
 
 
 def clause(table: Mapping[str, Any]) -> str:

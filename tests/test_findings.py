@@ -9,7 +9,7 @@ import pytest
 
 import facts_damping as fd
 from facts_damping.cli.main import main
-from facts_damping.findings import title, without_control
+from facts_damping.findings import names, title, without_control
 
 PDCI = "LLC-tuned over the Pacific DC Intertie's network"
 
@@ -28,6 +28,23 @@ PDCI = "LLC-tuned over the Pacific DC Intertie's network"
 )
 def test_titles_are_words(run: str, fields: dict[str, Any], said: str) -> None:
     assert title(fd.simulate(run, duration=1, **fields)).startswith(said)
+
+
+def test_several_runs_are_named_by_what_tells_them_apart() -> None:
+    short: dict[str, Any] = {"duration": 0.5}
+    llc, other = (
+        fd.simulate("two_area_small", **short),
+        fd.simulate("two_area_small", controllers=[{"name": "HBsWC"}], **short),
+    )
+    late = fd.simulate("two_area_small", link="delay_100ms", **short)
+    calm = fd.simulate("two_area_small", scenario=[], link="delay_100ms", **short)
+    assert names([llc]) == [title(llc)]
+    assert names([llc, other]) == ["LLC", "HBsWC"]
+    ideal, slow = names([llc, late])
+    assert (ideal, slow) == ("a network without delay", "a constant delay of 100 ms")
+    assert names([llc, other, late]) == [f"LLC, {ideal}", f"HBsWC, {ideal}", f"LLC, {slow}"]
+    assert names([late, calm]) == ["Two areas, step of load 2", "Two areas"]
+    assert names([llc, llc]) == ["1 LLC", "2 LLC"]
 
 
 def test_the_same_lines_everywhere(capsys: pytest.CaptureFixture[str]) -> None:

@@ -21,8 +21,8 @@ from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
+from facts_damping.analysis.confidence import student_quantile
 from facts_damping.analysis.oscillation import BAND, RESOLUTION, WINDOW, envelope
 from facts_damping.analysis.ringdown import COVERED, SKIP, block_means, fit_ringdown
 
@@ -205,7 +205,7 @@ def _growth(part: _Part, first: int, end: int, least: float = FREE) -> Growth | 
         memory = max(memory, WIDER * hop * float(1 + 2 * correlation[1 : below[0]].sum()))
     points = max(length / memory - 2, free / 3)
     error = np.sqrt(squares / len(t) / points / np.mean((t - t.mean()) ** 2))
-    half = float(stdtrit(free, UPPER) * error + RIPPLE / length)
+    half = float(student_quantile(free, UPPER) * error + RIPPLE / length)
     return Growth(slope, slope - half, slope + half, part.name)
 
 

@@ -66,7 +66,8 @@ class Result(Record):
         """
         from facts_damping.analysis import plots  # noqa: PLC0415 (pictures' library takes longer than a run)
 
-        shown = [(self.name if beside else "", self), *(beside or {}).items()]
+        own = findings.names([self, *beside.values()])[0] if beside else ""
+        shown = [(own, self), *(beside or {}).items()]
         return plots.figure(names or ("differences",), shown)
 
     @cached_property

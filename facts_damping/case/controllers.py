@@ -13,6 +13,7 @@ from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.table import RENAMED, Parameter, Value, defaults, kind, kind_of
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import files
+from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller, Tuned, Weights
 from facts_damping.parameters.validation import check, origin
 
@@ -35,7 +36,7 @@ def filled(
     frame_rate: int,
     latency: float = 0.0,
     measurement: str = "ideal",
-    tuning: str = "thesis",
+    tuning: str = DEFAULT_PROFILE,
 ) -> Controller:
     """A controller with scheme, all parameters, weights and law: the table's, then the system's tuned, then its own.
 
@@ -163,7 +164,7 @@ def tuned(
     signals: list[str] | None = None,
     devices: list[str] | None = None,
     measurement: str = "ideal",
-    profile: str = "thesis",
+    profile: str = DEFAULT_PROFILE,
     compensation: str = "none",
 ) -> dict[tuple[str, str | None], dict[str, Value]]:
     """Parameters that were chosen for a system in a profile, by controller and scheme.
@@ -186,8 +187,12 @@ def tuned(
 
 
 def chosen(system: str, profile: str) -> list[Tuned]:
-    """The files of what was chosen for a system in a profile."""
-    known = map(_read_tuned, files.shipped("controllers").values())
+    """The files of what was chosen for a system in a profile: their names begin with the system's and the profile's.
+
+    The default profile is not named.
+    """
+    begins = system if profile == DEFAULT_PROFILE else f"{system}_{profile}"
+    known = [_read_tuned(file) for name, file in files.shipped("controllers").items() if name.startswith(begins)]
     return [one for one in known if (one.system, one.profile) == (system, profile)]
 
 

@@ -6,6 +6,7 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case.delay_traces import with_traces
+from facts_damping.errors import InputError
 from facts_damping.link.stages import mean_delay
 from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.link import Link
@@ -87,10 +88,22 @@ def beside(link: Link, measurement: Measurement) -> Link:
     """A link beside PMUs that have a filter: its constant stages `pmu`, which stand for one, delay nothing."""
     if measurement.filter == "ideal":
         return link
-    still = {"delay": 0.0}
-    stands = [stage.stage == "pmu" and stage.model == "constant" for stage in link.up]
-    up = [stage.model_copy(update=still) if own else stage for stage, own in zip(link.up, stands, strict=True)]
+    up = [stage.model_copy(update={"delay": 0.0}) if _stands_for_pmus(stage) else stage for stage in link.up]
     return link.model_copy(update={"up": up})
+
+
+def _stands_for_pmus(stage: StageModel) -> bool:
+    return stage.stage == "pmu" and stage.model == "constant"
+
+
+def check_felt(link: Link, field: str, measurement: Measurement, sets: dict[str, str] | None) -> None:
+    """Raise `InputError` where a delay is given for a stage that delays nothing beside the run's PMUs."""
+    for i, stage in enumerate(link.up):
+        given = (sets or {}).get(f"{field}.up.{i}.delay")
+        if given is not None and _stands_for_pmus(stage) and measurement.filter != "ideal":
+            others = ", ".join(f"{field}.up.{k}" for k, one in enumerate(link.up) if not _stands_for_pmus(one))
+            why = f"the stage stands for PMUs, which have a filter of their own here ({measurement.filter})"
+            raise InputError(f"{given}: {why}; allowed: a delay of {others or 'another stage'}, or measurement=ideal")
 
 
 def with_number(link: Link, path: str, value: float) -> tuple[str, int, Link]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.case.changes import PROFILE, STANDARD, as_sets, change, off, take_profile
 from facts_damping.case.checks import check_case, check_events
 from facts_damping.case.controllers import filled
-from facts_damping.case.links import beside, read_links, signed, with_own
+from facts_damping.case.links import beside, check_felt, read_links, signed, with_own
 from facts_damping.case.measurement import read_measurement
 from facts_damping.case.model import Case
 from facts_damping.case.supervision import check_fallbacks, read_supervision
@@ -114,6 +114,8 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
         scenario = check(Scenario, {"name": "inline", "events": run.scenario}, source, sets, "scenario")
     measurement = read_measurement(run.measurement, source, sets)
     link, links, used = read_links(run, source, sets)
+    for i, field in enumerate(["link", *(f"controllers.{c}.link" for c in range(len(run.controllers)))]):
+        check_felt(link if i == 0 else links[used[i - 1]], field, measurement, sets)
     links = [beside(signed(one) if run.security else one, measurement) for one in links]
     scenario_file = str(path) if isinstance(run.scenario, str) else ""
     placed = place(_dispatched(system, scenario, scenario_file))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import signal
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 # Matrices have some hundred rows: threads of OpenBLAS, which NumPy starts, gain nothing there, and where other work
 # holds the cores they wait for each other: eigenvalues of 150 states then took 87 times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# What is loaded stays: to look for garbage among it at every turn takes a tenth of a short command's time.
+gc.set_threshold(50_000)
 
 DONE, FAILED, BAD_INPUT, DEGRADED = 0, 1, 2, 3
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.case import loading
-from facts_damping.case.names import asked_label, label
+from facts_damping.case.names import label
 from facts_damping.digest import digest
 from facts_damping.errors import DegradedError, InputError, RunError, check_known
 from facts_damping.parameters import files
@@ -197,7 +197,9 @@ def tell_graph(
 def analyze(arguments: argparse.Namespace) -> None:
     """Figures and plots of recordings."""
     from facts_damping.analysis import details
+    from facts_damping.findings import names
     from facts_damping.recording.reader import load
+    from facts_damping.signals import Record
 
     files.check_writable(arguments.report, "--report", standard=False)
     if arguments.spwvd is None and (arguments.windows or arguments.band):
@@ -205,23 +207,20 @@ def analyze(arguments: argparse.Namespace) -> None:
     given = arguments.recordings
     first = given[0] if arguments.baseline is None else arguments.baseline
     check_known("--baseline", first, given)
-    named, progress = [], Progress("read", "recordings")
+    records, progress = list[Record](), Progress("read", "recordings")
     for i, path in enumerate(given):
         progress(i, len(given))
-        record = _explained(load(path), path, arguments.run)
-        named.append((asked_label(record.asked), record))
+        records.append(_explained(load(path), path, arguments.run))
     progress.close()
-    if len({name for name, _ in named}) < len(named):
-        named = [(f"{i + 1} {name}", record) for i, (name, record) in enumerate(named)]
+    named = list(zip(names(records), records, strict=True))
     results = []
     for (_, record), path in zip(named, given, strict=True):
         result = summarise(record, None, str(path), arguments.modes_method)
         results.append(result | details.details(record))
     details.compare(results, given.index(first))
     folder = Path(arguments.out) if arguments.out is not None else Path(given[0]).parent / "analysis"
-    names = [name for name, _ in named]
     more = [
-        *details.lines(names, results, given.index(first)),
+        *details.lines([name for name, _ in named], results, given.index(first)),
         *_distributions(arguments, named, results, folder),
         *page(arguments, named, results, given.index(first)),
     ]

@@ -5,9 +5,15 @@ from __future__ import annotations
 import math
 import re
 from functools import partial
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic_core import core_schema
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pydantic import GetCoreSchemaHandler
 
 Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$")]
 
@@ -27,23 +33,32 @@ class ParameterModel(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
 
-    @field_validator("*")
-    @classmethod
-    def _not_vanishing(cls, value: Any, info: ValidationInfo) -> Any:
-        if isinstance(value, float) and 0.0 < value < LEAST:
-            limits = cls.model_fields[str(info.field_name)].metadata
-            if any(getattr(limit, "gt", None) == 0 for limit in limits):
-                raise ValueError(f"{value:g} given; allowed: {LEAST:g} or more")
-        return value
+
+class _Before(NamedTuple):
+    """Has a function see what is given for a field before pydantic does, which would inspect its signature."""
+
+    function: Callable[[Any], Any]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        """Pydantic's own hook."""
+        return core_schema.no_info_before_validator_function(self.function, handler(source))
 
 
 def quantity(default: Any, unit: str, description: str, usual: float | None = None, **limits: float) -> Any:
     """A number with unit, meaning and range; `...` as default makes it required: then `usual` is a value that is."""
     extra = {"unit": unit} | ({} if usual is None else {"usual": usual})
     made = Field(default, description=description, json_schema_extra=extra, **limits)  # type: ignore[call-overload]
-    if unit in SCALES:
-        made.metadata.append(BeforeValidator(partial(_in_unit, unit)))
+    if limits.get("gt") == 0:
+        made.metadata.append(_Before(_not_vanishing))
+    if unit in SCALES:  # which comes first
+        made.metadata.append(_Before(partial(_in_unit, unit)))
     return made
+
+
+def _not_vanishing(given: Any) -> Any:
+    if isinstance(given, float) and 0.0 < given < LEAST:
+        raise ValueError(f"{given:g} given; allowed: {LEAST:g} or more")
+    return given
 
 
 def _in_unit(unit: str, given: Any) -> Any:

@@ -14,7 +14,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import block_array, csc_array
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Complex2, Float1, Float2, Int1, Int2, Struct
@@ -26,6 +25,13 @@ if TYPE_CHECKING:
 DENSE = 400  # buses, up to which a network's equations are dense
 NONE = -1
 SINGULAR, FULL = -1, -2  # how an elimination ends before its end
+
+
+def _sparse() -> Any:
+    """SciPy's sparse matrices, of large systems alone: loading them takes longer than a run of a small one."""
+    from scipy import sparse  # noqa: PLC0415
+
+    return sparse
 
 
 class Entries(Struct):
@@ -44,13 +50,13 @@ class ComplexEntries(Entries):
 
 def as_needed(matrix: NDArray[Any], buses: int) -> Any:
     """A matrix of a network of so many buses, sparse where that is large."""
-    return matrix if buses <= DENSE else csc_array(matrix)
+    return matrix if buses <= DENSE else _sparse().csc_array(matrix)
 
 
 def filled(buses: int, at: tuple[NDArray[np.int64], NDArray[np.int64]], values: NDArray[Any]) -> Any:
     """A square matrix of values at rows and columns, sparse where the network is large."""
     if buses > DENSE:
-        return csc_array((values, at), (buses, buses))
+        return _sparse().csc_array((values, at), (buses, buses))
     made = np.zeros((buses, buses), values.dtype)
     made[at] = values
     return made
@@ -60,7 +66,7 @@ def joined(parts: list[list[Any]]) -> Any:
     """Blocks of a matrix as one, dense or sparse as they are."""
     if isinstance(parts[0][0], np.ndarray):
         return np.block(parts)
-    return block_array(parts, format="csc")
+    return _sparse().block_array(parts, format="csc")
 
 
 def solve_network(a: Any, b: NDArray[Any]) -> NDArray[Any]:
@@ -101,6 +107,7 @@ def _order(a: Any) -> tuple[NDArray[np.int64], int]:
     from scipy.sparse.linalg import splu  # noqa: PLC0415 (of large systems alone)
 
     n = a.shape[0]
+    csc_array = _sparse().csc_array
     places = csc_array((np.ones(len(a.indices)), a.indices, a.indptr), a.shape)
     known = splu((places + csc_array((np.full(n, 2.0 * n), (range(n), range(n))), a.shape)).tocsc())
     order = np.zeros(n, np.int64)

@@ -24,6 +24,7 @@ FORMATS = {
     "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4",
     "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
+SIZES = {form: np.dtype(form).itemsize for form in FORMATS.values()}
 PASSES = 30  # layouts that are looked for in all messages of a length before each is laid out by itself
 
 
@@ -95,7 +96,7 @@ def _alike(stacked: NDArray[np.uint8], fields: Mapping[str, Any], message_type: 
 def _shape(message: NDArray[np.uint8], fields: Mapping[str, Any], message_type: str) -> NDArray[np.int64] | None:
     """Places of the bytes that make out a message's layout: encapsulation, strings and lengths; none for an odd one."""
     try:
-        walk = Walk(message[np.newaxis], fields)
+        walk = Walk(message[np.newaxis], fields, numbers=False)
         walk.read(message_type)
     except ValueError:
         return None
@@ -109,14 +110,15 @@ class Walk:
     format of every number by its path ("frames.0.tick"); `end`: behind the last field. All count from the first byte.
     """
 
-    def __init__(self, stacked: NDArray[np.uint8], fields: Mapping[str, Any]) -> None:
-        self._stacked, self._fields, self.end = stacked, fields, HEADER
+    def __init__(self, stacked: NDArray[np.uint8], fields: Mapping[str, Any], *, numbers: bool = True) -> None:
+        """`numbers`: whether they are wanted, or their places alone."""
+        self._stacked, self._fields, self.end, self._numbers = stacked, fields, HEADER, numbers
         self._messages = 0  # in it
         self.shape = [np.arange(HEADER)]
         self.places: dict[str, tuple[int, str]] = {}
         if stacked.shape[1] < HEADER or stacked[0, 0] != 0 or stacked[0, 1] > 1:
             raise ValueError("a message is not in plain CDR")
-        self._order = "<" if stacked[0, 1] else ">"
+        self._order, self._first = "<" if stacked[0, 1] else ">", stacked[0].tobytes()
         self._swapped = (self._order == "<") != (sys.byteorder == "little")
 
     def read(self, message_type: str, path: str = "") -> SimpleNamespace:
@@ -140,34 +142,38 @@ class Walk:
             raise ValueError("a message is shorter than it says")
         return [self._value(item, f"{path}.{i}") for i in range(several)]
 
-    def _number(self, form: str, path: str = "") -> NDArray[Any]:
-        """A number of each message; without a path one of the layout."""
-        size = np.dtype(form).itemsize
-        self.end += -(self.end - HEADER) % size
-        if path:
-            self.places[path] = (self.end, form)
-        taken = np.ascontiguousarray(self._take(size)).view(self._order + form)[:, 0]
+    def _number(self, form: str, path: str) -> Any:
+        """A number of each message."""
+        size = SIZES[form]
+        begin = self._pass(size, size)
+        self.places[path] = (begin, form)
+        if not self._numbers:
+            return None
+        taken = np.ascontiguousarray(self._stacked[:, begin : self.end]).view(self._order + form)[:, 0]
         return taken.astype(form) if self._swapped else taken
 
     def _length(self) -> int:
         """A length, the same in all messages; nothing that it counts takes less than a byte."""
-        length = int(self._number("u4")[0])
-        if length > self._stacked.shape[1] - self.end:
+        begin = self._pass(4, 4)
+        length = int.from_bytes(self._first[begin : self.end], "little" if self._order == "<" else "big")
+        if length > len(self._first) - self.end:
             raise ValueError("a message is shorter than it says")
-        self.shape.append(np.arange(self.end - 4, self.end))
+        self.shape.append(np.arange(begin, self.end))
         return length
 
     def _string(self) -> str:
         size = self._length()
-        self.shape.append(np.arange(self.end, self.end + size))
-        text = self._take(size)[0].tobytes()
+        begin = self._pass(size, 1)
+        self.shape.append(np.arange(begin, self.end))
+        text = self._first[begin : self.end]
         if not text.endswith(b"\0"):
             raise ValueError("a string does not end with 0")
         return str(text[:-1], "utf-8")
 
-    def _take(self, size: int) -> NDArray[np.uint8]:
-        """The next bytes of each message."""
-        if self.end + size > self._stacked.shape[1]:
+    def _pass(self, size: int, aligned: int) -> int:
+        """Pass over the next bytes; where they begin."""
+        begin = self.end + -(self.end - HEADER) % aligned
+        self.end = begin + size
+        if self.end > len(self._first):
             raise ValueError("a message is too short")
-        self.end += size
-        return self._stacked[:, self.end - size : self.end]
+        return begin

@@ -13,6 +13,7 @@ from facts_damping.analysis.ringdown import COVERED
 from facts_damping.analysis.summary import ROWS, find, more_rows, row_text
 from facts_damping.analysis.supervision import cause_text, probe_text
 from facts_damping.digest import digest
+from facts_damping.findings import clause
 from facts_damping.monitors import STATES
 from facts_damping.report.contents import Cell, ReportTable
 
@@ -170,10 +171,23 @@ def links(runs: Sequence[ReportedRun]) -> ReportTable:
     lost = ", ".join(f"{run.name} {run.summary['frames_lost']}" for run in runs)
     sentence = (
         "Latency of each hop from the measurement to the device, in simulated time, by station, controller or device; "
-        f"n is how many were delivered to each. Entries of frames that the link lost: {lost}."
+        "n is how many were delivered to each. A setpoint rests on the newest frames that are there: late ones count "
+        f"in the first hop, and not in the whole. Entries of frames that the link lost: {lost}."
     )
+    sentence += "".join(_modelled_twice(run) for run in runs)
     head = ["run", "hop", "of", "n", *STATISTICS.values()]
     return ReportTable("links", "Link statistics", sentence, head, rows)
+
+
+def _modelled_twice(run: ReportedRun) -> str:
+    """Which part of a link's delay is not there, as the run's PMUs have a filter themselves."""
+    measurement, link = (run.record.configuration.get(field) or {} for field in ("measurement", "link"))
+    stages = [one for one in link.get("up") or () if (one["stage"], one["model"]) == ("pmu", "constant")]
+    delay = sum(one["delay"] for one in stages)
+    if not delay or measurement.get("filter", "ideal") == "ideal":
+        return ""
+    told = f"of {clause(link) or 'the link'} {1e3 * delay:g} ms stand for PMUs and do not count"
+    return f" {run.name}: {told}, as the run's PMUs have a filter of their own, {measurement['filter']}."
 
 
 def _latencies(parts: Mapping[str, NDArray[np.float64]]) -> dict[str, tuple[str, ...]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import eig
 
 from facts_damping.control.inputs import station_weights
 from facts_damping.matrices import product
@@ -191,8 +190,8 @@ def weights_of(
 
 def eigenvectors(matrix: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Eigenvalues of a matrix, left eigenvectors, as in w A = lambda w, and right ones, in columns."""
-    values, left, right = eig(matrix, left=True, right=True)
-    return values, left.conj(), right
+    values, right = np.linalg.eig(matrix)
+    return values, np.linalg.pinv(right, rcond=0.0).T, right
 
 
 def modes(
@@ -333,6 +332,8 @@ def transfer_functions(model: LinearModel, signals: Sequence[str], devices: Sequ
 
     A washout adds a zero at 0 and a pole at -1 / T.
     """
+    from scipy.linalg import eig  # noqa: PLC0415 (it takes longer than a run, and few need it)
+
     poles = np.linalg.eigvals(model.A)
     n = len(model.A)
     right = np.diag([1.0] * n + [0.0])

@@ -42,7 +42,7 @@ START = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",
 )  # fmt: skip
-DESK = {"viewport": {"width": 1280, "height": 900}}
+DESK = {"viewport": {"width": 1200, "height": 900}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 IDLE = "Bokeh.documents.length > 0 && Bokeh.documents.every((one) => one.is_idle)"
 TIME = "(() => { const t = Bokeh.documents[0].get_model_by_name('time'); return [t.start, t.end]; })()"
@@ -358,6 +358,8 @@ def test_all_figures_are_drawn_and_fit_the_screen(
         assert colours > 3  # axes, grid, at least one run
     assert page.locator("table").count() == sum(isinstance(one, ReportTable) for one in shown)
     assert all(box["width"] <= width for box in (one.bounding_box() for one in page.locator(".scroll").all()))
+    too_wide = "[...document.querySelectorAll('.scroll')].filter((e) => e.scrollWidth > e.clientWidth).length"
+    assert options is PHONE or page.evaluate(too_wide) == 0
 
 
 @needs_browser

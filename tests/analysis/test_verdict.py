@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
+from scipy.special import stdtrit
 
+from facts_damping.analysis.confidence import student_quantile
 from facts_damping.analysis.measures import columns, event_times, speed_differences
 from facts_damping.analysis.summary import summarise
 from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, judge
@@ -207,3 +209,9 @@ def test_a_tuned_lead_lag_far_from_its_training_is_a_limit_cycle() -> None:
     assert found["verdict"] == LIMIT_CYCLE
     assert found["limit_cycle"]["amplitude_pu"] > 5e-4
     assert summarise(tripped(40, name="LLC-tuned"))["verdict"] == DAMPED
+
+
+@FEW
+@given(st.floats(0.9, 1000.0), st.floats(0.5, 0.99))
+def test_the_quantile_of_student_s_t_is_scipy_s(free: float, probability: float) -> None:
+    assert student_quantile(free, probability) == pytest.approx(stdtrit(free, probability), rel=1e-8, abs=1e-12)

@@ -439,3 +439,19 @@ def test_paths_in_a_file_begin_in_its_folder(tmp_path: Path, monkeypatch: pytest
     assert [point.changes["link"] for point in points] == ["ideal", "mine/runs/slow.yaml"]
     monkeypatch.chdir(folder)
     assert load_case("run.yaml").system.name == "my_grid"
+
+
+@pytest.mark.parametrize("field", ["link", "controllers.0.link"])
+def test_a_delay_that_the_filter_of_the_run_s_pmus_takes_the_place_of_is_refused(field: str) -> None:
+    """The stage `pmu` of a link stands for PMUs without a model of their own."""
+    with pytest.raises(InputError, match=rf"^--set {field}.up.0.delay=0.05: the stage stands for PMUs.* \(p_class\)"):
+        load_case("two_area_deployment", [f"{field}.up.0.delay=0.05"])
+    exact = load_case("two_area_deployment", [f"{field}.up.0.delay=0.05", "measurement=ideal"])
+    assert exact.links[exact.used_links[0]].up[0].delay == 0.05
+
+
+def test_what_was_chosen_for_a_system_is_in_files_of_its_name() -> None:
+    for name, path in shipped("controllers").items():
+        content = read_table(path)
+        profile = content.get("profile", "thesis")
+        assert name.startswith(content["system"] if profile == "thesis" else f"{content['system']}_{profile}")

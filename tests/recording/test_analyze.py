@@ -63,6 +63,6 @@ def test_a_report_and_pictures_of_two_recordings(
     for note in [line.partition(": ")[2] for line in err.splitlines() if "missing" in line]:
         assert note in text
     assert "the recording ends too early" in text
-    assert "1 two_area-small-LLC-ideal" in text
-    assert "2 two_area-small-LLC-ideal" in text
+    assert "1 LLC" in text
+    assert "2 LLC" in text
     assert str(cut) in text
