@@ -25,7 +25,7 @@ KINDS = {
     "generator_trip": "trip",
 }  # of events, as people say them; others by their names
 UNSAID = ("clear",)  # goes without saying
-EVENTS, CONTROLLERS, NETWORK, MEASUREMENT = range(4)  # parts of a title
+EVENTS, CONTROLLERS, NETWORK, MEASUREMENT, SEED = range(5)  # parts of a title
 MOST = 3  # elements with events that a title names
 NO_CONTROL: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None, "asked": None}
 
@@ -45,7 +45,7 @@ def title(record: Record) -> str:
     run = record.configuration
     if not run:
         return "a recording without its run"
-    what, who, network, _ = _parts(record)
+    what, who, network, *_ = _parts(record)
     return f"{what}: {who}{f' over {network}' if run.get('controllers') else ''}"
 
 
@@ -53,24 +53,34 @@ def names(records: Sequence[Record]) -> list[str]:
     """Short names of records in words: as few parts as tell them apart, numbered where none do; of one its title."""
     if len(records) == 1:
         return [title(records[0])]
-    rows = [_parts(record) if record.configuration else (title(record),) * 4 for record in records]
-    for count in range(1, 5):
-        for chosen in combinations((CONTROLLERS, NETWORK, EVENTS, MEASUREMENT), count):
+    rows = [_parts(record) if record.configuration else (title(record),) * 5 for record in records]
+    for count in range(1, 6):
+        for chosen in combinations((CONTROLLERS, NETWORK, EVENTS, MEASUREMENT, SEED), count):
             found = [", ".join(row[i] for i in chosen) for row in rows]
             if len(set(found)) == len(found):
                 return found
     return [f"{i + 1} {row[CONTROLLERS]}" for i, row in enumerate(rows)]
 
 
-def _parts(record: Record) -> tuple[str, str, str, str]:
-    """What happens to which grid, who controls it, over which network, measured by what."""
+def names_of_seeds(records: Sequence[Record]) -> list[str]:
+    """Names of records, of which those that differ in their seeds alone share one."""
+    kinds = [tuple(sorted((key, repr(value)) for key, value in one.asked.items() if key != "seed")) for one in records]
+    first = {kind: record for kind, record in reversed(list(zip(kinds, records, strict=True))) if kind}
+    if len(first) == len(records) or not all(kinds):
+        return names(records)
+    short = dict(zip(first, names(list(first.values())), strict=True))
+    return [f"{short[kind]} ({kinds.count(kind)} seeds)" if kinds.count(kind) > 1 else short[kind] for kind in kinds]
+
+
+def _parts(record: Record) -> tuple[str, ...]:
+    """What happens to which grid, who controls it, over which network, measured by what, with which seed."""
     run = record.configuration
     grid = clause(run["system"])
     told = [grid[0].upper() + grid[1:], *_events(run.get("scenario") or [])]
     named = isinstance(record.asked.get("link"), str)
     network = f"{clause(run['link']) or 'a network'}{'' if named else ', changed'}"
     who = _several([row["name"] for row in run.get("controllers") or []]) or "no control"
-    return ", ".join(told), who, network, clause(run.get("measurement") or {})
+    return ", ".join(told), who, network, clause(run.get("measurement") or {}), f"seed {run.get('seed')}"
 
 
 def clause(table: Mapping[str, Any]) -> str:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import facts_damping as fd
+from facts_damping.analysis.measures import columns, speed_differences
 from facts_damping.cli.main import main
-from facts_damping.findings import names, title, without_control
+from facts_damping.findings import names, names_of_seeds, title, without_control
 
 PDCI = "LLC-tuned over the Pacific DC Intertie's network"
 
@@ -45,6 +47,22 @@ def test_several_runs_are_named_by_what_tells_them_apart() -> None:
     assert names([llc, other, late]) == [f"LLC, {ideal}", f"HBsWC, {ideal}", f"LLC, {slow}"]
     assert names([late, calm]) == ["Two areas, step of load 2", "Two areas"]
     assert names([llc, llc]) == ["1 LLC", "2 LLC"]
+    again = fd.simulate("two_area_small", seed=7, **short)
+    assert names([llc, again]) == ["seed 0", "seed 7"]
+    assert names_of_seeds([llc, again, other]) == ["LLC (2 seeds)", "LLC (2 seeds)", "HBsWC"]
+
+
+def test_seeds_are_a_median_in_a_band() -> None:
+    runs = [fd.simulate("two_area_deployment", duration=4, seed=seed) for seed in range(3)]
+    figure = runs[0].plot("differences", beside={"seeds": runs})
+    axes = figure.axes[-1]
+    own, median = (line for line in axes.lines if len(line.get_xdata()) == 240)
+    (band,) = axes.collections
+    values = np.stack([1e3 * columns(speed_differences(one))[:, -1] for one in runs])
+    assert own.get_ydata() == pytest.approx(values[0])
+    assert median.get_ydata() == pytest.approx(np.median(values, axis=0))
+    (path,) = band.get_paths()
+    assert (path.vertices[:, 1].min(), path.vertices[:, 1].max()) == pytest.approx((values.min(), values.max()))
 
 
 def test_the_same_lines_everywhere(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,10 +15,11 @@ from facts_damping.signals import NANOSECONDS
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
     from facts_damping.analysis.indices import Regions
     from facts_damping.signals import Record
@@ -35,6 +36,13 @@ NEAR = 0.5  # of a limit: from there on it is drawn
 NARROW = 0.05  # of the time axis: a region so narrow bears no name
 
 
+class Drawn(NamedTuple):
+    """A record, and what a picture shows of it, by the panels' names."""
+
+    record: Record
+    panels: dict[str, Panel]
+
+
 def plot_record(record: Record, folder: Path | str) -> list[Path]:
     """Plot one record: paths of the PNG files. Pictures that would be empty are left out."""
     return plot_comparison([("", record)], folder)
@@ -43,8 +51,9 @@ def plot_record(record: Record, folder: Path | str) -> list[Path]:
 def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -> list[Path]:
     """Plot several records (name, record) over each other: paths of the PNG files in `folder`.
 
-    Those of `facts_damping.analysis.pictures.PICTURES` that are not empty. Vertical lines mark the events of the first
-    record. Raises InputError without records.
+    Those of `facts_damping.analysis.pictures.PICTURES` that are not empty. Of records of the same name, seeds of a run
+    say, there is the median in a band from the least to the most. Vertical lines mark the events of the first record.
+    Raises InputError without records.
     """
     if not records:
         raise InputError("plots: no record given; allowed: at least one")
@@ -83,8 +92,11 @@ def figure(names: Sequence[str], records: Sequence[tuple[str, Record]]) -> Figur
 
 def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: bool = False) -> Figure | None:
     """One picture; none if no record has anything to show in it. `still`: also what never moves."""
-    drawn = [(name, record, {panel.name: panel for panel in picture.panels(record)}) for name, record in records]
-    panels = [one for _, _, one in drawn]
+    drawn: dict[str, list[Drawn]] = {}
+    for name, record in records:
+        found = {panel.name: panel for panel in picture.panels(record)}
+        drawn.setdefault(name, []).append(Drawn(record, found))
+    panels = [one.panels for group in drawn.values() for one in group]
     names = list(dict.fromkeys(name for one in panels for name in one)) if still else shown(picture, panels)
     if not names:
         return None
@@ -93,8 +105,11 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: b
     figure = Figure(figsize=(WIDTH, MARGIN + PANEL_HEIGHT * max(len(rows), 1.5)), layout="constrained")
     grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
     for axes, row in zip(grid, rows, strict=True):
-        for name, record, panel, label, place in _entries(drawn, row, single=single, together=picture.together):
-            _draw(axes, record, panel, label, place, named=bool(name))
+        for position, (name, group) in enumerate(drawn.items()):
+            for offset, panel in enumerate(row):
+                label = panel if single and picture.together else name
+                alike = [one for one in group if panel in one.panels]
+                _draw(axes, alike, panel, label, position + offset, named=bool(name))
         _dress(axes, picture.label if len(row) > 1 else "\n".join(filter(None, (row[0], picture.label))))
         axes.set_yscale("log" if picture.logarithmic else "linear")
         if picture.words:
@@ -104,45 +119,46 @@ def _figure(picture: Picture, records: Sequence[tuple[str, Record]], *, still: b
         grid[-1].set_xlim(*_span([record for _, record in records]))
         mark_events(list(grid), records[0][1])
         for axes, row in zip(grid, rows, strict=True):
-            for found in (drawn[0][2][name].regions for name in row if single):
-                _name_regions(axes, found)
+            for name in row if single else ():
+                _name_regions(axes, panels[0][name].regions)
     grid[-1].set_xlabel(picture.over)
     figure.suptitle(title_of(picture, panels, names), fontsize="medium", fontweight="bold", x=0.01, ha="left")
     _add_legend(figure, list(grid))
     return figure
 
 
-def _entries(
-    drawn: Sequence[tuple[str, Record, dict[str, Panel]]], row: Sequence[str], *, single: bool, together: bool
-) -> Iterator[tuple[str, Record, Panel, str, int]]:
-    """What an axes shows: record's name, record, panel, label and place of its colour."""
-    for position, (name, record, panels) in enumerate(drawn):
-        for offset, panel in enumerate(row):
-            if panel in panels:
-                label = panel if single and together else name
-                yield name, record, panels[panel], label, position + offset
+def _draw(axes: Axes, alike: Sequence[Drawn], name: str, label: str, place: int, *, named: bool) -> None:
+    """The curves of one panel of records of one name: of a named one, beside others, all in one colour."""
+    for i, (curve_name, first) in enumerate(alike[0].panels[name].curves.items() if alike else ()):
+        curves = [one.panels[name].curves[curve_name] for one in alike if curve_name in one.panels[name].curves]
+        colour = COLOURS[(place if named else place + i) % len(COLOURS)]
+        for x, values in _lines(axes, alike[0].record, curves, colour):
+            axes.plot(
+                x, values, color=colour, linewidth=1.2, drawstyle="steps-post" if first.steps else "default",
+                label=label or curve_name or None,
+            )  # fmt: skip
+    for record, panel in ((one.record, one.panels[name]) for one in alike):
+        if panel.dashed is not None:
+            axes.plot(record.time_s, panel.dashed, color="0.1", linewidth=0.6, linestyle="--", label=SETPOINT)
+        for limit in panel.limits if _near(panel) else ():
+            axes.axhline(limit, color="#B00020", linewidth=0.8, linestyle=":", label=LIMIT)
+        if panel.regions is not None:
+            (curve,) = panel.curves.values()
+            ends = np.array(panel.regions[:2])
+            heights = np.interp(ends, curve.x, curve.values) if curve.x is not None else ends
+            axes.plot(ends, heights, "o", color="0.1", markersize=3, label=CLIFF)
 
 
-def _draw(axes: Axes, record: Record, panel: Panel, label: str, place: int, *, named: bool) -> None:
-    """The curves of one panel of one record: of a named record, beside others, all in one colour."""
-    for i, (name, curve) in enumerate(panel.curves.items()):
-        axes.plot(
-            record.time_s if curve.x is None else curve.x,
-            curve.values,
-            color=COLOURS[(place if named else place + i) % len(COLOURS)],
-            linewidth=1.2,
-            drawstyle="steps-post" if curve.steps else "default",
-            label=label or name or None,
-        )
-    if panel.dashed is not None:
-        axes.plot(record.time_s, panel.dashed, color="0.1", linewidth=0.6, linestyle="--", label=SETPOINT)
-    for limit in panel.limits if _near(panel) else ():
-        axes.axhline(limit, color="#B00020", linewidth=0.8, linestyle=":", label=LIMIT)
-    if panel.regions is not None:
-        (curve,) = panel.curves.values()
-        ends = np.array(panel.regions[:2])
-        heights = np.interp(ends, curve.x, curve.values) if curve.x is not None else ends
-        axes.plot(ends, heights, "o", color="0.1", markersize=3, label=CLIFF)
+def _lines(
+    axes: Axes, record: Record, curves: Sequence[Curve], colour: str
+) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Abscissae and values of lines: the median of curves over time, in a band that is drawn; else each of them."""
+    over_time = all(curve.x is None and len(curve.values) == len(record.time_s) for curve in curves)
+    if len(curves) > 1 and over_time:
+        values = np.stack([curve.values for curve in curves])
+        axes.fill_between(record.time_s, values.min(axis=0), values.max(axis=0), color=colour, alpha=0.25, linewidth=0)
+        return [(record.time_s, np.asarray(np.median(values, axis=0)))]
+    return [(record.time_s[: len(one.values)] if one.x is None else one.x, one.values) for one in curves]
 
 
 def _near(panel: Panel) -> bool:

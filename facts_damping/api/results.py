@@ -22,6 +22,7 @@ from facts_damping.signals import Record
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from os import PathLike
 
     from matplotlib.figure import Figure
@@ -59,15 +60,17 @@ class Result(Record):
         return made
 
     @brief
-    def plot(self, *names: str, beside: dict[str, Record] | None = None) -> Figure:
+    def plot(self, *names: str, beside: Mapping[str, Record | Sequence[Record]] | None = None) -> Figure:
         """A picture: names of `arrays`, over time, or one of `PICTURES` (docs/running.md), `differences` by default.
 
-        `beside`: other records by their names, drawn over it. Raises `InputError` for a name that is none.
+        `beside`: other records by their names, drawn over it; of several of one name, seeds of a run say, the median in
+        a band. Matplotlib's styles apply. Raises `InputError` for a name that is none.
         """
         from facts_damping.analysis import plots  # noqa: PLC0415 (pictures' library takes longer than a run)
 
-        own = findings.names([self, *beside.values()])[0] if beside else ""
-        shown = [(own, self), *(beside or {}).items()]
+        others = {name: [one] if isinstance(one, Record) else list(one) for name, one in (beside or {}).items()}
+        own = findings.names([self, *(one for group in others.values() for one in group)])[0] if others else ""
+        shown = [(own, self), *((name, one) for name, group in others.items() for one in group)]
         return plots.figure(names or ("differences",), shown)
 
     @cached_property

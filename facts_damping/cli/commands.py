@@ -105,7 +105,7 @@ def _recordings(add: Add) -> None:
     )
     command.add_argument("recordings", nargs="+", metavar="RECORDING", help="folder, or .mcap file")
     command.add_argument("--modes-method", choices=MODES, default=MODES[0], help="how modes are found; default: auto")
-    text = "the one that the others are compared with; default: the first"
+    text = "the one that the others are compared with; default: the first; no_control: the first one's run without it"
     command.add_argument("--baseline", metavar="RECORDING", help=text)
     command.add_argument("--run", metavar="RUN", help="the run that was recorded, if the recording does not hold it")
     command.add_argument("--spwvd", metavar="SIGNAL,...", help="also time-frequency distributions of these signals")

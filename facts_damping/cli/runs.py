@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
     from facts_damping.simulation.policies import StepTimes
 
+FREE = "no_control"  # in the place of a recording: the same run without it
+
 
 def out_folder(arguments: argparse.Namespace, name: str) -> Path:
     """Folder for results: `--out`, or a new one under `results`, named by date and run."""
@@ -69,10 +71,11 @@ def _report(
 ) -> None:
     """Files first, the table on the terminal after them: a reader that closes its end loses no result."""
     from facts_damping.analysis.summary import table
-    from facts_damping.findings import findings
+    from facts_damping.findings import findings, names_of_seeds
 
     one = arguments.command != "analyze"
-    pictures = [] if folder is None else plot(named, files.new_folder(folder))
+    shown = list(zip(names_of_seeds([record for _, record in named]), (record for _, record in named), strict=True))
+    pictures = [] if folder is None else plot(shown, files.new_folder(folder))
     if folder is not None:
         write_json(str(folder / "result.json"), results[0] if one else results)
     write_json(arguments.json, results[0] if one else results)
@@ -197,21 +200,24 @@ def tell_graph(
 def analyze(arguments: argparse.Namespace) -> None:
     """Figures and plots of recordings."""
     from facts_damping.analysis import details
-    from facts_damping.findings import names
+    from facts_damping.findings import names, without_control
     from facts_damping.recording.reader import load
     from facts_damping.signals import Record
 
     files.check_writable(arguments.report, "--report", standard=False)
     if arguments.spwvd is None and (arguments.windows or arguments.band):
         raise InputError("--windows, --band: given without --spwvd; allowed: with --spwvd SIGNAL,...")
-    given = arguments.recordings
+    given = list(arguments.recordings)
     first = given[0] if arguments.baseline is None else arguments.baseline
-    check_known("--baseline", first, given)
+    check_known("--baseline", first, [*given, FREE])
     records, progress = list[Record](), Progress("read", "recordings")
     for i, path in enumerate(given):
         progress(i, len(given))
         records.append(_explained(load(path), path, arguments.run))
     progress.close()
+    if first == FREE:
+        given.append(FREE)
+        records.append(without_control(records[0]))
     named = list(zip(names(records), records, strict=True))
     results = []
     for (_, record), path in zip(named, given, strict=True):

@@ -66,3 +66,13 @@ def test_a_report_and_pictures_of_two_recordings(
     assert "1 LLC" in text
     assert "2 LLC" in text
     assert str(cut) in text
+
+
+def test_the_same_run_without_control_may_be_the_baseline(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["analyze", str(recording), "--run", "two_area_small", "--out", str(tmp_path), "--baseline"]
+    assert main([*options, "no_control"]) == 0
+    assert "improvement on no control [%]" in capsys.readouterr().out
+    assert main([*options, "none"]) == 2
+    assert f"--baseline: 'none' given; allowed: {recording}, no_control" in capsys.readouterr().err
