@@ -56,7 +56,7 @@ def test_seeds_are_a_median_in_a_band() -> None:
     runs = [fd.simulate("two_area_deployment", duration=4, seed=seed) for seed in range(3)]
     figure = runs[0].plot("differences", beside={"seeds": runs})
     axes = figure.axes[-1]
-    own, median = (np.asarray(line.get_ydata(), float) for line in axes.lines if len(line.get_xydata()) == 240)
+    own, median = (one for line in axes.lines if len(one := np.asarray(line.get_ydata(), float)) == 240)
     (path,) = axes.collections[0].get_paths()
     band = np.asarray(path.vertices, float)[:, 1]
     values = np.stack([1e3 * columns(speed_differences(one))[:, -1] for one in runs])
