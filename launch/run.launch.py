@@ -30,6 +30,8 @@ from facts_damping.nodes.warmup import compile_once
 from facts_damping.parameters.files import read_value
 from launch import LaunchContext, LaunchDescription
 
+# Ctrl-C while Python itself starts waits until the node takes it: else the node dies of it, with a traceback.
+PREFIX = "env --block-signal=INT"
 RESPAWN_S = 1.0  # before a node that ended is started again
 FIELDS = ("system", "scenario", "link", "frame_rate", "duration", "seed")  # of a run; empty: as the run has it
 
@@ -96,6 +98,7 @@ def nodes(context: LaunchContext) -> list[Node | ExecuteProcess | RegisterEventH
             parameters=[{**common, **parameters}, *([asked["params_file"]] if asked["params_file"] else [])],
             respawn=joins,
             respawn_delay=RESPAWN_S if joins else None,
+            prefix=PREFIX,
             output="screen",
         )
         if not joins:
@@ -133,7 +136,12 @@ def view(asked: dict[str, str], sets: list[str]) -> Node:
     own = {"run": asked["run"], "set": sets or [""], "port": int(asked["foxglove"])}
     namespace = asked["namespace"].strip("/") or None
     return Node(
-        package="facts_damping", executable="live_view", name="live_view", namespace=namespace, parameters=[own]
+        package="facts_damping",
+        executable="live_view",
+        name="live_view",
+        namespace=namespace,
+        parameters=[own],
+        prefix=PREFIX,
     )
 
 

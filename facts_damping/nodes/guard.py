@@ -137,7 +137,7 @@ class Guard:
     def who_is_there(self) -> None:
         """Say, once, of each node that is heard, that it has joined, or that it has left or is silent."""
         now = time.monotonic()
-        if now - self._looked_at < LOOK_S:
+        if self.over or now - self._looked_at < LOOK_S:
             return
         self._looked_at = now
         newest: dict[str, Heard] = {}  # topic of each node by which something has come last

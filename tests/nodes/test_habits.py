@@ -26,7 +26,7 @@ from rclpy.qos import qos_profile_rosout_default
 from facts_damping.compiling.store import home
 from facts_damping.nodes import executables, forked
 from facts_damping.nodes.warmup import compile_once
-from tests.nodes.graphs import PATIENCE_S, somebody
+from tests.nodes.graphs import PATIENCE_S, somebody, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -322,6 +322,15 @@ def test_who_is_started_in_lockstep_by_hand_ends_with_the_run(start: Any, tmp_pa
         assert node.communicate(timeout=PATIENCE_S) == ("", "")
         assert node.returncode == 0
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
+
+
+def test_a_launch_may_be_interrupted_while_python_starts() -> None:
+    """The signal waits, as `run.launch.py` asks for, until the node takes it."""
+    command = ["env", "--block-signal=INT", sys.executable, BIN / "wan_link"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as node:
+        wait_until(lambda: Path(f"/proc/{node.pid}/exe").resolve() == Path(sys.executable).resolve(), PATIENCE_S)
+        node.send_signal(signal.SIGINT)
+        assert (*node.communicate(timeout=PATIENCE_S), node.returncode) == (b"", b"", 0)
 
 
 def test_who_is_started_by_hand_ends_with_a_plant_that_is_told_to_stop(capsys: Any, loopback: Any) -> None:
