@@ -326,7 +326,7 @@ def test_who_is_started_in_lockstep_by_hand_ends_with_the_run(start: Any, tmp_pa
 
 def test_a_launch_may_be_interrupted_while_python_starts() -> None:
     """The signal waits, as `run.launch.py` asks for, until the node takes it."""
-    command = ["env", "--block-signal=INT", sys.executable, BIN / "wan_link"]
+    command = ["env", "--block-signal=INT", sys.executable, str(BIN / "wan_link")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as node:
         wait_until(lambda: Path(f"/proc/{node.pid}/exe").resolve() == Path(sys.executable).resolve())
         node.send_signal(signal.SIGINT)
