@@ -76,10 +76,14 @@ class Member:
 
     def wait(self, expected: dict[Publisher[Any], int], spinner: Spinner) -> None:
         """Wait for the others of the graph, those that hear each publisher, and the recorder that hears all nodes."""
-        of = f"{self._what} of {self._run}, mode {self._options.mode}"
-        self.guard.voice.info(f"started: facts_damping {__version__}, {of}")
+        self.say_started()
         extra = int(self._options.recorder)
         self.guard.wait_for_peers(expected | {self._changes: extra, self._diagnostics: extra}, spinner.serve)
+
+    def say_started(self) -> None:
+        """Say what has started: the version, the run, the mode."""
+        of = f"{self._what} of {self._run}, mode {self._options.mode}"
+        self.guard.voice.info(f"started: facts_damping {__version__}, {of}")
 
     def change(self, kind: str, name: str = "", value: Any = None, act: Callable[[int], None] | None = None) -> None:
         """Have something changed from the next tick on, whose number `act` is called with; it is told then."""

@@ -118,6 +118,7 @@ class Recorder:
 
     def ready(self) -> None:
         """Open the recording."""
+        self.member.say_started()
         endless = {"duration": None} if self.options.free and self.case.run.duration is None else {}
         self.writer = RecordingWriter(self.folder, dump(self.case.document() | endless), versions("mcap", "rclpy"))
         for name, kind in self.topics.items():
