@@ -190,8 +190,10 @@ def weights_of(
 
 def eigenvectors(matrix: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Eigenvalues of a matrix, left eigenvectors, as in w A = lambda w, and right ones, in columns."""
-    values, right = np.linalg.eig(matrix)
-    return values, np.linalg.pinv(right, rcond=0.0).T, right
+    from scipy.linalg import eig  # noqa: PLC0415 -- runs do without, and SciPy takes 0.2 s to load
+
+    values, left, right = eig(matrix, left=True, right=True)  # no inverse: drifts have no full set of eigenvectors
+    return values, left.conj(), right
 
 
 def modes(

@@ -350,7 +350,8 @@ def test_what_all_came_to_is_a_file_that_runs_take(tmp_path: Path, monkeypatch: 
     made = check(Tuned, files.read_table(out), "test")
     assert (made.profile, made.signals, made.devices) == ("deployment", ["frequency"], ["sssc"])
     assert {row.name for row in made.controllers} == {"LLC-tuned", "Hinf"}
-    monkeypatch.setattr(files, "shipped", lambda kind: {"mine": out} if kind == "controllers" else shipped(kind))
+    mine = {"two_area_deployment_mine": out}
+    monkeypatch.setattr(files, "shipped", lambda kind: mine if kind == "controllers" else shipped(kind))
     for row in made.controllers:
         (own,) = load_case(None, ["profile=deployment", f"controllers.0.name={row.name}"]).controllers
         assert {name: own.parameters[name] for name in row.parameters} == row.parameters
