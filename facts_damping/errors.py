@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from facts_damping.escaping import escaped, shortened
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -31,8 +33,8 @@ class RecordingError(FactsDampingError):
 
 
 def one_line(error: object) -> str:
-    """What an error says, in one line."""
-    return " ".join(str(error).split())
+    """What an error says, in one line that can be seen and is not longer than a screen."""
+    return shortened(escaped(" ".join(str(error).split())))
 
 
 def meant(name: str, allowed: Iterable[str]) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.analysis.supervision import history_text
-from facts_damping.case.loading import make_case
+from facts_damping.case.loading import recorded_case
 from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.simulation import loop
 
@@ -139,4 +139,4 @@ def _index(record: Record, summary: Mapping[str, Any]) -> list[str]:
 def without_control(record: Record) -> Record:
     """The record's run without controllers, simulated in process over the same time. Raises `FactsDampingError`."""
     over = {"duration": len(record.time_ns) / record.frame_rate}
-    return loop.run(make_case({**record.configuration, **NO_CONTROL, **over}, "without control"))
+    return loop.run(recorded_case({**record.configuration, **NO_CONTROL, **over}, "without control"))

@@ -14,6 +14,8 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
+from facts_damping.escaping import escaped, shortened
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
@@ -22,7 +24,7 @@ CM, USUAL_PT, PRINT_DPI = 2.54, 10.0, 300  # an inch; size of text that pictures
 INTERRUPTED = 130  # exit status
 SILENCE_S = 3.0  # so long a command says nothing
 PR_SET_PDEATHSIG = 1  # of prctl(2)
-INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM)  # a polite kill is one, too
+INTERRUPTIONS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # also of a polite kill, of a terminal that is closed
 
 
 def duration(seconds: float) -> str:
@@ -43,7 +45,7 @@ class Progress:
     shown: ClassVar[Progress | None] = None  # the one whose line stands on the terminal
 
     def __init__(self, label: str, unit: str = "ticks", *, shown: bool = True) -> None:
-        self._label, self._unit, self._shown = label, unit, shown and sys.stderr.isatty()
+        self._label, self._unit, self._shown = escaped(label), unit, shown and sys.stderr.isatty()
         self._began, self._before, self._done, self._of = time.monotonic(), 0, 0, 1
 
     def __call__(self, done: int, of: int) -> None:
@@ -72,6 +74,18 @@ class Progress:
         if self._shown:
             Progress.shown = None
             sys.stderr.write("\n")
+
+
+def show(text: str) -> None:
+    """Lines on standard output, in which what comes from outside steers no terminal."""
+    clear_line()
+    sys.stdout.write(escaped(text) + "\n")
+
+
+def note(text: str) -> None:
+    """A line on standard error, at most as long as a screen."""
+    clear_line()
+    sys.stderr.write(shortened(escaped(text)) + "\n")
 
 
 _waiting = threading.Event()  # a line says that a command is at work
@@ -226,6 +240,12 @@ def save_picture(figure: Any, path: Path, **options: Any) -> Path:
     return place
 
 
+def heeded() -> list[signal.Signals]:
+    """The interruptions that this process answers: all, but for SIGHUP where that is ignored, as after `nohup`."""
+    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    return [one for one in INTERRUPTIONS if one != signal.SIGHUP or not ignored]
+
+
 def end_at_once(_number: int, _frame: Any) -> None:
     """Answer an interruption by the end of the process: as long as there is nothing to clean up.
 
@@ -247,11 +267,15 @@ def write_json(target: str | None, content: Any) -> None:
     """Write JSON to a file, or to standard output for `-`."""
     if target is None:
         return
-    text = json.dumps(finite(content), indent=2, allow_nan=False) + "\n"
-    if target == "-":
-        sys.stdout.write(text)
-        return
-    write_whole(Path(target), text)
+    write_text(target, json.dumps(finite(content), indent=2, allow_nan=False) + "\n")
+
+
+def write_text(target: str, text: str) -> None:
+    """Write text to a file, or to standard output for `-`: to a terminal as it is shown, else as it is."""
+    if target != "-":
+        write_whole(Path(target), text)
+    else:
+        sys.stdout.write(escaped(text) if sys.stdout.isatty() else text)
 
 
 def finite(content: Any) -> Any:

@@ -12,6 +12,7 @@ from facts_damping.control import bank, identifier_model
 from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
 from facts_damping.control.table import RENAMED, Parameter, Value, defaults, kind, kind_of
 from facts_damping.errors import InputError, check_known
+from facts_damping.input_files import is_file
 from facts_damping.parameters import files
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller, Tuned, Weights
@@ -138,7 +139,7 @@ def _weights(
     found = controller.weights
     if isinstance(found, str):
         path = Path(found)
-        if not path.is_file():
+        if not is_file(path):
             raise InputError(f"{where('weights')}: {path}: no such file; allowed: weights that a run has saved")
         found = check(Weights, files.read_table(path), str(path))
     if (found.name, found.scheme) != (controller.name, scheme):

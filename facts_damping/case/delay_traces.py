@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import csv
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from facts_damping.errors import InputError, RecordingError
+from facts_damping.input_files import read_text
 from facts_damping.parameters.stages import Trace
-from facts_damping.parameters.validation import check
+from facts_damping.parameters.validation import check, short
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -53,10 +55,11 @@ def _read(path: Path, way: str, where: str) -> Series | dict[str, Series]:
 def _table(path: Path, where: str) -> Series | dict[str, Series]:
     """The delays of a CSV file with a line of names: `delay_s`, or a column a channel; an empty cell: lost."""
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            lines = [*csv.reader(stream), []]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{where}: {path} cannot be read ({error}); allowed: a CSV file or a recording") from error
+        lines = [*csv.reader(StringIO(read_text(path))), []]
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    except csv.Error as error:
+        raise InputError(f"{where}: {path}: cannot be read: {error}; allowed: a CSV file or a recording") from error
     names, rows = lines[0], lines[1:]
     while rows and not any(rows[-1]):
         rows.pop()
@@ -74,7 +77,7 @@ def _number(cell: str, name: str, k: int, where: str) -> float | None:
         return float(text) if text else None
     except ValueError as error:
         here = f"{where}: line {k + 2}, {name}"
-        raise InputError(f"{here}: {text!r} given; allowed: a delay in s, or nothing where it was lost") from error
+        raise InputError(f"{here}: {short(text)} given; allowed: a delay in s, or nothing where it was lost") from error
 
 
 def of_record(record: Record, way: str) -> dict[str, Series]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,8 @@ import numpy as np
 
 from facts_damping.control.linear_law import matrices
 from facts_damping.errors import InputError, one_line
-from facts_damping.parameters.files import MAX_FILE_BYTES, read_table
+from facts_damping.input_files import MATRICES, check_unpacked, is_file, read_bytes
+from facts_damping.parameters.files import read_table
 from facts_damping.parameters.linear_law import FORMS, LinearLaw
 from facts_damping.parameters.validation import check, origin
 
@@ -44,16 +46,16 @@ def with_law(
 
 def _read(path: Path, where: str) -> dict[str, Any]:
     """What a file says of a law, as a YAML file would."""
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"{where}: {path}: no such file; allowed: a law in a .yaml, .npz or .mat file")
     if path.suffix in (".yaml", ".yml"):
         return read_table(path)
     if path.suffix not in (".npz", ".mat"):
         raise InputError(f"{where}: {path} given; allowed: a law in a .yaml, .npz or .mat file")
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise InputError(f"{path}: {path.stat().st_size} bytes; allowed: at most {MAX_FILE_BYTES}")
     try:
         found = _arrays(path)
+    except InputError:
+        raise
     except Exception as error:  # whatever their readers die of
         reason = one_line(error) or type(error).__name__
         raise InputError(f"{path}: cannot be read: {reason}; allowed: arrays {', '.join(NAMES)}") from error
@@ -64,12 +66,13 @@ def _read(path: Path, where: str) -> dict[str, Any]:
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    with path.open("rb") as file:
-        if path.suffix == ".npz":
-            return dict(np.load(file, allow_pickle=False).items())
-        from scipy.io import loadmat  # noqa: PLC0415 (it takes longer than a run, and few need it)
+    content = read_bytes(path)
+    check_unpacked(path, content, MATRICES)
+    if path.suffix == ".npz":
+        return dict(np.load(BytesIO(content), allow_pickle=False).items())
+    from scipy.io import loadmat  # noqa: PLC0415 (it takes longer than a run, and few need it)
 
-        return {name: values for name, values in loadmat(file).items() if not name.startswith("__")}
+    return {name: values for name, values in loadmat(BytesIO(content)).items() if not name.startswith("__")}
 
 
 def _plain(name: str, values: Any, path: Path) -> Any:

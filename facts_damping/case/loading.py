@@ -13,6 +13,7 @@ from facts_damping.case.measurement import read_measurement
 from facts_damping.case.model import Case
 from facts_damping.case.supervision import check_fallbacks, read_supervision
 from facts_damping.errors import InputError, check_known
+from facts_damping.input_files import naming_no_files
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.parameters.files import check_kind, each_path, find, read_sets, read_table, set_field
 from facts_damping.parameters.placement import place
@@ -141,6 +142,12 @@ def make_case(content: Any, source: str, sets: dict[str, str] | None = None) -> 
     check_fallbacks(case, source, sets)
     check_events(case, scenario_file, source, sets)
     return case
+
+
+def recorded_case(content: Any, source: str) -> Case:
+    """A case from the content that a recording holds: whole by itself, so that files which it names are not opened."""
+    with naming_no_files(f"the recording {source}"):
+        return make_case(content, source)
 
 
 def _system(given: str | dict[str, Any], field: str, source: str, sets: dict[str, str] | None) -> System:

@@ -11,10 +11,10 @@ from facts_damping.analysis import details
 from facts_damping.analysis.summary import table
 from facts_damping.case import loading
 from facts_damping.cli import runs
-from facts_damping.errors import FactsDampingError
+from facts_damping.errors import FactsDampingError, one_line
 from facts_damping.nodes import graph
 from facts_damping.recording import seal
-from facts_damping.terminal import Progress
+from facts_damping.terminal import Progress, note, show
 
 RUN = "two_area_deployment"
 CASES = {
@@ -37,19 +37,19 @@ def run_all(folder: Path) -> None:
             progress.close()
         record = seal(outcome.recording)
         named.append((name, record))
-        print(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
-    print(
+        show(f"{name}: {len(record.time_ns)} ticks, {outcome.messages_lost} messages lost, {outcome.recording}")
+    show(
         "\ntwo_area in the profile deployment: a fault on a line of the tie at 2 s, cleared by the trip of that line\n"
     )
     results = [runs.summarise(record, None, str(folder / _place(name) / "recording")) for name, record in named]
     details.compare(results, 0)
-    print(table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
-    print()
+    show(table([(name, result) for (name, _), result in zip(named, results, strict=True)]))
+    show("")
     for path in runs.plot(named, folder):
-        print(f"plot: {path}")
-    print(f"recordings: {folder}/*/recording")
+        show(f"plot: {path}")
+    show(f"recordings: {folder}/*/recording")
     report.write(folder / "report.html", named, results)
-    print(f"report, for a browser: {_newest(folder)}/report.html")
+    show(f"report, for a browser: {_newest(folder)}/report.html")
 
 
 def _newest(folder: Path) -> Path:
@@ -74,10 +74,10 @@ def main() -> int:
     try:
         run_all(folder)
     except FactsDampingError as error:
-        sys.stderr.write(f"demo: {error}\n")
+        note(f"demo: {one_line(error)}")
         return 1
     except KeyboardInterrupt:
-        sys.stderr.write("demo: interrupted\n")
+        note("demo: interrupted")
         return 130
     return 0
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from facts_damping.cli import options
 from facts_damping.cli.commands import parser
 from facts_damping.errors import DegradedError, FactsDampingError, InputError, RecordingError, one_line
-from facts_damping.terminal import INTERRUPTED, INTERRUPTIONS, Look, at_work, draw_as, end_at_once
+from facts_damping.terminal import INTERRUPTED, INTERRUPTIONS, Look, at_work, draw_as, end_at_once, note
 
 if TYPE_CHECKING:
     import argparse
@@ -101,7 +101,7 @@ def _do(arguments: argparse.Namespace) -> None:
 
 
 def _fail(reason: object, status: int) -> int:
-    sys.stderr.write(f"facts-damping: {one_line(reason)}\n")
+    note(f"facts-damping: {one_line(reason)}")
     return status
 
 

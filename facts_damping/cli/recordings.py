@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,7 @@ from facts_damping.parameters import files
 from facts_damping.simulation import loop
 from facts_damping.simulation import replay as again
 from facts_damping.simulation.replayed_nodes import Played
-from facts_damping.terminal import Progress, table, write_json, write_whole
+from facts_damping.terminal import Progress, note, table, write_json, write_whole
 from facts_damping.version import versions
 
 if TYPE_CHECKING:
@@ -79,8 +78,8 @@ def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str
     """Notes on standard error; verdict, and of other setpoints the table."""
     from facts_damping.analysis import releases, shadow
 
-    for note in result["notes"]:
-        sys.stderr.write(f"{arguments.recording}: {note}\n")
+    for line in result["notes"]:
+        note(f"{arguments.recording}: {line}")
     kinds = ("ticks", "setpoints", "estimates", "supervised")
     counted = ", ".join(f"{result[what]} {what}" for what in kinds if result[what])
     if result["identical"]:
@@ -163,8 +162,8 @@ def export(arguments: argparse.Namespace) -> None:
         return
     record = load(arguments.what)
     write(record, path)
-    for note in record.notes:
-        sys.stderr.write(f"{arguments.what}: {note}\n")
+    for line in record.notes:
+        note(f"{arguments.what}: {line}")
     say(arguments, f"{len(record.time_ns)} ticks, {len(record.arrays)} columns: {path}")
 
 

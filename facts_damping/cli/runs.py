@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import replace
 from itertools import count
@@ -18,7 +17,7 @@ from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import learnt_weights, loop
 from facts_damping.simulation.policies import step_times
 from facts_damping.simulation.replay import check_has_run
-from facts_damping.terminal import Progress, clear_line, table, write_json, write_whole
+from facts_damping.terminal import Progress, note, show, table, write_json, write_text, write_whole
 
 if TYPE_CHECKING:
     import argparse
@@ -42,9 +41,8 @@ def out_folder(arguments: argparse.Namespace, name: str) -> Path:
 
 def say(arguments: argparse.Namespace, text: str) -> None:
     """Tell the user, unless standard output belongs to JSON."""
-    clear_line()
     if arguments.json != "-":
-        sys.stdout.write(text + "\n")
+        show(text)
 
 
 def summarise(record: Record, wall_s: float | None, recording: str | None, method: str = "auto") -> dict[str, Any]:
@@ -80,8 +78,8 @@ def _report(
         write_json(str(folder / "result.json"), results[0] if one else results)
     write_json(arguments.json, results[0] if one else results)
     for name, record in named:
-        for note in record.notes:
-            sys.stderr.write(f"{name}: {note}\n")
+        for line in record.notes:
+            note(f"{name}: {line}")
     for (_, record), result in zip(named, results, strict=True):
         say(arguments, "\n".join([*findings(record, result), ""]))
     heads = [name for name, _ in named] if len(named) > 1 else [""]
@@ -250,8 +248,8 @@ def _distributions(
     records = [(name, record, lines) for (name, record), lines in zip(named, modes, strict=True)]
     figures, notes = distribution_figures(records, arguments.spwvd.split(","), asked)
     paths = save(figures, files.new_folder(folder))
-    for note in notes:
-        sys.stderr.write(f"{note}\n")
+    for line in notes:
+        note(line)
     return [f"plot: {path}" for path in paths]
 
 
@@ -277,10 +275,10 @@ def views(arguments: argparse.Namespace) -> None:
         if arguments.set:
             raise InputError(f"--set {arguments.set[0]}: given with a recording; allowed: with a run")
         content, namespace = origin(given)
-        case = loading.make_case(content, str(given), {})
+        case = loading.recorded_case(content, str(given))
         folder = given.parent / "views" if arguments.out is None else Path(arguments.out)
-        for note in in_simulated_time(given, folder / "simulated_time"):
-            sys.stderr.write(f"{given}: {note}\n")
+        for line in in_simulated_time(given, folder / "simulated_time"):
+            note(f"{given}: {line}")
         say(arguments, f"recording: {folder / 'simulated_time'}")
     else:
         case, namespace = loading.load_case(arguments.what, arguments.set), "/"
@@ -415,9 +413,6 @@ def import_(arguments: argparse.Namespace) -> None:
     else:
         made = matpower.import_case(case, None if arguments.dynamics is None else Path(arguments.dynamics))
     text = document(made, case.name if more is None else f"{case.name} with {Path(more).name}")
-    for note in made.notes:
-        sys.stderr.write(f"facts-damping: {note}\n")
-    if arguments.out in (None, "-"):
-        sys.stdout.write(text)
-    else:
-        write_whole(Path(arguments.out), text)
+    for line in made.notes:
+        note(f"facts-damping: {line}")
+    write_text(arguments.out or "-", text)

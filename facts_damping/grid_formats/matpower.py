@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError
 from facts_damping.grid_formats.conversion import Imported, MatpowerCase, convert
+from facts_damping.input_files import GRID, is_file, read_text
 from facts_damping.parameters.files import read_table
 from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check, short
@@ -25,7 +26,7 @@ NEEDED = {
 def read_case(path: Path) -> MatpowerCase:
     """Tables of a MATPOWER case, format version 2."""
     allowed = "allowed: a MATPOWER case of version 2, with tables of plain numbers (savecase writes such)"
-    if path.suffix != ".m" or not path.is_file():
+    if path.suffix != ".m" or not is_file(path):
         raise InputError(f"{path}: no such case; allowed: an existing MATPOWER file (.m)")
     try:
         from matpowercaseframes import CaseFrames  # noqa: PLC0415  (an extra, and pandas comes with it)
@@ -33,8 +34,8 @@ def read_case(path: Path) -> MatpowerCase:
         raise InputError(
             "import: the library matpowercaseframes is missing; allowed: after pip install 'facts_damping[matpower]'"
         ) from error
+    text = read_text(path, GRID, "replace")
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
         for number, line in enumerate(text.splitlines(), 1):
             if re.match(r"\s*mpc\.(bus|gen|branch)\s*\(", line):
                 raise InputError(f"{path}: line {number}: computes in a table: {short(line.strip())}; {allowed}")
@@ -78,6 +79,6 @@ def import_case(path: Path, dynamics: Path | None = None) -> Imported:
 
 def read_dynamics(path: Path) -> dict[str, Any]:
     """Content of a file of dynamics."""
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"--dynamics {path}: no such file; allowed: an existing YAML file")
     return read_table(path)

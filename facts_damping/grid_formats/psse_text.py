@@ -7,21 +7,18 @@ import re
 from typing import TYPE_CHECKING
 
 from facts_damping.errors import InputError
+from facts_damping.input_files import GRID, is_file, read_text
 from facts_damping.parameters.validation import short
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-LONGEST = 50_000_000  # bytes of a file
-
 
 def read_lines(path: Path, kind: str) -> list[str]:
     """The lines of a file; `kind`: RAW or DYR."""
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"{path}: no such file; allowed: an existing PSS/E {kind} file")
-    if path.stat().st_size > LONGEST:
-        raise InputError(f"{path}: {path.stat().st_size} bytes given; allowed: at most {LONGEST}")
-    return path.read_text(encoding="utf-8", errors="replace").splitlines()
+    return read_text(path, GRID, "replace").splitlines()
 
 
 def as_number(text: str, where: str) -> float:

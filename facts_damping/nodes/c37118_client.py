@@ -19,7 +19,7 @@ from facts_damping.nodes import stamps
 from facts_damping.nodes.beside import Beside
 from facts_damping.nodes.clock import SimulatedClock
 from facts_damping.nodes.member import PLANT, Member
-from facts_damping.nodes.messages import Health, PlantStateMessage, run_done, state_message
+from facts_damping.nodes.messages import Health, PlantStateMessage, run_done, run_stopped, state_message
 from facts_damping.nodes.node import LATCHED, SAYING, STATE, finish, run_node
 from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options, read_stamp
 from facts_damping.nodes.signing import seal, signing
@@ -103,7 +103,7 @@ class C37118Client:
         try:
             self.follow()
         except Stopped:
-            self.say(RunState.ENDED, "stopped")
+            self.say(RunState.ENDED, run_stopped(self.tick, self.ticks, self.case.run.frame_rate))
             raise
         finally:
             beside.close()

@@ -6,12 +6,12 @@ import importlib
 import os
 import signal
 
-from facts_damping.terminal import INTERRUPTIONS
+from facts_damping.terminal import INTERRUPTIONS, heeded
 
 
 def _start(node: str, *, computes: bool = True) -> None:
     """Load a node and be it; `computes`: it needs kernels, which the first one on a machine compiles."""
-    for number in INTERRUPTIONS:
+    for number in heeded():
         signal.signal(number, lambda *_: os._exit(0))  # until the node takes them: nothing is there to clean up
     signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)  # a launch has them wait until here
     if computes:

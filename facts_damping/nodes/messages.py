@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ from facts_damping.nodes.cdr import Field, Refused, Template, content
 from facts_damping.nodes.stamps import epoch_ns
 from facts_damping.nodes.tables import start_of
 from facts_damping.parameters.stages import Spoof
+from facts_damping.recording.events import STOPPED
 from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, to_ns, truth_field
 from facts_damping.simulation.build import identifier_network
 
@@ -325,6 +327,11 @@ def run_state(data: bytes) -> tuple[int, bool, str]:
 def run_done(tick: int, frame_rate: int) -> str:
     """What a plant says after its last tick."""
     return f"done: {start_of(tick + 1, frame_rate) / NANOSECONDS:g} s"
+
+
+def run_stopped(tick: int, of: int, frame_rate: int) -> str:
+    """What a plant says after a tick where it was stopped; one without end (`of` its ticks: sys.maxsize) is done."""
+    return run_done(tick, frame_rate) if of == sys.maxsize else STOPPED
 
 
 def synchronism_lost(at_ns: int) -> str:

@@ -18,9 +18,12 @@ from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReli
 from rclpy.signals import SignalHandlerOptions
 
 from facts_damping.errors import FactsDampingError, InputError, RunError, one_line
+from facts_damping.escaping import escaped
+from facts_damping.input_files import naming_no_files
 from facts_damping.nodes.leaving import end_after
 from facts_damping.nodes.parameters import accept_whole_numbers, check_declared, declare, descriptor, usage
 from facts_damping.nodes.spinning import HEARD_S, BeginAgain, Stopped, check_wanted, stop_by_signals
+from facts_damping.terminal import INTERRUPTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -178,27 +181,27 @@ class Voice:
     def line(self, text: str) -> None:
         """A line for the program."""
         if self.lines:
-            sys.stdout.write(f"{text}\n")
+            sys.stdout.write(f"{escaped(text)}\n")
             sys.stdout.flush()
 
     def info(self, text: str) -> None:
         """Something to be known."""
-        self._logger.info(text)
+        self._logger.info(escaped(text))
 
     def warn(self, text: str) -> None:
         """Something that may be wrong."""
-        self._logger.warning(text)
+        self._logger.warning(escaped(text))
 
     def alarm(self, text: str) -> None:
         """Something that is wrong, to both."""
         self.line(text)
-        self._logger.error(text)
+        self._logger.error(escaped(text))
 
     def end(self, text: str) -> None:
         """Why the node ends."""
-        self._logger.fatal(text)
+        self._logger.fatal(escaped(text))
         if self.lines:
-            sys.stderr.write(f"{self._name}: {text}\n")
+            sys.stderr.write(f"{self._name}: {escaped(text)}\n")
 
 
 class Part(Protocol):
@@ -280,8 +283,9 @@ def _run(node: Node, make: Callable[[Node], Part], does: str) -> int | None:
             return 0
         check_declared(node)
         try:
-            part.ready()
-            part.run()
+            with naming_no_files("a message, a service or a parameter"):
+                part.ready()
+                part.run()
         except RunError as error:
             raise RunError(f"{error}{part.spinner.remark()}") from error
         finally:
@@ -302,7 +306,7 @@ def _run(node: Node, make: Callable[[Node], Part], does: str) -> int | None:
 
 def _limit_the_end(status: int) -> None:
     """Have a process whose work is done and written end as it should, also if its middleware does not let it."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in INTERRUPTIONS:
         signal.signal(number, signal.SIG_IGN)  # it ends; Python, when it ends, would let them kill it
     sys.stdout.flush()
     end_after(LEAVE_S, status)

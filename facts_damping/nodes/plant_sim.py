@@ -17,7 +17,7 @@ from facts_damping.nodes.clock import SimulatedClock
 from facts_damping.nodes.live_parameters import MeasurementParameters
 from facts_damping.nodes.live_plant import LivePlant
 from facts_damping.nodes.member import PLANT, Member
-from facts_damping.nodes.messages import Health, PlantStateMessage, grid_event, run_done, synchronism_lost
+from facts_damping.nodes.messages import Health, PlantStateMessage, grid_event, run_done, run_stopped, synchronism_lost
 from facts_damping.nodes.node import SAYING, finish, run_node
 from facts_damping.nodes.parameters import read_case, read_options, read_stamp
 from facts_damping.nodes.run_control import RunControl
@@ -152,7 +152,8 @@ class PlantSim:
         try:
             self.simulate()
         except Stopped:
-            self.control.say(RunState.ENDED, self.plant.tick, "stopped")
+            tick = self.plant.tick
+            self.control.say(RunState.ENDED, tick, run_stopped(tick, self.ticks, self.case.run.frame_rate))
             raise
 
     def simulate(self) -> None:

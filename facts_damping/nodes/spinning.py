@@ -17,6 +17,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import get_default_context
 
 from facts_damping.nodes.taking import take
+from facts_damping.terminal import heeded
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -39,13 +40,13 @@ class BeginAgain(Exception):  # noqa: N818 (not an error: another run has begun)
 
 
 def stop_by_signals() -> None:
-    """Take SIGINT and SIGTERM, here and not in rclpy, which shuts the middleware down under a node that works.
+    """Take interruptions, here and not in rclpy, which shuts the middleware down under a node that works.
 
     Who takes them already has heard those that have come.
     """
     told = _told.get() or Event()
     _told.set(told)
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in heeded():
         signal.signal(number, lambda *_: told.set())
 
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 import os
 import pickle
 import re
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, meant
+from facts_damping.input_files import is_file, read_text, share_folder
 from facts_damping.parameters.validation import short
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-MAX_FILE_BYTES = 10_000_000
 TAKEN_BY = {"runs": "simulate", "studies": "sweep", "campaigns": "campaign", "systems": "modes"}  # command by kind
 MARKS = {"runs": "system", "studies": "sweep", "campaigns": "beds"}  # a field that files of a kind have
 DEEPEST = 20  # levels of a file in which paths are looked for
@@ -26,18 +26,6 @@ PATHS = (
     *("weights", "linear", "policy", "fmu", "file", "keys"),
 )
 FILE = r"[^:\s]+\.(ya?ml|npz|mat|csv|mcap|fmu)|[^:\s]+\.py:\w+"
-
-
-@cache
-def share_folder() -> Path:
-    """Folder that holds `config`: a checkout, or `share/facts_damping` of an installation."""
-    for parent in Path(__file__).resolve().parents:
-        for folder in (parent, parent / "share" / "facts_damping"):
-            if (folder / "package.xml").is_file() and (folder / "config").is_dir():
-                return folder
-    raise InputError(
-        f"no config folder found above {Path(__file__).resolve().parent}; allowed: a checkout or an installation"
-    )
 
 
 def shipped(kind: str) -> dict[str, Path]:
@@ -55,7 +43,7 @@ def find(kind: str, name: str, within: str = "") -> Path:
     """File of a shipped name (a scenario's within its system), or of a path."""
     path = Path(name)
     if is_path(name):
-        if not path.is_file():
+        if not is_file(path):
             raise InputError(f"{path}: no such file; allowed: an existing YAML file")
         return path
     folder = share_folder() / "config" / kind
@@ -84,14 +72,9 @@ def check_kind(kind: str, content: Mapping[str, Any], source: str) -> None:
 
 def read_yaml(path: Path) -> Any:
     """Content of a YAML file; `InputError` where it cannot be read."""
-    text = ""
+    text = read_text(path)
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise InputError(f"{path}: {path.stat().st_size} bytes; allowed: at most {MAX_FILE_BYTES}")
-        text = path.read_text(encoding="utf-8")
         return pickle.loads(_parsed(text))  # noqa: S301 (what was just read)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}; allowed: a text file, UTF-8") from error
     except UNREADABLE as error:
         mark = getattr(error, "problem_mark", None)
         last = len(text.splitlines())  # what is missing at the end is found on the line after it
@@ -114,7 +97,7 @@ def read_table(path: Path) -> dict[str, Any]:
     if "extends" in content:
         base = content.pop("extends")
         file = path.parent / f"{base}.yaml"
-        if not isinstance(base, str) or not file.is_file() or file.resolve() == path.resolve():
+        if not isinstance(base, str) or not is_file(file) or file.resolve() == path.resolve():
             raise InputError(f"{path}: extends: {short(base)} given; allowed: the name of another file in its folder")
         parent = read_yaml(file)
         if not isinstance(parent, dict) or "extends" in parent:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from facts_damping.errors import InputError, meant
+from facts_damping.escaping import escaped
 from facts_damping.parameters.base import ParameterModel
 
 M = TypeVar("M", bound=ParameterModel)
@@ -16,7 +17,7 @@ M = TypeVar("M", bound=ParameterModel)
 
 def short(value: Any) -> str:
     """A value as text of at most 60 characters."""
-    text = " ".join(repr(value).split())
+    text = escaped(" ".join(repr(value).split()))
     return text if len(text) <= 60 else text[:57] + "..."
 
 

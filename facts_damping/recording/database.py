@@ -11,6 +11,7 @@ from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
 from facts_damping.errors import RecordingError, one_line
+from facts_damping.input_files import RECORDING, read_bytes
 from facts_damping.recording.bagfile import TopicInfo
 from facts_damping.recording.content import RawMessage
 from facts_damping.recording.schemas import schema_text
@@ -29,7 +30,7 @@ def read_database(file: Path, content: Content) -> None:
 
     Definitions of messages are those of the file; older ones have none, then the installed ones count.
     """
-    if not file.read_bytes()[:16].startswith(b"SQLite format 3"):
+    if not read_bytes(file, RECORDING)[:16].startswith(b"SQLite format 3"):
         raise RecordingError(f"{file} is not an SQLite file")
     try:
         with Reader(file) as reader:

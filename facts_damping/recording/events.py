@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 ROLES = ("plant", "link", "controller", "identifier", "supervisor")
 KINDS = ("start", *COMMANDS, "weights", "parameter", "link", "event", "rearm", "release", "pause", "resume", "step")
 MOST_TICKS = 10**9  # of any run
+ENDED, STOPPED = 2, "stopped"  # state of a RunState, and the reason of one that was not to end then
 TIME = r"[0-9]{1,18}"  # ns
 
 
@@ -81,6 +82,16 @@ def changes(found: Iterable[Block]) -> list[dict[str, Any]]:
                 if tick < MOST_TICKS
             ]
     return [change for *_, change in sorted(told, key=lambda one: one[:2])]
+
+
+def ended(found: Iterable[Block]) -> str | None:
+    """Why the run has ended, as its plant says last; None: it does not say so."""
+    told = [
+        (int(row), str(block.message.reason) if state == ENDED else None)
+        for block in found
+        for row, state in zip(block.rows, block.message.state, strict=True)
+    ]
+    return max(told, key=lambda one: one[0])[1] if told else None
 
 
 def joined(found: Iterable[Block]) -> list[dict[str, Any]]:

@@ -54,6 +54,7 @@ FIELDS: dict[str, dict[str, str]] = {
         ),
         "float64",
     ),
+    f"{OURS}RunState": {"state": "uint8", "reason": "string"},
     f"{OURS}PlantState": _HEAD
     | {"in_synchronism": "bool", "machines": f"{OURS}MachineState[]", "devices": f"{OURS}DeviceState[]"},
     f"{OURS}MachineState": {"machine": "string"} | dict.fromkeys(MACHINE_FIELDS, "float64"),

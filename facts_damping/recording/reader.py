@@ -49,6 +49,7 @@ KINDS = {
     "refused": ("facts_damping_msgs/msg/RefusedMessages", "/security/refused"),
     "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics"),
     "changes": ("facts_damping_msgs/msg/RunChange", "/run/changes"),
+    "run": ("facts_damping_msgs/msg/RunState", "/run/state"),
 }
 REQUIRED = ("frames", "state")  # without these there is no record of a plant
 CLOSED_LOOP = ("delivered", "issued", "applied")  # without these there is none of a run with controllers
@@ -62,7 +63,7 @@ SEVERAL = (
     "diagnostics",
 )  # of a link, a controller, an identifier, anybody
 SETPOINTS = ("issued", "supervised", "applied")  # of these, what several messages of a tick say is all kept
-UNTIMED = ("events", "refused", "diagnostics", "changes")  # these are of no tick
+UNTIMED = ("events", "refused", "diagnostics", "changes", "run")  # these are of no tick
 
 
 def load(path: Path | str) -> Record:
@@ -121,7 +122,8 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     ticks = _ticks(found, late, content.complete)
     away = absences.absences(found, late, 0, int(ticks[-1]) + 1)
     notes += absences.notes(found, away, int(ticks[-1]))
-    _check_end(ticks, configuration, found["state"][0], content.complete, notes)
+    told = [events.ended(messages[topic]) for topic in topics["run"]]
+    _check_end(ticks, configuration, found["state"][0], content.complete, told, notes)
     first, last = int(ticks[0]), int(ticks[-1])
     cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
     plant = {kind: decode.select(cut[kind][0], ticks) for kind in REQUIRED}
@@ -286,16 +288,30 @@ def _apart(needed: Sequence[Series]) -> str:
 
 
 def _check_end(
-    ticks: NDArray[np.int64], configuration: dict[str, Any], state: Series, complete: bool, notes: list[str]
+    ticks: NDArray[np.int64],
+    configuration: dict[str, Any],
+    state: Series,
+    complete: bool,
+    told: list[str | None],
+    notes: list[str],
 ) -> None:
-    """Note where a recording ends that was cut."""
-    if complete:
+    """Note where a recording ends that was cut, or a run that did not end by itself; `told`: by its plant, if that did.
+
+    A bag without the plant's topic says nothing.
+    """
+    if not complete:
+        why = "the end is missing"
+    elif told == [None]:
+        why = "the run has not ended properly: its plant does not say so, as where it was killed"
+    elif told == [events.STOPPED]:
+        why = "the run was stopped"
+    else:
         return
     times = decode.column(state, lambda message: decode.time_ns(message.header.stamp), np.int64)
     end = times[int(np.searchsorted(state.ticks, ticks[-1]))] / NANOSECONDS
     duration = configuration.get("duration")
     of = f" of {duration:g} s" if isinstance(duration, int | float) else ""
-    notes.append(f"the end is missing: the record ends with tick {ticks[-1]} at {end:.3f} s{of}")
+    notes.append(f"{why}: the record ends with tick {ticks[-1]} at {end:.3f} s{of}")
 
 
 def _named(of: Expected, kind: str, found: Series, entries: str) -> list[str]:

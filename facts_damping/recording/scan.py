@@ -13,7 +13,8 @@ from mcap.records import Attachment, Channel, Chunk, DataEnd, McapRecord, Messag
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 
-from facts_damping.errors import RecordingError
+from facts_damping.errors import InputError, RecordingError
+from facts_damping.input_files import RECORDING, read_bytes, read_text
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.bagfile import CUSTOM, DIGEST, FILE_NAME, INFORMATION, TopicInfo
 from facts_damping.recording.chunks import Room, unpack
@@ -23,9 +24,6 @@ from facts_damping.recording.writer import CONFIGURATION, LOST, PUBLISHERS, VERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-
-MOST_METADATA = 10_000_000  # characters
 
 
 def scan(path: Path | str) -> Content:
@@ -42,8 +40,8 @@ def scan(path: Path | str) -> Content:
                 read_database(file, content)
             else:
                 _scan_file(file, content)
-        except OSError as error:
-            raise RecordingError(f"{file} cannot be read: {error.strerror or error}") from error
+        except InputError as error:
+            raise RecordingError(str(error)) from error
     if not content.messages:
         raise RecordingError(content.refusal(f"{path} holds no message"))
     return content
@@ -69,9 +67,8 @@ def bag_files(path: Path) -> list[Path]:
 def metadata(file: Path) -> dict[str, Any]:
     """What metadata.yaml says; nothing if it is missing or damaged, for the files tell the same."""
     try:
-        with file.open(encoding="utf-8") as stream:
-            return dict(parse(stream.read(MOST_METADATA))[INFORMATION])
-    except (OSError, *UNREADABLE):
+        return dict(parse(read_text(file))[INFORMATION])
+    except (InputError, *UNREADABLE):
         return {}
 
 
@@ -90,7 +87,7 @@ def _scan_file(file: Path, content: Content) -> None:
     read counts, so that damage to one of the two places does no harm. A checksum over all that lies before the summary
     tells of damage that nothing else shows.
     """
-    data, notes, known = file.read_bytes(), content.notes, len(content.notes)
+    data, notes, known = read_bytes(file, RECORDING), content.notes, len(content.notes)
     if not data.startswith(MCAP0_MAGIC):
         raise RecordingError(f"{file} is not an MCAP file")
     schemas: dict[int, Schema] = {}

@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.errors import InputError
+from facts_damping.escaping import escaped
 from facts_damping.report.build import MOST_EVENTS, build
 from facts_damping.report.contents import ReportedRun, ReportTable
 from facts_damping.report.drawing import draw
@@ -52,6 +53,10 @@ def write(
         raise InputError(f"{path}: {error.strerror}; allowed: a file in a folder that can be written") from error
 
 
+def _shown(value: Any) -> Any:
+    return value if isinstance(value, Markup) or not isinstance(value, str) else escaped(value)
+
+
 def page(report: Report) -> str:
     """A report as HTML. Names and notes are text of the recordings: all is escaped but what Bokeh makes."""
     drawn = draw(report)
@@ -67,7 +72,7 @@ def page(report: Report) -> str:
     }
     templates = Environment(
         loader=PackageLoader("facts_damping.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
+        lstrip_blocks=True, finalize=_shown,
     )  # fmt: skip
     return templates.get_template("page.html").render(
         report=report,

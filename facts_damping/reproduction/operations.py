@@ -10,9 +10,9 @@ from __future__ import annotations
 import csv
 from typing import TYPE_CHECKING, NamedTuple
 
+from facts_damping.input_files import share_folder
 from facts_damping.neurofuzzy.network import counted
 from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.parameters.files import share_folder
 from facts_damping.reproduction.printed import Operations, operations
 from facts_damping.terminal import table
 

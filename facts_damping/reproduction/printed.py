@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.analysis.indices import THESIS_INDICES
 from facts_damping.errors import InputError, check_known
+from facts_damping.input_files import share_folder
 from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.parameters.files import share_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -17,6 +17,7 @@ from facts_damping.case.measurement import with_number as with_measured
 from facts_damping.control.bank import put
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
+from facts_damping.input_files import naming_no_files
 from facts_damping.link.transfer import Links, changed, replaced
 from facts_damping.monitors import COMMANDS
 from facts_damping.parameters.files import read_value
@@ -64,11 +65,12 @@ def with_reset(case: Case, at_ns: int) -> Case:
 
 
 def with_link(case: Case, index: int, given: Any) -> Case:
-    """A case with another link in the place of one of its links; `given`: its name, path or YAML, or what that says.
+    """A case with another link in the place of one of its links; `given`: its name or YAML, or what that says.
 
     Raises `InputError` where it is none, or does not fit the run.
     """
-    link = read_link(read_value(given, SOURCE) if isinstance(given, str) else given, "link", SOURCE, None)
+    with naming_no_files("a change of a run"):
+        link = read_link(read_value(given, SOURCE) if isinstance(given, str) else given, "link", SOURCE, None)
     own = next((c for c, used in enumerate(case.used_links) if used == index and case.run.controllers[c].link), None)
     content = case.document()
     (content if own is None else content["controllers"][own])["link"] = link.model_dump()

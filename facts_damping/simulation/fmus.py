@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import weakref
 from functools import cache
+from io import BytesIO
 from multiprocessing import util
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,6 +21,7 @@ import numpy as np
 
 from facts_damping.errors import InputError, one_line
 from facts_damping.extras import library
+from facts_damping.input_files import FMU, FMU_UNPACKED, check_unpacked, is_file, read_bytes
 from facts_damping.parameters.run import Fmu
 
 if TYPE_CHECKING:
@@ -122,10 +124,12 @@ class FmuController:
 def _unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
     """The folder of an FMU, and its description. Raises `InputError` where it is none."""
     library("fmpy", "fmi", "FMPy", where)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"{where}: {path}: no such file; allowed: an FMU")
     try:
         folder, description = _unpack(path.resolve(), path.stat().st_mtime_ns)
+    except InputError:
+        raise
     except Exception as error:  # whatever archives, XML and FMPy die of
         reason = one_line(error) or type(error).__name__
         raise InputError(f"{where}: {path}: cannot be read: {reason}; allowed: an FMU of FMI 2 or 3") from error
@@ -138,9 +142,10 @@ def _unpacked(path: Path, where: str) -> tuple[TemporaryDirectory[str], Any]:
 @cache
 def _unpack(path: Path, _written: int) -> tuple[TemporaryDirectory[str], Any]:
     """An FMU in a folder that goes with this process, once for each state of its file."""
-    description = importlib.import_module("fmpy").read_model_description(str(path))
+    content = read_bytes(path, FMU)
+    check_unpacked(path, content, FMU_UNPACKED)
     folder = TemporaryDirectory(prefix="facts_damping_fmu_")
     util.Finalize(None, folder.cleanup, exitpriority=0)  # also in a forked node, which ends without Python's own end
-    with ZipFile(path) as archive:
-        archive.extractall(folder.name)
-    return folder, description
+    with ZipFile(BytesIO(content)) as archive:
+        archive.extractall(folder.name)  # names that lead out of the folder lead into it
+    return folder, importlib.import_module("fmpy").read_model_description(folder.name)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.case.changes import change
-from facts_damping.case.loading import load_case, make_case
+from facts_damping.case.loading import load_case, make_case, recorded_case
 from facts_damping.case.names import controller_names
 from facts_damping.control.table import OWN, RUN
 from facts_damping.digest import canonical
@@ -65,6 +65,7 @@ def case_of(record: Record, source: str, run: str | None, sets: list[str], *, po
         return load_case(run, sets)
     check_has_run(record, source)
     content, (values, origins) = deepcopy(record.configuration), read_sets(sets)
+    recorded_case(content, source)  # from here on who names a file is the user
     changed = {path for key in values for path in each_path(content, key)}
     _forget(content, changed)
     if not policy:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, one_line
 from facts_damping.extensions import given
+from facts_damping.input_files import FMU, is_file, read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,7 +32,7 @@ def find(text: str, where: str) -> Any:
             others = ", ".join(["module:Class", "path/to/file.py:Class", *known])
             raise InputError(f"{where}: '{text}' given; allowed: {others}")
         place, _, name = known[text].value.rpartition(":")
-    if place.endswith(".py") and not Path(place).is_file():
+    if place.endswith(".py") and not is_file(Path(place)):
         raise InputError(f"{where}: {place}: no such file; allowed: a file in Python with the class")
     try:
         with _importable(Path.cwd()):
@@ -69,7 +70,7 @@ def _run_file(path: Path) -> Any:
         module.__file__ = str(whole)
         sys.modules[name] = module
         with _importable(whole.parent):  # compiled here: Python's own cache goes by size and whole seconds
-            exec(compile(whole.read_bytes(), str(whole), "exec"), vars(module))  # noqa: S102 (the user's own)
+            exec(compile(read_bytes(whole), str(whole), "exec"), vars(module))  # noqa: S102 (the user's own)
         _loaded[whole] = (written, module)
     return _loaded[whole][1]
 
@@ -77,7 +78,7 @@ def _run_file(path: Path) -> Any:
 def source_hash(field: str, text: str) -> str:
     """What tells states of a program apart: a hash of the file of a `policy` or `fmu`. Raises `InputError`."""
     file = text if field == "fmu" else file_of(find(text, field))
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if Path(file).is_file() else ""
+    return hashlib.sha256(read_bytes(Path(file), FMU)).hexdigest() if Path(file).is_file() else ""
 
 
 def file_of(found: Any) -> str:

@@ -190,7 +190,7 @@ def weights_of(
 
 def eigenvectors(matrix: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Eigenvalues of a matrix, left eigenvectors, as in w A = lambda w, and right ones, in columns."""
-    from scipy.linalg import eig  # noqa: PLC0415 -- runs do without, and SciPy takes 0.2 s to load
+    from scipy.linalg import eig  # noqa: PLC0415 (runs do without it)
 
     values, left, right = eig(matrix, left=True, right=True)  # no inverse: drifts have no full set of eigenvectors
     return values, left.conj(), right

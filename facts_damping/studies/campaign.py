@@ -15,6 +15,7 @@ from facts_damping.analysis.verdict import DAMPED
 from facts_damping.case.loading import changed_case, read_run
 from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
+from facts_damping.input_files import read_text
 from facts_damping.monitors import MONITORS
 from facts_damping.parameters.campaign import Campaign
 from facts_damping.parameters.files import find, new_folder, read_sets, read_table
@@ -77,7 +78,7 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
     changed, _ = read_sets(sets)
     told = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
     digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
-    made = Plan(path.stem, path.read_text(encoding="utf-8"), campaign, contents, changed, digest)
+    made = Plan(path.stem, read_text(path), campaign, contents, changed, digest)
     try:
         for bed in campaign.beds:
             _check(made, bed)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.input_files import share_folder
 from facts_damping.monitors import MONITORS
-from facts_damping.parameters.files import share_folder
 from facts_damping.studies import campaign as study
 from facts_damping.studies.faults import FAULTS, NOTHING
 from facts_damping.studies.invariants import HARM, INVARIANTS

@@ -10,6 +10,7 @@ import zlib
 from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError
+from facts_damping.input_files import RECORDING, check_file
 from facts_damping.terminal import finite
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ class Journal:
 
     def __init__(self, path: Path, study: str) -> None:
         """Open the journal of a study, by its fingerprint, and read what it holds."""
+        if path.exists():
+            check_file(path, RECORDING)
         self._file: IO[bytes] = path.open("a+b")
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -35,7 +35,8 @@ _state = {"worker": False}  # whether this process is one
 def _worker() -> None:
     """An interrupt is the parent's to answer; whatever ends the parent ends its workers."""
     _state["worker"] = True
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     tie_to_parent()
 

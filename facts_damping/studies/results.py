@@ -13,7 +13,7 @@ from pyarrow import csv, parquet
 
 from facts_damping import terminal
 from facts_damping.analysis.convergence import MARK
-from facts_damping.parameters.files import share_folder
+from facts_damping.input_files import share_folder
 from facts_damping.studies.margins import share
 from facts_damping.terminal import write_whole
 from facts_damping.version import versions

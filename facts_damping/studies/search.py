@@ -10,7 +10,6 @@ best on draws that no rung has used, twice as many again, is chosen.
 from __future__ import annotations
 
 import math
-import sys
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -26,6 +25,7 @@ from facts_damping.studies.optimisers import METHODS
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.scoring import REFERENCE, Draw, Score, draws, ensemble, score
 from facts_damping.studies.structures import Choice, Structure, started, structures
+from facts_damping.terminal import note
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -211,7 +211,7 @@ def _say_what_is_made(task: SearchTask, climbed: Sequence[Rung], counts: Sequenc
         least = [POPULATION * count * len(rung.draws) for rung, count in zip(climbed, counts, strict=False)]
         text = f"of {counts[0]} structures only the {POPULATION} first points are tried: {sum(least)} closed loops"
         enough = 2 * len(climbed) * max(least)
-        sys.stderr.write(f"--budget {task.budget}: {text}; two generations of all take {enough}\n")
+        note(f"--budget {task.budget}: {text}; two generations of all take {enough}")
 
 
 def _check_start(task: SearchTask, asked: Sequence[Structure]) -> None:

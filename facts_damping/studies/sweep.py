@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,6 +11,7 @@ from facts_damping.analysis.verdict import DAMPED, LOST
 from facts_damping.case.loading import read_run
 from facts_damping.control.table import PROGRAMS
 from facts_damping.errors import InputError, check_known
+from facts_damping.input_files import read_text
 from facts_damping.parameters import files
 from facts_damping.parameters.files import check_kind, find, read_sets, read_table
 from facts_damping.parameters.study import Study
@@ -22,7 +22,7 @@ from facts_damping.studies.batch import IDENTITY, Base, RunRequest, figure_names
 from facts_damping.studies.every import unfolded
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.pool import workers
-from facts_damping.terminal import write_whole
+from facts_damping.terminal import note, write_whole
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def plan(name: str, sets: Sequence[str], only: Sequence[str] = (), *, check_step
     check_kind("studies", content, str(path))
     study = check(Study, content, str(path))
     study = study.model_copy(update={"check_step": study.check_step or check_step})
-    return planned(study, path.stem, str(path), path.read_text(encoding="utf-8"), sets, only)
+    return planned(study, path.stem, str(path), read_text(path), sets, only)
 
 
 def planned(
@@ -140,7 +140,7 @@ def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Pr
         write_whole(folder / COPY, made.text)
         if journal.damaged:
             lines = f"{journal.damaged} damaged line{'s' if journal.damaged > 1 else ''}"
-            sys.stderr.write(f"{folder / JOURNAL}: {lines}; what stood there is run again\n")
+            note(f"{folder / JOURNAL}: {lines}; what stood there is run again")
         progress.resume(len(journal.rows))
         progress(len(journal.rows), most)
         while todo := _tasks(made, journal.rows):

@@ -14,8 +14,9 @@ from facts_damping.case import names
 from facts_damping.case.controllers import tuned
 from facts_damping.case.loading import load_case, load_system, make_case
 from facts_damping.errors import InputError
+from facts_damping.input_files import share_folder
 from facts_damping.link.stages import mean_delay
-from facts_damping.parameters.files import read_table, share_folder, shipped
+from facts_damping.parameters.files import read_table, shipped
 from facts_damping.parameters.stages import Noise
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build as build_grid

@@ -13,6 +13,8 @@ import threading
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from facts_damping.terminal import INTERRUPTIONS
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
@@ -175,5 +177,5 @@ class World:
             process.stopped = number == signal.SIGSTOP
         elif callable(handler := process.handlers.get(number)):
             handler(number, None)
-        elif number in (signal.SIGINT, signal.SIGTERM):
+        elif number in INTERRUPTIONS:
             process.killed = True

@@ -1,0 +1,148 @@
+"""The door for files: whatever is read from a file that someone has named is read here.
+
+A file is a regular one, of a bounded size, also unpacked. Who names it may be a command line, or a file that it names;
+what recordings, messages, services and parameters name is opened by nobody (`naming_no_files`).
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import zlib
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+from zipfile import ZipFile
+
+from facts_damping.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+TEXT = 10_000_000  # bytes of a YAML file, a table, a program, matrices
+MATRICES = 100_000_000  # of matrices, unpacked
+GRID = 50_000_000  # of a grid of another program
+FMU, FMU_UNPACKED = 500_000_000, 2_000_000_000
+RECORDING = 4_000_000_000
+KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+COMPRESSED = 15  # miCOMPRESSED, the type of an element of a MAT file of level 5 ("MAT-File Format", table 1-1)
+MAT_HEAD, MAT_TAG = 128, 8  # bytes
+
+_others: ContextVar[str | None] = ContextVar("_others", default=None)  # who names files now, if not the user
+_opened: set[Path] = set()  # files that this process has read for its user
+
+
+@cache
+def share_folder() -> Path:
+    """Folder that holds `config`: a checkout, or `share/facts_damping` of an installation."""
+    for parent in Path(__file__).resolve().parents:
+        for folder in (parent, parent / "share" / "facts_damping"):
+            if (folder / "package.xml").is_file() and (folder / "config").is_dir():
+                return folder
+    raise InputError(
+        f"no config folder found above {Path(__file__).resolve().parent}; allowed: a checkout or an installation"
+    )
+
+
+@contextmanager
+def naming_no_files(who: str) -> Iterator[None]:
+    """Within the block files are named by others than the user: none is opened but shipped ones.
+
+    What was read before may be read again. `who`: what errors call them.
+    """
+    before = _others.set(who)
+    try:
+        yield
+    finally:
+        _others.reset(before)
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a file. Raises `InputError` where who names it may not know."""
+    _check_named(path)
+    return path.is_file()
+
+
+def read_bytes(path: Path, most: int = TEXT) -> bytes:
+    """Content of a file of at most so many bytes. Raises `InputError`."""
+    _check_named(path)
+    try:
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+            about = os.fstat(file.fileno())
+            _check_kind(path, about, most)
+            content = file.read(most + 1)  # what is written to now, or has no size, may hold more
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; allowed: a file that can be read") from error
+    if len(content) > most:
+        raise InputError(f"{path}: more than {most} bytes; allowed: at most {most}")
+    if _others.get() is None:
+        _opened.add(Path(os.path.normpath(path.absolute())))
+    return content
+
+
+def read_text(path: Path, most: int = TEXT, errors: str = "strict") -> str:
+    """Text of a file in UTF-8; `errors`: as `bytes.decode` has them. Raises `InputError`."""
+    try:
+        return read_bytes(path, most).decode("utf-8", errors).replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: cannot be read: {error.reason} at byte {error.start}; allowed: UTF-8") from error
+
+
+def check_file(path: Path, most: int) -> None:
+    """Raise `InputError` for a file that a library is not to open: by who names it, its kind, its size."""
+    _check_named(path)
+    try:
+        _check_kind(path, path.stat(), most)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; allowed: a file that can be read") from error
+    if _others.get() is None:
+        _opened.add(Path(os.path.normpath(path.absolute())))
+
+
+def check_unpacked(path: Path, content: bytes, most: int) -> None:
+    """Raise `InputError` for a ZIP archive (NPZ, FMU) or MAT file whose content is more than so many bytes unpacked."""
+    if content.startswith(b"PK"):
+        with ZipFile(BytesIO(content)) as archive:
+            size = sum(one.file_size for one in archive.infolist())
+    else:
+        size = _mat_size(content, most)
+    if size > most:
+        raise InputError(f"{path}: more than {most} bytes unpacked; allowed: at most {most}")
+
+
+def _mat_size(content: bytes, most: int) -> int:
+    """Bytes that the compressed elements of a MAT file come to, unpacked: no further than needed."""
+    order: Literal["little", "big"] = "little" if content[MAT_HEAD - 2 : MAT_HEAD] == b"IM" else "big"
+    size, place = 0, MAT_HEAD
+    while place + MAT_TAG <= len(content) and size <= most:
+        kind, length = (int.from_bytes(content[place + i : place + i + 4], order) for i in (0, 4))
+        place += MAT_TAG
+        if kind == COMPRESSED:
+            size += len(zlib.decompressobj().decompress(content[place : place + length], most + 1 - size))
+        place += length
+    return size
+
+
+def _check_named(path: Path) -> None:
+    """Raise `InputError` for a file that is named by someone who may not."""
+    who = _others.get()
+    place = Path(os.path.normpath(path.absolute()))
+    if who is None or place in _opened or share_folder() / "config" in place.parents:
+        return
+    raise InputError(f"{path}: named by {who}, which opens no file; allowed: what the file says")
+
+
+def _check_kind(path: Path, about: os.stat_result, most: int) -> None:
+    if not stat.S_ISREG(about.st_mode):
+        raise InputError(f"{path}: {KINDS.get(stat.S_IFMT(about.st_mode), 'no file')} given; allowed: a file")
+    if about.st_size > most:
+        raise InputError(f"{path}: {about.st_size} bytes; allowed: at most {most}")
