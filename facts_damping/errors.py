@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 from facts_damping.escaping import escaped, shortened
@@ -9,11 +10,17 @@ from facts_damping.escaping import escaped, shortened
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+VERBOSE = "FACTS_DAMPING_VERBOSE"  # variable by which `--verbose` reaches all processes of a command
 SHORT = range(3, 6)  # letters of a word
 
 
 class FactsDampingError(Exception):
-    """Base class of every error that this package raises on purpose."""
+    """Base class of every error that this package raises on purpose.
+
+    `details`: what `--verbose` shows beside it, such as the traceback of the user's code in a node.
+    """
+
+    details = ""
 
 
 class InputError(FactsDampingError):
@@ -35,6 +42,20 @@ class RecordingError(FactsDampingError):
 def one_line(error: object) -> str:
     """What an error says, in one line that can be seen and is not longer than a screen."""
     return shortened(escaped(" ".join(str(error).split())))
+
+
+def traced(error: BaseException) -> str:
+    """Where an error is from, if that is asked for: the traceback of its first cause, else its details; lines."""
+    if VERBOSE not in os.environ:
+        return ""
+    if error.__cause__ is None:
+        return f"{error.details}\n" if isinstance(error, FactsDampingError) and error.details else ""
+    from traceback import format_exception  # noqa: PLC0415 (asked for by few)
+
+    first = error
+    while first.__cause__ is not None:
+        first = first.__cause__
+    return "".join(format_exception(type(first), first, first.__traceback__, chain=False))
 
 
 def meant(name: str, allowed: Iterable[str]) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
 
+exit_now = os._exit  # also where user's code may not call it
 CM, USUAL_PT, PRINT_DPI = 2.54, 10.0, 300  # an inch; size of text that pictures are drawn with; where a width is asked
 INTERRUPTED = 130  # exit status
 SILENCE_S = 3.0  # so long a command says nothing
@@ -252,7 +253,7 @@ def end_at_once(_number: int, _frame: Any) -> None:
     An exception is lost where Python itself takes it, in an import above all.
     """
     os.write(2, b"facts-damping: interrupted\n")
-    os._exit(INTERRUPTED)
+    exit_now(INTERRUPTED)
 
 
 def clean_up_first() -> None:

@@ -114,7 +114,11 @@ def take_profile(content: dict[str, Any], given: Any, where: str, kept: Collecti
     profile = read_profile(given)
     content[PROFILE] = given
     _open_name(content, "system.name")
-    values = {**profile.set, **profile.systems.get(content["system"].get("name", ""), {})}
+    if not isinstance(content["system"], dict):
+        raise InputError(
+            f"{where}: system: {short(content['system'])} given; allowed: a name, a YAML file, or a system"
+        )
+    values = {**profile.set, **profile.systems.get(str(content["system"].get("name")), {})}
     for path in sorted(values, key=lambda key: key.count(".")):
         for key in each_path(content, path, partial(_open_name, content)) if _there(content, path, kept) else []:
             set_field(content, key, deepcopy(values[path]), f"{where}: {path}")

@@ -44,6 +44,7 @@ def parser() -> argparse.ArgumentParser:
 
     def add(name: str, function: str, text: str, *examples: str) -> argparse.ArgumentParser:
         made = verbs.add_parser(name, help=text, description=text, epilog=options.told(examples))
+        made.add_argument("--verbose", action="store_true", help="with an error, also where in the code it is from")
         made.set_defaults(function=function, known=made.options)
         return made
 

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from facts_damping.cli import options
 from facts_damping.cli.commands import parser
-from facts_damping.errors import DegradedError, FactsDampingError, InputError, RecordingError, one_line
+from facts_damping.errors import VERBOSE, DegradedError, FactsDampingError, InputError, RecordingError, one_line, traced
+from facts_damping.escaping import escaped
 from facts_damping.terminal import INTERRUPTED, INTERRUPTIONS, Look, at_work, draw_as, end_at_once, note
 
 if TYPE_CHECKING:
@@ -27,6 +28,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 gc.set_threshold(50_000)
 
 DONE, FAILED, BAD_INPUT, DEGRADED = 0, 1, 2, 3
+STATUSES: tuple[tuple[type[FactsDampingError], int], ...] = (
+    *((InputError, BAD_INPUT), (RecordingError, BAD_INPUT)),
+    *((DegradedError, DEGRADED), (FactsDampingError, FAILED)),
+)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -35,9 +40,12 @@ def main(argv: list[str] | None = None) -> int:
     for number in INTERRUPTIONS:
         if before[number] != signal.SIG_IGN:
             signal.signal(number, end_at_once)
+    verbose = os.environ.get(VERBOSE)
     try:
         return _main(argv)
     finally:
+        os.environ.pop(VERBOSE, None)
+        os.environ.update({} if verbose is None else {VERBOSE: verbose})
         for number, handler in before.items():
             signal.signal(number, handler)
 
@@ -46,12 +54,9 @@ def _main(argv: list[str] | None) -> int:
     try:
         _do(_arguments(argv))
         sys.stdout.flush()
-    except (InputError, RecordingError) as error:
-        return _fail(error, BAD_INPUT)
-    except DegradedError as error:
-        return _fail(error, DEGRADED)
     except FactsDampingError as error:
-        return _fail(error, FAILED)
+        sys.stderr.write(escaped(traced(error)))
+        return _fail(error, next(status for kind, status in STATUSES if isinstance(error, kind)))
     except KeyboardInterrupt as error:
         return _fail(f"interrupted; {str(error) or 'what was recorded by then is readable'}", INTERRUPTED)
     except BrokenPipeError:
@@ -88,6 +93,8 @@ def _do(arguments: argparse.Namespace) -> None:
     """What the command does: loaded now, so that `--help`, `--version` and what is mistyped are answered at once."""
     from facts_damping.parameters import files
 
+    if arguments.verbose:
+        os.environ[VERBOSE] = "1"  # of nodes and workers, too
     files.check_writable(arguments.json)
     if getattr(arguments, "nodes", False):
         from facts_damping.nodes import forked

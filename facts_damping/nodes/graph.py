@@ -112,10 +112,19 @@ class Process:
         line = re.search(r"^steps (\d+) (\S+) (\S+) (\S+)$", self.said(), re.MULTILINE)
         return StepTimes(int(line[1]), *map(float, line.groups()[1:])) if line else None
 
+    def failure(self) -> RunError:
+        """Its reason as an error, with what it said before."""
+        made = RunError(self.reason())
+        made.details = "\n".join(self._errors()[:-1])
+        return made
+
+    def _errors(self) -> list[str]:
+        self.errors.seek(0)
+        return self.errors.read().decode(errors="replace").strip().splitlines()
+
     def reason(self) -> str:
         """Why it ended, in one line."""
-        self.errors.seek(0)
-        lines = self.errors.read().decode(errors="replace").strip().splitlines()
+        lines = self._errors()
         code = self.process.exitcode
         if code is not None and code < 0:
             return f"{self.name} was killed by {signal.Signals(-code).name}"
@@ -223,7 +232,7 @@ def _wait_for_view(view: Process) -> None:
     while not view.read():
         if view.process.exitcode is not None or time.monotonic() > deadline:
             end([view], signal.SIGINT)
-            raise RunError(view.reason())
+            raise view.failure()
         time.sleep(POLL_S)
 
 
@@ -339,7 +348,7 @@ def run(
             time.sleep(POLL_S)
         if plant.failed():
             _check_others(running, fallen if newest > 1 and mode == "realtime" else None)
-            raise RunError(plant.reason())
+            raise plant.failure()
         for k, n, late in plant.progress():
             misses = late
             progress(k, n)
@@ -349,7 +358,7 @@ def run(
         _stop(running)
         recorder = running[RECORDER]
         if recorder.failed():
-            raise RunError(recorder.reason())
+            raise recorder.failure()
         lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
         took = {
             name.rpartition("/")[2]: times
@@ -378,4 +387,4 @@ def _check_others(running: dict[str, Process], fallen: dict[str, str] | None = N
         ended = [p for p in ended if p.name == RECORDER]
     if ended:
         killed = [p for p in ended if (p.process.exitcode or 0) < 0]
-        raise RunError((killed or ended)[0].reason())
+        raise (killed or ended)[0].failure()

@@ -17,7 +17,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from facts_damping.errors import FactsDampingError, InputError, RunError, one_line
+from facts_damping.errors import FactsDampingError, InputError, RunError, one_line, traced
 from facts_damping.escaping import escaped
 from facts_damping.input_files import naming_no_files
 from facts_damping.nodes.leaving import end_after
@@ -197,9 +197,10 @@ class Voice:
         self.line(text)
         self._logger.error(escaped(text))
 
-    def end(self, text: str) -> None:
-        """Why the node ends."""
+    def end(self, text: str, details: str) -> None:
+        """Why the node ends; `details`: where that is from, in lines."""
         self._logger.fatal(escaped(text))
+        sys.stderr.write(escaped(details))
         if self.lines:
             sys.stderr.write(f"{self._name}: {escaped(text)}\n")
 
@@ -299,7 +300,7 @@ def _run(node: Node, make: Callable[[Node], Part], does: str) -> int | None:
         voice.info("another plant has begun: this node begins again, too")
         return None
     except (FactsDampingError, ParameterException) as error:
-        voice.end(one_line(error))
+        voice.end(one_line(error), traced(error))
         return 1 if isinstance(error, RunError) else 2
     return 0
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, StringConstraints
 
 from facts_damping.errors import InputError
+from facts_damping.input_files import read_text
 from facts_damping.parameters.base import ParameterModel, quantity
-from facts_damping.parameters.files import read_table
 from facts_damping.parameters.validation import check
-from facts_damping.parameters.yaml_text import dump
+from facts_damping.parameters.yaml_text import UNREADABLE, dump, parse
 from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:
@@ -48,8 +49,17 @@ class Keys(ParameterModel):
 
 
 def read_keys(path: Path) -> dict[int, bytes]:
-    """Keys of a file by their numbers, that which signs first. Raises `InputError` where others may read the file."""
-    given = check(Keys, read_table(path), str(path)).keys
+    """Keys of a file by their numbers, that which signs first.
+
+    Raises `InputError` where it is none, without a word of what it holds, and where others may read it.
+    """
+    text = read_text(path)
+    try:
+        given = check(Keys, parse(text), str(path)).keys
+    except (InputError, *UNREADABLE) as error:
+        field = re.search(r"keys(\.\d)?(\.(id|key))?(?=: )", str(error))
+        where = f"{path}: {field[0]}" if field else str(path)
+        raise InputError(f"{where}: no keys; allowed: as `facts-damping new key` has written them") from None
     mode = path.stat().st_mode & 0o777
     if mode & 0o077:
         raise InputError(f"{path}: mode {mode:04o} given; allowed: {MODE:04o}, for its owner alone (chmod 600)")

@@ -15,6 +15,7 @@ UNREADABLE = (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, Recu
 
 DEEPEST = 50  # levels of nesting
 MOST_VALUES = 1_000_000
+MOST_ENTRIES = 20_000  # tables in a list: buses of a grid, events of a scenario
 
 # Plain words that are no text.
 CORE_SCHEMA = {
@@ -77,15 +78,18 @@ def parse(text: str) -> Any:
 def _check_size(text: str) -> None:
     """Refuse, before anything is made of it, what is nested too deep, or too large once its aliases are written out."""
     sizes: dict[str, int] = {}  # of what has an anchor
-    inside = [0]  # values so far of each collection that has begun, and
+    inside, tables = [0], [0]  # values so far of each collection that has begun, collections in it, and
     anchors: list[str | None] = [None]
     for event in yaml.parse(text, _Loader):
         size, anchor = 0, None
         if isinstance(event, yaml.CollectionStartEvent):
+            tables[-1] += 1
             inside.append(1)
+            tables.append(0)
             anchors.append(event.anchor)
         elif isinstance(event, yaml.CollectionEndEvent):
             size, anchor = inside.pop(), anchors.pop()
+            tables.pop()
         elif isinstance(event, yaml.AliasEvent):
             size = sizes.get(event.anchor or "", 1)
         elif isinstance(event, yaml.ScalarEvent):
@@ -93,10 +97,16 @@ def _check_size(text: str) -> None:
         if anchor is not None:
             sizes[anchor] = size
         inside[-1] += size
-        if len(inside) > DEEPEST or inside[-1] > MOST_VALUES:
-            limit = f"{DEEPEST} levels" if len(inside) > DEEPEST else f"{MOST_VALUES} values, aliases written out"
-            mark: Any = event.start_mark
-            raise yaml.MarkedYAMLError(problem=f"more than {limit}", problem_mark=mark)
+        if len(inside) > DEEPEST:
+            raise _too_much(event, f"{DEEPEST} levels")
+        if inside[-1] > MOST_VALUES:
+            raise _too_much(event, f"{MOST_VALUES} values, aliases written out")
+        if tables[-1] > MOST_ENTRIES:
+            raise _too_much(event, f"{MOST_ENTRIES} tables in a list")
+
+
+def _too_much(event: Any, limit: str) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=f"more than {limit}", problem_mark=event.start_mark)
 
 
 def dump(content: Any, *, flow: bool = False) -> str:

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 OF_LINKS = ("delivered", "applied")  # of these each link has its own
 ROLES = {
     **dict.fromkeys(OF_LINKS, "link"),
-    "issued": "controller",
+    **dict.fromkeys(("issued", "learning"), "controller"),
     **dict.fromkeys(("supervised", "supervision"), "supervisor"),
     "estimates": "identifier",
 }
-HEARD = ("delivered", "issued", "supervised", "estimates")  # what controllers and the like hear and say
+HEARD = ("delivered", "issued", "learning", "supervised", "supervision", "estimates")  # what controllers hear and say
 LISTED = 5  # so many lost ticks are named one by one
 
 

@@ -10,6 +10,9 @@ import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 from mcap.stream_reader import breakup_chunk
+from mcap.writer import MCAP0_MAGIC
+
+from facts_damping.errors import RecordingError
 
 if TYPE_CHECKING:
     from mcap.records import Chunk, McapRecord
@@ -18,6 +21,22 @@ ROOM = 4 << 20  # bytes that the chunks of any file may unpack to,
 RATIO = 30  # and so many for each byte of the file up to them: recordings of a graph take 3 to 10
 HEAD = Struct("<BQ")  # of a record: opcode, length of its content
 INSIDE = frozenset((Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE))  # all that a chunk holds, by the format
+
+
+PLAIN = frozenset((Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHUNK_INDEX))  # of which a recording has any number
+MOST_OTHERS, OTHERS_A_CHUNK = 10_000, 200  # other records: an index a channel of each chunk, a schema a type, ...
+
+
+def check_counts(data: bytes, name: str) -> None:
+    """Raise RecordingError for a file of more records than one has, before they are read: a second takes a million."""
+    at, others, allowed = len(MCAP0_MAGIC), 0, MOST_OTHERS
+    while at + HEAD.size <= len(data):
+        opcode, length = HEAD.unpack_from(data, at)
+        allowed += OTHERS_A_CHUNK * (opcode == Opcode.CHUNK)
+        others += opcode not in PLAIN
+        if others > allowed:
+            raise RecordingError(f"{name}: more than {allowed} records beside messages; allowed: those of a recording")
+        at += HEAD.size + length
 
 
 class Room:

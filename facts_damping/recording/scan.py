@@ -17,7 +17,7 @@ from facts_damping.errors import InputError, RecordingError
 from facts_damping.input_files import RECORDING, read_bytes, read_text
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.bagfile import CUSTOM, DIGEST, FILE_NAME, INFORMATION, TopicInfo
-from facts_damping.recording.chunks import Room, unpack
+from facts_damping.recording.chunks import Room, check_counts, unpack
 from facts_damping.recording.content import Content, RawMessage
 from facts_damping.recording.database import SQLITE, read_database
 from facts_damping.recording.writer import CONFIGURATION, LOST, PUBLISHERS, VERSIONS
@@ -90,6 +90,7 @@ def _scan_file(file: Path, content: Content) -> None:
     data, notes, known = read_bytes(file, RECORDING), content.notes, len(content.notes)
     if not data.startswith(MCAP0_MAGIC):
         raise RecordingError(f"{file} is not an MCAP file")
+    check_counts(data, file.name)
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
     messages: list[Message] = []

@@ -28,7 +28,7 @@ from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.fmus import FmuController
-from facts_damping.simulation.user_code import file_of, find, told
+from facts_damping.simulation.user_code import file_of, find, kept_running, told, users
 from facts_damping.small_signal import linear_plant, modal_analysis
 
 if TYPE_CHECKING:
@@ -98,8 +98,7 @@ class Program:
         self._y, self._u = state.compensated.signal[c, :signals], state.unlimited[c, :devices]
         self._age, self._fresh = state.calls.sensed.age[c, :signals], state.calls.sensed.fresh[c, :signals]
         self._where = f"controllers.{c}.{kind_of(controller).own}"
-        self._file, self._step = _made(case, c, self._where)
-        state.calls.once[c] = bool(getattr(getattr(self._step, "__self__", None), "once_a_tick", False))
+        self._file, self._step, state.calls.once[c] = _made(case, c, self._where)
         self._function = _C_FUNCTION(self._call)  # kept here, as long as it may be called
         state.calls.address[c] = ctypes.cast(self._function, ctypes.c_void_p).value or 0
 
@@ -109,7 +108,8 @@ class Program:
             self.now_ns = now_ns
             given = now_ns / 1e9, self._y.copy(), self._age.copy(), self._fresh.copy()
             began = time.perf_counter_ns()
-            u = self._step(*given)
+            with kept_running():
+                u = self._step(*given)
             self.elapsed_ns.append(time.perf_counter_ns() - began)
             self.late += self.elapsed_ns[-1] > self._period_ns
             self._u[:] = _checked(u, self.devices)
@@ -162,20 +162,21 @@ def step_times(programs: list[Program]) -> dict[str, StepTimes]:
     return {one.node: found for one in programs if (found := one.times()) is not None}
 
 
-def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any]]:
-    """The file of a controller's class, and the `step` of an instance; an FMU's. Raises `InputError`."""
+def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any], bool]:
+    """The file of a controller's class, or none of an FMU, the `step` of an instance, and whether that is once a tick.
+
+    Raises `InputError` where it cannot be made.
+    """
     controller = case.controllers[c]
     if controller.fmu is not None:
-        return "", FmuController(spec_of(case, c), controller.fmu, where).step
+        return "", FmuController(spec_of(case, c), controller.fmu, where).step, False
     found = find(str(controller.policy), where)
     file = file_of(found)
-    try:
+    with users(where, file, f"as {found.__name__} was made"):
         made = found(spec_of(case, c))
         if callable(getattr(made, "reset", None)):
             made.reset()
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{where}: {told(error, file)}, as {found.__name__} was made") from error
-    return file, _step_of(made, found.__name__, where)
+        return file, _step_of(made, found.__name__, where), bool(getattr(made, "once_a_tick", False))
 
 
 def spec_of(case: Case, c: int) -> Spec:
@@ -202,10 +203,11 @@ def _step_of(made: Any, name: str, where: str) -> Callable[..., Any]:
     allowed = f"step(self, {', '.join(STEP)})"
     if not callable(step):
         raise InputError(f"{where}: {name} has no step; allowed: a class with {allowed}")
+    signature = inspect.signature(step)
     try:
-        inspect.signature(step).bind(*STEP)
+        signature.bind(*STEP)
     except TypeError as error:
-        given = str(inspect.signature(step)).replace("(", "(self, ", 1)
+        given = str(signature).replace("(", "(self, ", 1)
         raise InputError(f"{where}: {name}: step{given} given; allowed: {allowed}") from error
     return step
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.errors import InputError, one_line
 from facts_damping.extensions import given
 from facts_damping.input_files import FMU, is_file, read_bytes
+from facts_damping.terminal import exit_now
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,16 +35,42 @@ def find(text: str, where: str) -> Any:
         place, _, name = known[text].value.rpartition(":")
     if place.endswith(".py") and not is_file(Path(place)):
         raise InputError(f"{where}: {place}: no such file; allowed: a file in Python with the class")
-    try:
-        with _importable(Path.cwd()):
-            module = _run_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{where}: {told(error, place)}, as {place} was loaded") from error
+    with users(where, place, f"as {place} was loaded"), _importable(Path.cwd()):
+        module = _run_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
     found = getattr(module, name, None)
     if not isinstance(found, type):
         classes = [key for key, value in vars(module).items() if isinstance(value, type) and hasattr(value, "step")]
         raise InputError(f"{where}: no class '{name}' in {place}; allowed: {', '.join(classes) or 'one with a step'}")
     return found
+
+
+@contextmanager
+def users(where: str, file: str, when: str) -> Iterator[None]:
+    """Code of the user's, from a file, in the block: whatever it fails with is raised as `InputError`."""
+    try:
+        with kept_running():
+            yield
+    except (InputError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise InputError(f"{where}: {told(error, file)}, {when}") from error
+
+
+@contextmanager
+def kept_running() -> Iterator[None]:
+    """Within the block `os._exit` is an error: a run does not end as if it were done; processes forked meanwhile do."""
+    process = os.getpid()
+
+    def refused(status: int) -> None:
+        if os.getpid() != process:
+            exit_now(status)
+        raise RuntimeError(f"os._exit({status}) called; allowed: an exception")
+
+    os._exit = refused  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        os._exit = exit_now
 
 
 @contextmanager

@@ -260,7 +260,7 @@ def command(domain: int, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         popen.stderr.close()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_interrupted_command_leaves_no_process_and_a_sound_recording(
     command: subprocess.Popen[str], tmp_path: Path, number: signal.Signals
 ) -> None:
@@ -277,6 +277,9 @@ def test_interrupted_command_leaves_no_process_and_a_sound_recording(
     recorded = load(tmp_path / "out" / "recording")
     assert (tmp_path / "out" / "recording" / "metadata.yaml").exists()
     assert len(recorded.time_ns) > 100
+    (note,) = recorded.notes
+    assert note.startswith("the run was stopped: the record ends with tick ")
+    assert note.endswith(" s of 1000 s")
 
 
 @pytest.mark.parametrize(("number", "after_s"), [(signal.SIGINT, 0.3), (signal.SIGINT, 1.6), (signal.SIGKILL, 1.6)])

@@ -65,6 +65,8 @@ def test_killed_nodes(
             graph.run(case, "realtime", tmp_path / "out", strike, END_S)
         record = load(tmp_path / "out" / "recording")
         assert 0 < len(record.time_ns) < case.ticks
+        why = "the run has not ended properly" if node == "plant_sim" else "the end is missing"
+        assert [note for note in record.notes if note.startswith(why)]
     else:
         outcome = graph.run(case, "realtime", tmp_path / "out", strike, END_S)
         assert sorted(outcome.fallen) == sorted(f"{node} was killed by SIGKILL" for node in ticks)

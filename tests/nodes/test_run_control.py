@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -72,6 +73,10 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
     assert not apply("plant_sim", "{kind: line_out, line: nothing}")
     assert not apply("plant_sim", "[")
     assert not apply("wan_link", "{up: [{delay: -1}]}")
+    os.mkfifo(tmp_path / "pipe.yaml")
+    (tmp_path / "link.yaml").write_text("{}")
+    for text in ("pipe.yaml", "link.yaml", "{{up: [{{model: trace, file: {}/link.yaml}}]}}"):
+        assert not apply("wan_link", text.format(tmp_path) if "{" in text else f"{tmp_path / text}")
     assert apply("plant_sim", "{kind: load_step, load: load_1, change: 0.05}")
     assert set_to("wan_link", "up.0.delay", 0.03)
     assert not set_to("wan_link", "up.0.start", 1.0)

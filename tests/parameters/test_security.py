@@ -43,7 +43,7 @@ def test_a_new_key_comes_first_and_the_one_before_is_kept(tmp_path: Path, capsys
         ("keys: []", "keys"),
         ("{}", "keys"),
         (f"keys: [{{id: 1, key: {GOOD[:-1]}}}]", "keys.0.key"),
-        (f"keys: [{{id: 0, key: {GOOD}}}]", "keys.0.id: 0 given"),
+        (f"keys: [{{id: 0, key: {GOOD}}}]", "keys.0.id: no keys"),
         (f"keys: [{{id: 1, key: {GOOD}}}, {{id: 1, key: {GOOD}}}]", "number 1 given twice"),
         (f"keys: [{{id: 1, key: {GOOD}}}, {{id: 2, key: {GOOD}}}, {{id: 3, key: {GOOD}}}]", "keys"),
     ],
