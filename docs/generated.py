@@ -54,7 +54,12 @@ FILES: dict[str, type[ParameterModel]] = {
     "Linear law": LinearLaw,
 }
 TWICE: dict[type[ParameterModel], str] = {measurement.Noise: "Noise of PMUs"}  # models of the same name as another
-BESIDE = {"index.md": "README.md", "contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}  # at the top
+BESIDE = {
+    "index.md": "README.md",
+    "contributing.md": "CONTRIBUTING.md",
+    "security.md": "SECURITY.md",
+    "changelog.md": "CHANGELOG.md",
+}  # at the top
 COMMANDS = """# Commands
 
 All commands of the program `facts-damping` and their options. After `make demo` it is in `.venv/bin`; activate the

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import os
 import stat
-import zlib
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 from zipfile import ZipFile
 
 from facts_damping.errors import InputError
@@ -34,8 +33,6 @@ KINDS = {
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
-COMPRESSED = 15  # miCOMPRESSED, the type of an element of a MAT file of level 5 ("MAT-File Format", table 1-1)
-MAT_HEAD, MAT_TAG = 128, 8  # bytes
 
 _others: ContextVar[str | None] = ContextVar("_others", default=None)  # who names files now, if not the user
 _opened: set[Path] = set()  # files that this process has read for its user
@@ -109,27 +106,11 @@ def check_file(path: Path, most: int) -> None:
 
 
 def check_unpacked(path: Path, content: bytes, most: int) -> None:
-    """Raise `InputError` for a ZIP archive (NPZ, FMU) or MAT file whose content is more than so many bytes unpacked."""
-    if content.startswith(b"PK"):
-        with ZipFile(BytesIO(content)) as archive:
-            size = sum(one.file_size for one in archive.infolist())
-    else:
-        size = _mat_size(content, most)
+    """Raise `InputError` for a ZIP archive (NPZ, FMU) whose content is more than so many bytes unpacked."""
+    with ZipFile(BytesIO(content)) as archive:
+        size = sum(one.file_size for one in archive.infolist())
     if size > most:
         raise InputError(f"{path}: more than {most} bytes unpacked; allowed: at most {most}")
-
-
-def _mat_size(content: bytes, most: int) -> int:
-    """Bytes that the compressed elements of a MAT file come to, unpacked: no further than needed."""
-    order: Literal["little", "big"] = "little" if content[MAT_HEAD - 2 : MAT_HEAD] == b"IM" else "big"
-    size, place = 0, MAT_HEAD
-    while place + MAT_TAG <= len(content) and size <= most:
-        kind, length = (int.from_bytes(content[place + i : place + i + 4], order) for i in (0, 4))
-        place += MAT_TAG
-        if kind == COMPRESSED:
-            size += len(zlib.decompressobj().decompress(content[place : place + length], most + 1 - size))
-        place += length
-    return size
 
 
 def _check_named(path: Path) -> None:

@@ -12,7 +12,7 @@ import time
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn
 
 from facts_damping.escaping import escaped, shortened
 
@@ -252,7 +252,12 @@ def end_at_once(_number: int, _frame: Any) -> None:
 
     An exception is lost where Python itself takes it, in an import above all.
     """
-    os.write(2, b"facts-damping: interrupted\n")
+    leave("interrupted")
+
+
+def leave(reason: str) -> NoReturn:
+    """End this process as it stands, with a line, because of an interruption."""
+    os.write(2, f"facts-damping: {reason}\n".encode())
     exit_now(INTERRUPTED)
 
 

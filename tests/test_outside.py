@@ -5,7 +5,11 @@ from __future__ import annotations
 import ast
 import json
 import os
+import signal
 import socket
+import subprocess
+import sys
+import time
 import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +44,7 @@ FILES = {
     "input_files.py": "the door",
     "bench": "measures other programs, with its own files",
     "case/linear_laws.py": "reads, of memory, what the door has read",
+    "case/mat_file.py": "reads, of memory, what the door has read",
     "cli/main.py": "standard output's end",
     "cli/new.py": "reads the package's templates",
     "compiling": "reads the package's source, writes kernels",
@@ -373,3 +378,29 @@ def test_files_are_opened_by_the_door_alone() -> None:
 
 def test_the_terminal_is_written_to_by_the_door_alone() -> None:
     assert outside(speaks, SPEAKERS) == []
+
+
+HANG = """
+def hang():
+    mutex, library = ctypes.create_string_buffer(64), ctypes.CDLL(None)
+    library.pthread_mutex_lock(mutex)
+    print("in", flush=True)
+    library.pthread_mutex_lock(mutex)
+"""
+
+
+def test_a_library_that_hangs_does_not_hold_the_command(tmp_path: Path) -> None:
+    """In C: no signal reaches Python until it comes back."""
+    file = tmp_path / "own.py"
+    file.write_text(OWN.format(made="0", once="", step="hang()") + HANG)
+    command = ["simulate", "--set", f"controllers=[{{name: mine, policy: '{file}:Damper'}}]"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "facts_damping", *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as popen:
+        assert popen.stdout is not None
+        assert popen.stdout.readline() == "in\n"
+        time.sleep(0.3)  # until it hangs
+        popen.send_signal(signal.SIGTERM)
+        _, errors = popen.communicate(timeout=60)
+    assert popen.returncode == 130
+    assert errors == "facts-damping: interrupted; code of one's own has not come back\n"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facts_damping.case.mat_file import as_npz
 from facts_damping.control.linear_law import matrices
 from facts_damping.errors import InputError, one_line
 from facts_damping.input_files import MATRICES, check_unpacked, is_file, read_bytes
@@ -67,12 +68,10 @@ def _read(path: Path, where: str) -> dict[str, Any]:
 
 def _arrays(path: Path) -> dict[str, Any]:
     content = read_bytes(path)
+    if path.suffix == ".mat":
+        content = as_npz(content)
     check_unpacked(path, content, MATRICES)
-    if path.suffix == ".npz":
-        return dict(np.load(BytesIO(content), allow_pickle=False).items())
-    from scipy.io import loadmat  # noqa: PLC0415 (it takes longer than a run, and few need it)
-
-    return {name: values for name, values in loadmat(BytesIO(content)).items() if not name.startswith("__")}
+    return dict(np.load(BytesIO(content), allow_pickle=False).items())
 
 
 def _plain(name: str, values: Any, path: Path) -> Any:

@@ -128,7 +128,8 @@ def wait_for_peers(
             return
         if not told and time.monotonic() > deadline - options.start_timeout + PATIENT_S:
             told = True
-            voice.info(f"waits, {options.start_timeout:g} s at most, for {', '.join(missing)}")
+            what = ", ".join(missing) or f"the other publisher of {shared} to leave"
+            voice.info(f"waits, {options.start_timeout:g} s at most, for {what}")
         if late:
             raise RunError(f"missing after {options.start_timeout:g} s: {', '.join(missing)}")
         rest(serve)

@@ -55,11 +55,14 @@ class RecordingWriter:
         self._span: tuple[int, int] | None = None
         self._stream: IO[bytes] | None = _open_new(self.file)
         self._mcap = Writer(self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self._mcap.start(profile="ros2")
-        self._mcap.add_metadata(VERSIONS, self._versions)
-        if configuration:
-            self._mcap.add_attachment(0, 0, CONFIGURATION, "application/yaml", configuration.encode())
-        self._stream.flush()
+        try:
+            self._mcap.start(profile="ros2")
+            self._mcap.add_metadata(VERSIONS, self._versions)
+            if configuration:
+                self._mcap.add_attachment(0, 0, CONFIGURATION, "application/yaml", configuration.encode())
+            self._stream.flush()
+        except OSError as error:
+            raise _write_error(self.file, error) from error
 
     def add_topic(
         self, topic: str, message_type: str, qos: Mapping[str, Any] = RELIABLE, schema: str | None = None

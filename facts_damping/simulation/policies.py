@@ -28,7 +28,7 @@ from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.fmus import FmuController
-from facts_damping.simulation.user_code import file_of, find, kept_running, told, users
+from facts_damping.simulation.user_code import file_of, find, running, told, users
 from facts_damping.small_signal import linear_plant, modal_analysis
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ class Program:
             self.now_ns = now_ns
             given = now_ns / 1e9, self._y.copy(), self._age.copy(), self._fresh.copy()
             began = time.perf_counter_ns()
-            with kept_running():
+            with running:
                 u = self._step(*given)
             self.elapsed_ns.append(time.perf_counter_ns() - began)
             self.late += self.elapsed_ns[-1] > self._period_ns

@@ -6,7 +6,10 @@ import hashlib
 import importlib
 import inspect
 import os
+import signal
 import sys
+import threading
+import time
 import traceback
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,10 +19,12 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.errors import InputError, one_line
 from facts_damping.extensions import given
 from facts_damping.input_files import FMU, is_file, read_bytes
-from facts_damping.terminal import exit_now
+from facts_damping.terminal import exit_now, heeded, leave
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+PATIENCE_S = 2.0  # wall time
 
 _loaded: dict[Path, tuple[int, Any]] = {}  # files that were run, and when they had been written
 
@@ -48,7 +53,7 @@ def find(text: str, where: str) -> Any:
 def users(where: str, file: str, when: str) -> Iterator[None]:
     """Code of the user's, from a file, in the block: whatever it fails with is raised as `InputError`."""
     try:
-        with kept_running():
+        with running:
             yield
     except (InputError, KeyboardInterrupt):
         raise
@@ -56,21 +61,53 @@ def users(where: str, file: str, when: str) -> Iterator[None]:
         raise InputError(f"{where}: {told(error, file)}, {when}") from error
 
 
-@contextmanager
-def kept_running() -> Iterator[None]:
-    """Within the block `os._exit` is an error: a run does not end as if it were done; processes forked meanwhile do."""
-    process = os.getpid()
+class _Running:
+    """The block in which the user's code runs: it does not end the process, nor hold it when that is to end.
 
-    def refused(status: int) -> None:
-        if os.getpid() != process:
+    `os._exit` is an error: a run does not end as if it were done; a process forked meanwhile ends by it. Where an
+    interruption comes and the same call is still not back `PATIENCE_S` later, as within a library that hangs, where
+    Python cannot answer, the process ends with a line.
+    """
+
+    def __init__(self) -> None:
+        self._process, self._calls, self._watched, self._since = 0, 0, False, 0
+
+    def __enter__(self) -> None:
+        if not self._watched and threading.current_thread() is threading.main_thread():
+            self._watched = True
+            self._watch()
+        self._process = os.getpid()
+        self._calls += 1
+        self._since = self._calls
+        os._exit = self._refuse  # type: ignore[assignment]
+
+    def __exit__(self, *_: object) -> None:
+        os._exit = exit_now
+        self._since = 0
+
+    def _refuse(self, status: int) -> None:
+        if os.getpid() != self._process:
             exit_now(status)
         raise RuntimeError(f"os._exit({status}) called; allowed: an exception")
 
-    os._exit = refused  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        os._exit = exit_now
+    def _watch(self) -> None:
+        read, write = os.pipe()
+        os.set_blocking(write, False)
+        if signal.set_wakeup_fd(write, warn_on_full_buffer=False) >= 0:  # somebody else looks already
+            return
+        threading.Thread(target=self._end_what_hangs, args=(read,), daemon=True).start()
+
+    def _end_what_hangs(self, told: int) -> None:
+        while number := os.read(told, 1):
+            call = self._since
+            if number[0] not in heeded() or not call:
+                continue
+            time.sleep(PATIENCE_S)
+            if self._since == call:
+                leave("interrupted; code of one's own has not come back")
+
+
+running = _Running()
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError
 from facts_damping.input_files import RECORDING, check_file
-from facts_damping.terminal import finite
+from facts_damping.terminal import finite, naming
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,6 +35,7 @@ class Journal:
         if path.exists():
             check_file(path, RECORDING)
         self._file: IO[bytes] = path.open("a+b")
+        self._name = str(path)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
@@ -70,11 +71,12 @@ class Journal:
 
     def _write(self, content: dict[str, Any]) -> None:
         line = json.dumps(content, allow_nan=False).encode()
-        self._file.write(line[:-1] + CHECKSUM % zlib.crc32(line) + b"\n")
-        self._file.flush()
-        if time.monotonic() - self._synced > SYNC_S:
-            os.fsync(self._file.fileno())
-            self._synced = time.monotonic()
+        with naming(self._name):
+            self._file.write(line[:-1] + CHECKSUM % zlib.crc32(line) + b"\n")
+            self._file.flush()
+            if time.monotonic() - self._synced > SYNC_S:
+                os.fsync(self._file.fileno())
+                self._synced = time.monotonic()
 
     def __enter__(self) -> Self:
         return self
@@ -83,8 +85,9 @@ class Journal:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close it; others may write then."""
-        os.fsync(self._file.fileno())
-        self._file.close()
+        with naming(self._name):
+            os.fsync(self._file.fileno())
+            self._file.close()
 
 
 def _parsed(line: bytes) -> dict[str, Any] | None:

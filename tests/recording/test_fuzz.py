@@ -23,6 +23,7 @@ from facts_damping.cli.main import main
 from facts_damping.errors import FactsDampingError
 from facts_damping.recording import RecordingWriter, load, schema_text
 from facts_damping.simulation import loop, replay
+from tests.mutations import damaged, mutated
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -322,23 +323,21 @@ def test_topics_of_other_types_beside_ours_do_no_harm(tmp_path: Path, record: Re
     assert schema_text("std_msgs/msg/String").startswith("#")
 
 
-def damaged(whole: bytes, dice: random.Random) -> bytes:
-    """A file with a few changes: bits, blocks, length."""
-    data = bytearray(whole)
-    for _ in range(dice.randint(1, 4)):
-        at, length, change = dice.randrange(len(data)), dice.choice([1, 8, 100, 5000]), dice.randrange(7)
-        if change < 3:
-            data[at] ^= 1 << dice.randrange(8)
-        elif change == 3:
-            data[at : at + length] = dice.randbytes(len(data[at : at + length]))
-        elif change == 4:
-            del data[at : at + length]
-        elif change == 5:
-            data[at:at] = data[at : at + length]
-        else:
-            del data[at:]
-        data = data or bytearray(1)
-    return bytes(data)
+@settings(max_examples=25, suppress_health_check=list(HealthCheck))
+@given(seed=st.integers(0, 2**32), command=st.sampled_from(["analyze", "replay", "views"]))
+def test_a_run_in_a_recording_that_is_nearly_right(
+    tmp_path_factory: Any, record: Record, written: Any, capsys: Any, seed: int, command: str
+) -> None:
+    """As another version, or somebody else, may have stored it: what it names is not opened."""
+    folder = tmp_path_factory.mktemp("stored")
+    stored = yaml.safe_dump(record.configuration, allow_unicode=True)
+    text = mutated(stored, random.Random(seed)).decode(errors="replace")
+    written(record, folder / "run", configuration=text)
+    out = ["--out", str(folder / "out")] if command != "replay" else []
+    assert main([command, str(folder / "run"), *out]) in (0, 1, 2)
+    told = capsys.readouterr().err
+    assert "Traceback" not in told
+    assert told.replace("\n", "").isprintable() or told == ""
 
 
 def test_damaged_recordings(tmp_path: Path, whole: bytes, capsys: Any) -> None:
