@@ -176,7 +176,7 @@ BAD: list[tuple[Any, str]] = [
     ({"up": [{"model": "trace", "delays": []}]}, "an empty list given; allowed: at least one delay"),
     ({"up": [{"model": "trace", "delays": [0.1, 61.0]}]}, "delays: 61 given; allowed: 0 to 60"),
     ({"up": [{"model": "replay", "window": 2.0, "start": 1.0}]}, "start: 1 given; allowed: from 2 on"),
-    ({"up": [{"model": "trace", "file": "nowhere.csv"}]}, "link: up.0.file: nowhere.csv cannot be read"),
+    ({"up": [{"model": "trace", "file": "nowhere.csv"}]}, "link: up.0.file: nowhere.csv: cannot be read"),
     ({"up": [{"model": "trace", "file": "nowhere"}]}, "allowed: a CSV file or a recording"),
 ]
 

@@ -29,6 +29,7 @@ from facts_damping.nodes import graph
 from facts_damping.nodes.controller import ControllerNode
 from facts_damping.nodes.loopback.opening import opened
 from facts_damping.nodes.node import SAYING
+from facts_damping.recording import RecordingWriter
 from facts_damping.recording.reader import KINDS, UNTIMED, load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import replay
@@ -277,6 +278,29 @@ def test_recordings_cut_short_are_replayed_as_far_as_they_go(
     assert seen == sorted(seen)
     assert {0, 1} < set(seen)
     assert seen[-1] > 100
+
+
+def test_a_message_that_is_missing_ends_the_replay_there_whatever_it_is(
+    loopback: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a supervised run: nobody else is blamed, the supervisor least of all."""
+    case = load_case("two_area_supervised", ["duration=2", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
+    content = scan(graph.run(case, "lockstep", tmp_path / "whole", quiet, LOADED_S).recording)
+    count, ended = Counter(message.topic for message in content.messages), 0
+    for topic in (name for name in content.topics if count[name] == case.ticks):
+        turn, out = iter(range(case.ticks)), tmp_path / topic.replace("/", "_")
+        with RecordingWriter(out, content.configuration, content.versions) as writer:
+            for known in content.topics.values():
+                writer.copy_topic(known)
+            for one in content.messages:
+                if one.topic != topic or next(turn) != 60:
+                    writer.write(one.topic, one.data, one.log_ns, one.publish_ns, one.sequence)
+        capsys.readouterr()
+        assert main(["replay", str(out)]) == 0, topic
+        told = capsys.readouterr()
+        assert "identical, bit for bit" in told.out
+        ended += "replayed up to tick 59 at 0.983 s: of tick 60 not all is there" in told.err
+    assert ended >= 10
 
 
 def test_a_database_that_is_cut_is_read_up_to_there_or_refused(
