@@ -22,7 +22,7 @@ from numba import njit
 
 from facts_damping.case.loading import load_case
 from facts_damping.plant.dynamics import derivatives
-from facts_damping.plant.model import begin_stage, copy, workspace
+from facts_damping.plant.model import begin_interval, copy, workspace
 from facts_damping.signals import to_ns
 from facts_damping.simulation import build, loop
 
@@ -173,7 +173,7 @@ def follow(case: Any, method: str, rate: int, end: float) -> tuple[NDArray[np.fl
     found, evaluations, kept, inverse = [], 0, None, np.zeros((n, n))
     began = time.perf_counter()
     for now, then in zip(borders, [*borders[1:], None], strict=True):
-        stage = begin_stage(plant, state, now)
+        stage = begin_interval(plant, state, now)
         if now in instants:
             found.append(state.x[own].copy())
         if then is None:

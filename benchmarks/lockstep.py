@@ -11,8 +11,8 @@ import rclpy
 from facts_damping_msgs.msg import PmuDataFrame, PmuFrame
 
 from facts_damping.bench.ticks import ours
-from facts_damping.nodes.node import HEARING, SAYING
-from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.node import PUBLISHER_QOS, SUBSCRIBER_QOS
+from facts_damping.nodes.spinner import Spinner
 
 ROUND_TRIPS = 3000
 HOPS = 4  # plant -> link -> controller -> link -> plant
@@ -24,8 +24,8 @@ def echo() -> None:
     """Send back what comes, as raw bytes, until nothing comes any more."""
     rclpy.init()
     node = rclpy.create_node("echo")
-    back = node.create_publisher(PmuDataFrame, "back", SAYING)
-    node.create_subscription(PmuDataFrame, "there", lambda data, _info: back.publish(data), HEARING, raw=True)
+    back = node.create_publisher(PmuDataFrame, "back", PUBLISHER_QOS)
+    node.create_subscription(PmuDataFrame, "there", lambda data, _info: back.publish(data), SUBSCRIBER_QOS, raw=True)
     spinner = Spinner(node)
     heard = time.monotonic()
     while time.monotonic() - heard < QUIET_S:
@@ -38,9 +38,9 @@ def one_way_latency_s() -> float:
     other = subprocess.Popen([sys.executable, __file__, "echo"])
     rclpy.init()
     node = rclpy.create_node("latency")
-    there = node.create_publisher(PmuDataFrame, "there", SAYING)
+    there = node.create_publisher(PmuDataFrame, "there", PUBLISHER_QOS)
     got: list[float] = []
-    node.create_subscription(PmuDataFrame, "back", lambda *_: got.append(time.perf_counter()), HEARING, raw=True)
+    node.create_subscription(PmuDataFrame, "back", lambda *_: got.append(time.perf_counter()), SUBSCRIBER_QOS, raw=True)
     spinner = Spinner(node)
     message = PmuDataFrame(frames=[PmuFrame(station=name) for name in ("G1", "G2", "G3", "G4", "TIE")])
     while there.get_subscription_count() < 1 or node.count_publishers("back") < 1:

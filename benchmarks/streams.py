@@ -20,10 +20,10 @@ from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.c37118.stations import Station
 from facts_damping.parameters.streams import server as address
 from facts_damping.signals import CHANNELS
-from facts_damping.streaming.alignment import Said
+from facts_damping.streaming.alignment import StationReport
 from facts_damping.streaming.client import Client
-from facts_damping.streaming.following import Following
 from facts_damping.streaming.server import Server
+from facts_damping.streaming.stream_clock import Following
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,7 +69,7 @@ def parts(formats: bool) -> dict[str, float]:
 
     def follow(k: int) -> None:
         found, status, absent = mapping.told(where, come[k].data)
-        following.put(k, Said(where.stations, found, status, absent), k / RATE)
+        following.put(k, StationReport(where.stations, found, status, absent), k / RATE)
         list(following.take(k / RATE))
 
     return {
@@ -110,7 +110,7 @@ def listen(port: int) -> tuple[str, float, int]:
         if isinstance(what, Instant):
             number = what.soc * RATE + round(what.fraction * RATE / 1e6)
             now = time.monotonic()
-            following.put(number, Said(where.stations, *mapping.told(where, what.data)), now)
+            following.put(number, StationReport(where.stations, *mapping.told(where, what.data)), now)
             count += sum(tick.said is not None for tick in following.take(now))
 
     async def whole() -> None:

@@ -9,7 +9,7 @@ import statistics
 import time
 
 from facts_damping.case.loading import load_case
-from facts_damping.monitors import ARMED
+from facts_damping.monitor_table import ARMED
 from facts_damping.simulation import loop
 
 RUNS = 31

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facts_damping.compiling.structs import Array
-from facts_damping.monitors import MONITORS
+from facts_damping.monitor_table import MONITORS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -100,7 +100,7 @@ LEARNING = np.dtype(
     ]
 )
 
-# What a supervisor tells of itself after a tick: codes are those of `facts_damping.monitors`.
+# What a supervisor tells of itself after a tick: codes are those of `facts_damping.monitor_table`.
 SUPERVISION = np.dtype(
     [
         ("tick", "i8"),

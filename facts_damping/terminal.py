@@ -93,7 +93,7 @@ _waiting = threading.Event()  # a line says that a command is at work
 
 
 @contextmanager
-def at_work(name: str) -> Iterator[None]:
+def busy_line(name: str) -> Iterator[None]:
     """Where a command says nothing for `SILENCE_S`, a line on the terminal says that it works; progress stays current.
 
     The line is written past `sys.stderr`, whose lock a command may hold.
@@ -123,7 +123,7 @@ def at_work(name: str) -> Iterator[None]:
 
 
 def clear_line() -> None:
-    """Take the line of `at_work` away, before something is said."""
+    """Take the line of `busy_line` away, before something is said."""
     if _waiting.is_set():
         _waiting.clear()
         os.write(2, b"\r\033[K")
@@ -207,7 +207,7 @@ def write_whole(path: Path, text: str) -> None:
         beside.write_text(text, encoding="utf-8")
 
 
-class Look(NamedTuple):
+class PictureFormat(NamedTuple):
     """How pictures are written: format, width in cm and size of usual text in points; None: as they are drawn."""
 
     format: str = "png"
@@ -215,11 +215,11 @@ class Look(NamedTuple):
     font_pt: float | None = None
 
 
-AS_DRAWN = Look()
-_look: ContextVar[Look] = ContextVar("_look", default=AS_DRAWN)
+DEFAULT_FORMAT = PictureFormat()
+_look: ContextVar[PictureFormat] = ContextVar("_look", default=DEFAULT_FORMAT)
 
 
-def draw_as(look: Look) -> None:
+def set_picture_format(look: PictureFormat) -> None:
     """Have pictures written like this from here on."""
     _look.set(look)
 

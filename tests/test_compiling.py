@@ -28,7 +28,7 @@ from facts_damping.compiling.kernels import ENTRY_POINTS, EntryPoint, Kernel
 from facts_damping.compiling.structs import Float1, Struct, Table
 from facts_damping.signals import SETPOINT
 from facts_damping.simulation import loop
-from facts_damping.simulation.tick import Loop, halves
+from facts_damping.simulation.tick import Loop, run_half_ticks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -90,7 +90,7 @@ def replace(part: Any, before: list[NDArray[Any]]) -> None:
 @cache
 def expected() -> list[NDArray[Any]]:
     made = loop.build_loop(load_case(None, SHORT))
-    halves(made, 0, 2 * 30)
+    run_half_ticks(made, 0, 2 * 30)
     return [made.signals.frames, made.signals.issued, made.plant_state.x]
 
 
@@ -99,7 +99,7 @@ def expected() -> list[NDArray[Any]]:
 def test_arrays_may_be_replaced_between_any_two_ticks(ticks: list[int]) -> None:
     made = loop.build_loop(load_case(None, SHORT))
     for first, until in zip([0, *ticks], [*ticks, 30], strict=True):
-        halves(made, 2 * first, 2 * until)
+        run_half_ticks(made, 2 * first, 2 * until)
         if until < 30:
             before: list[NDArray[Any]] = []
             replace(made, before)
@@ -127,9 +127,9 @@ def test_a_struct_takes_its_types_alone() -> None:
     with pytest.raises(TypeError, match="Point: x, weight given; allowed: x, weight, count"):
         Point(np.zeros(1), 1.0)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"halves: .* given; allowed: a Loop"):
-        halves(point, 0, 1)
+        run_half_ticks(point, 0, 1)
     with pytest.raises(TypeError, match="3 arguments"):
-        halves(point, 0)
+        run_half_ticks(point, 0)
 
 
 def variant(source: str, name: str = "step", **names: Any) -> Any:
@@ -260,12 +260,12 @@ def test_no_kernel_counts_from_the_end() -> None:
 def test_old_files_of_a_function_go_and_those_of_others_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     for i in range(6):
-        for name in (halves.symbol, "facts_damping.link.chain.other"):
+        for name in (run_half_ticks.symbol, "facts_damping.link.chain.other"):
             (tmp_path / f"{name}-{i}.o").write_bytes(b"")
             os.utime(tmp_path / f"{name}-{i}.o", (i, i))
-    store._keep(halves, b"code")
-    kept = {path.name for path in tmp_path.glob(f"{halves.symbol}-*")}
-    assert kept == {store.file_name(halves), *(f"{halves.symbol}-{i}.o" for i in (3, 4, 5))}
+    store._keep(run_half_ticks, b"code")
+    kept = {path.name for path in tmp_path.glob(f"{run_half_ticks.symbol}-*")}
+    assert kept == {store.file_name(run_half_ticks), *(f"{run_half_ticks.symbol}-{i}.o" for i in (3, 4, 5))}
     assert len(list(tmp_path.glob("facts_damping.link.chain.other-*"))) == 6
 
 

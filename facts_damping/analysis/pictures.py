@@ -13,7 +13,7 @@ from facts_damping.analysis.latency import HOPS, cdf, hops_ms
 from facts_damping.analysis.measures import columns, measure_weights, setpoint_limits, speed_differences, station_speeds
 from facts_damping.analysis.oscillation import is_stable
 from facts_damping.analysis.supervision import on_ticks, strained, supervised
-from facts_damping.monitors import STATES
+from facts_damping.monitor_table import STATES
 from facts_damping.signals import CHANNELS
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency, left_out
 from facts_damping.analysis.limits import warnings
 from facts_damping.analysis.measures import columns, event_times, speed_differences
-from facts_damping.analysis.oddities import oddities
 from facts_damping.analysis.oscillation import instability, is_stable, settling_time, unknown
 from facts_damping.analysis.ringdown import METHOD, fit_ringdown
+from facts_damping.analysis.run_warnings import odd_findings
 from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED, judge
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def summarise(
         "refused_messages": record.refused,
         "joined": record.joined,
         "supervision": watched,
-        "warnings": [*oddities(record, watched, late, duty), *warnings(record)],
+        "warnings": [*odd_findings(record, watched, late, duty), *warnings(record)],
     }
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.analysis.releases import timeout
-from facts_damping.monitors import (
+from facts_damping.monitor_table import (
     ARMED,
     BY_SCHEDULE,
     CAUSES,

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping import findings
 from facts_damping.analysis.summary import summarise
-from facts_damping.api.brief import brief
 from facts_damping.api.cases import case_of
+from facts_damping.api.short_traceback import short_traceback
 from facts_damping.case.names import asked_label
 from facts_damping.digest import digest
 from facts_damping.extras import library
@@ -59,7 +59,7 @@ class Result(Record):
         made.attrs["units"] = dict(self.units)
         return made
 
-    @brief
+    @short_traceback
     def plot(self, *names: str, beside: Mapping[str, Record | Sequence[Record]] | None = None) -> Figure:
         """A picture: names of `arrays`, over time, or one of `PICTURES` (docs/running.md), `differences` by default.
 
@@ -105,7 +105,7 @@ def of(record: Record) -> Result:
     return Result(**{one.name: getattr(record, one.name) for one in fields(Record)})
 
 
-@brief
+@short_traceback
 def simulate(run: str | PathLike[str] | None = None, **fields: Any) -> Result:
     """The closed loop of a run, in process: the bits of the lockstep graph.
 
@@ -117,7 +117,7 @@ def simulate(run: str | PathLike[str] | None = None, **fields: Any) -> Result:
     return of(loop.run(case_of(run, fields)))
 
 
-@brief
+@short_traceback
 def load_recording(path: str | PathLike[str]) -> Result:
     """A recording, folder or file. Raises `RecordingError` where it is none."""
     return of(reader.load(Path(path)))

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.api.brief import brief
 from facts_damping.api.cases import case_of
 from facts_damping.api.results import Result, of
+from facts_damping.api.short_traceback import short_traceback
 from facts_damping.case.names import label
 from facts_damping.errors import InputError
 from facts_damping.signals import NANOSECONDS
@@ -28,7 +28,7 @@ class Simulation:
     It begins with the first tick measured, and what its links have delivered in it. `run`, `fields`: as of `simulate`.
     """
 
-    @brief
+    @short_traceback
     def __init__(self, run: str | PathLike[str] | None = None, **fields: Any) -> None:
         """Build it. Raises `InputError`."""
         self._case = case_of(run, fields)
@@ -73,7 +73,7 @@ class Simulation:
         )
         return {name: float(values[0]) for name, values in last.arrays.items()}
 
-    @brief
+    @short_traceback
     def step(self, u: ArrayLike | None = None) -> bool:
         """Go on to the next tick; False: there is none, as the run is over or the plant has lost synchronism.
 

@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.analysis.indices import INDICES
-from facts_damping.api.brief import brief
 from facts_damping.api.cases import plain
+from facts_damping.api.short_traceback import short_traceback
 from facts_damping.extras import library
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
@@ -68,7 +68,7 @@ class Sweep:
         return f"<pre>{chr(10).join(lines)}</pre>"
 
 
-@brief
+@short_traceback
 def sweep(
     study: str | PathLike[str] | dict[str, Any],
     *,

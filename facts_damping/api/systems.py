@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.api.brief import brief
+from facts_damping.api.short_traceback import short_traceback
 from facts_damping.case import loading
 from facts_damping.small_signal import linear_plant as linear
 from facts_damping.small_signal import modal_analysis
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.modal_analysis import Modal
 
 
-@brief
+@short_traceback
 def modes(system: str, devices: list[str] | None = None) -> Modal:
     """Power flow, linear model and modes of a system at its start.
 
@@ -25,7 +25,7 @@ def modes(system: str, devices: list[str] | None = None) -> Modal:
     )
 
 
-@brief
+@short_traceback
 def linear_plant(system: str, devices: list[str] | None = None) -> Any:
     """The linearised plant as `control.StateSpace`: setpoints to signals, p.u. (docs/own_linear.md).
 

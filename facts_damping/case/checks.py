@@ -8,7 +8,7 @@ from facts_damping.case.measurement import check_measurement
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters.validation import origin
-from facts_damping.plant.events import stages
+from facts_damping.plant.events import topology_intervals
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
@@ -19,7 +19,7 @@ MOST_TICKS = 2_000_000  # of a run: all its signals are kept in memory
 def check_events(case: Case, scenario_file: str, source: str, sets: dict[str, str] | None) -> None:
     """Events that cannot happen, named by the scenario's file or by the run's own field."""
     try:
-        stages(case.system, case.scenario.events)
+        topology_intervals(case.system, case.scenario.events)
     except InputError as error:
         text = str(error)
         if not text.startswith("events."):

@@ -80,10 +80,10 @@ class Speaker(NamedTuple):
 
 def speakers(case: Case) -> dict[int, Speaker]:
     """By the index of the controller; a fallback speaks to a supervisor alone."""
-    names, places, guards = controller_names(case), controller_addresses(case), supervisor_addresses(case)
+    names, places, supervisors = controller_names(case), controller_addresses(case), supervisor_addresses(case)
     return {
-        c: Speaker(guards[c].name, str(guards[c]), f"{guards[c]}/{SUPERVISED}")
-        if c in guards
+        c: Speaker(supervisors[c].name, str(supervisors[c]), f"{supervisors[c]}/{SUPERVISED}")
+        if c in supervisors
         else Speaker(names[c], str(places[c]), f"{places[c]}/setpoints")
         for c, controller in enumerate(case.run.controllers)
         if controller.fallback_of is None

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.errors import InputError, check_known
-from facts_damping.monitors import MONITORS
+from facts_damping.monitor_table import MONITORS
 from facts_damping.parameters.files import find, read_table
 from facts_damping.parameters.supervision import Supervision
 from facts_damping.parameters.validation import check, origin

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
-    from facts_damping.nodes.striking import Struck
+    from facts_damping.nodes.fault_injection import FaultedRun
     from facts_damping.signals import Record
     from facts_damping.studies.campaign import Draw, Plan
     from facts_damping.terminal import Progress
@@ -96,15 +96,15 @@ def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool])
 
 def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
     """A graph of a draw in a domain of its own, beside the same in process and beside no control."""
-    from facts_damping.nodes import striking
+    from facts_damping.nodes import fault_injection
     from facts_damping.studies import batch, campaign, faults
     from facts_damping.studies.invariants import late_ticks
 
     real, lasts = faults.FAULTS[drawn.fault].real, drawn.chosen["lasts"]
-    blow = striking.Blow(real, drawn.start, float(lasts) if lasts else None)
-    # What a forger says must change nothing: in lockstep no bit, by the clock no more than the clock does.
-    paced = blow.kind in ("kill", "stop") or (blow.kind == "forge" and drawn.number % 2 == 1)
-    mode, more = striking.REALTIME if paced else striking.LOCKSTEP, dict[str, Any]()
+    fault = fault_injection.GraphFault(real, drawn.start, float(lasts) if lasts else None)
+    # What a attacker says must change nothing: in lockstep no bit, by the clock no more than the clock does.
+    paced = fault.kind in ("kill", "stop") or (fault.kind == "forge" and drawn.number % 2 == 1)
+    mode, more = fault_injection.REALTIME if paced else fault_injection.LOCKSTEP, dict[str, Any]()
     if real.endswith("signed"):
         add_key(new_folder(folder) / KEYS)
         more["security"] = {"keys": str(folder / KEYS)}
@@ -112,14 +112,14 @@ def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -
     with _computing:
         computed = batch.closed_loop(case)  # whose kernels are there then for the nodes, too
         reference = campaign.uncontrolled(made, drawn)
-    with striking.own_domain() as domain:
-        struck = striking.strike(case, mode, folder, blow, domain, wanted)
+    with fault_injection.own_domain() as domain:
+        struck = fault_injection.run_with_fault(case, mode, folder, fault, domain, wanted)
     first = case.controllers[0]
     row: dict[str, Any] = {"controller": first.name, "scheme": first.scheme, "mode": mode, "real": real}
     late = late_ticks(struck.record, struck.outcome.deadline_misses)
     row |= campaign.judged(case, struck.record, reference, drawn, late)
     row |= {
-        "struck_s": struck.struck_s,
+        "begun_s": struck.begun_s,
         "back_s": struck.back_s,
         "wall_s": struck.outcome.wall_s,
         "deadline_misses": struck.outcome.deadline_misses,
@@ -128,10 +128,10 @@ def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -
         "refused": sum(struck.outcome.messages_refused.values()),
         "notes": struck.record.notes,
     }
-    return row | {name: applies(case, struck, computed, paced, blow.kind) for name, applies in OF_GRAPHS.items()}
+    return row | {name: applies(case, struck, computed, paced, fault.kind) for name, applies in OF_GRAPHS.items()}
 
 
-def recorded(case: Case, struck: Struck, _computed: Record, _paced: bool, kind: str) -> bool:
+def recorded(case: Case, struck: FaultedRun, _computed: Record, _paced: bool, kind: str) -> bool:
     """All is recorded, up to the end or to the loss of synchronism; who does not come back may say nothing.
 
     Nor may those that it serves.
@@ -142,7 +142,7 @@ def recorded(case: Case, struck: Struck, _computed: Record, _paced: bool, kind: 
     return bool(whole) and not notes and struck.outcome.messages_lost == 0
 
 
-def as_computed(_case: Case, struck: Struck, computed: Record, paced: bool, _kind: str) -> bool | None:
+def as_computed(_case: Case, struck: FaultedRun, computed: Record, paced: bool, _kind: str) -> bool | None:
     """In lockstep the recording is the run in process, bit for bit."""
     if paced:
         return None
@@ -150,8 +150,8 @@ def as_computed(_case: Case, struck: Struck, computed: Record, paced: bool, _kin
     return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
 
 
-def nothing_forged_acts(_case: Case, struck: Struck, _computed: Record, _paced: bool, kind: str) -> bool | None:
-    """What acts is what supervisors passed on, and all that a forger said was refused, by who records, too."""
+def nothing_forged_acts(_case: Case, struck: FaultedRun, _computed: Record, _paced: bool, kind: str) -> bool | None:
+    """What acts is what supervisors passed on, and all that a attacker said was refused, by who records, too."""
     if kind != "forge":
         return None
     record, refused = struck.record, struck.outcome.messages_refused
@@ -163,7 +163,7 @@ def nothing_forged_acts(_case: Case, struck: Struck, _computed: Record, _paced: 
     return acts <= passed and counted == struck.forged and causes <= {"publisher"}
 
 
-OF_GRAPHS: dict[str, Callable[[Case, Struck, Record, bool, str], bool | None]] = {
+OF_GRAPHS: dict[str, Callable[[Case, FaultedRun, Record, bool, str], bool | None]] = {
     "recorded": recorded,
     "as_computed": as_computed,
     "nothing_forged_acts": nothing_forged_acts,

@@ -15,7 +15,15 @@ from facts_damping.cli import options
 from facts_damping.cli.commands import parser
 from facts_damping.errors import VERBOSE, DegradedError, FactsDampingError, InputError, RecordingError, one_line, traced
 from facts_damping.escaping import escaped
-from facts_damping.terminal import INTERRUPTED, INTERRUPTIONS, Look, at_work, draw_as, end_at_once, note
+from facts_damping.terminal import (
+    INTERRUPTED,
+    INTERRUPTIONS,
+    PictureFormat,
+    busy_line,
+    end_at_once,
+    note,
+    set_picture_format,
+)
 
 if TYPE_CHECKING:
     import argparse
@@ -101,9 +109,9 @@ def _do(arguments: argparse.Namespace) -> None:
 
         forked.load()  # what nodes need, while this process loads what it needs itself
     draws = hasattr(arguments, "width")
-    draw_as(Look(arguments.format, arguments.width, arguments.font) if draws else Look())
+    set_picture_format(PictureFormat(arguments.format, arguments.width, arguments.font) if draws else PictureFormat())
     module, _, name = arguments.function.partition(".")
-    with at_work(arguments.command):
+    with busy_line(arguments.command):
         getattr(importlib.import_module(f"facts_damping.cli.{module}"), name)(arguments)
 
 

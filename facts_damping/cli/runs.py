@@ -14,7 +14,7 @@ from facts_damping.digest import digest
 from facts_damping.errors import DegradedError, InputError, RunError, check_known
 from facts_damping.parameters import files
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.simulation import learnt_weights, loop
+from facts_damping.simulation import adapted_weights, loop
 from facts_damping.simulation.policies import step_times
 from facts_damping.simulation.replay import check_has_run
 from facts_damping.terminal import Progress, note, show, table, write_json, write_text, write_whole
@@ -145,7 +145,7 @@ def simulate(arguments: argparse.Namespace) -> None:
     folder, saved = None, []
     if arguments.out is not None:
         folder = files.new_folder(Path(arguments.out))
-        for name, weights in learnt_weights.all_adapted(case, built).items():
+        for name, weights in adapted_weights.all_adapted(case, built).items():
             saved.append(f"weights: {folder / f'{name}.weights.yaml'}")
             write_whole(folder / f"{name}.weights.yaml", dump(weights.model_dump()))
     took = step_times(built.programs)
@@ -388,14 +388,14 @@ def _controllers() -> list[dict[str, Any]]:
 
 def _monitors() -> list[dict[str, Any]]:
     """The table of monitors, as it is without a run that says otherwise."""
-    from facts_damping.monitors import MONITORS
+    from facts_damping.monitor_table import MONITORS
 
     return [{"name": name, **row._asdict()} for name, row in MONITORS.items()]
 
 
 def import_(arguments: argparse.Namespace) -> None:
     """A system's file from a MATPOWER or a PSS/E case."""
-    from facts_damping.case.started import widened
+    from facts_damping.case.control_limits import widened
     from facts_damping.grid_formats import matpower, psse
     from facts_damping.grid_formats.text import document
 

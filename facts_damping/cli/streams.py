@@ -17,7 +17,7 @@ from facts_damping.errors import InputError, RunError
 from facts_damping.parameters.streams import read_streams, server
 from facts_damping.signals import LOST
 from facts_damping.simulation.replay import case_of
-from facts_damping.streaming import heard, recorded, serving
+from facts_damping.streaming import listening, recorded, serving
 from facts_damping.streaming.concentrator import WAIT_S, Concentrator
 from facts_damping.streaming.serving import Serving
 from facts_damping.terminal import Progress, table, write_json
@@ -73,12 +73,12 @@ def pmu_listen(arguments: argparse.Namespace) -> None:
     given = [name for name in ("set", "out", "supervised") if getattr(arguments, name)]
     if given:
         raise InputError(f"--{given[0]}: given without --run; allowed: with --run RUN")
-    found = asyncio.run(heard.listen([server(text) for text in streams.servers], arguments.seconds))
+    found = asyncio.run(listening.listen([server(text) for text in streams.servers], arguments.seconds))
     write_json(arguments.json, {"servers": [one.result() for one in found]})
     for one in found:
         say(arguments, str(one))
         if one.configuration is not None:
-            for line in table(heard.TITLES, one.rows(), 4):
+            for line in table(listening.TITLES, one.rows(), 4):
                 say(arguments, line)
     silent = [one for one in found if one.configuration is None]
     if silent:

@@ -125,7 +125,7 @@ def search(arguments: argparse.Namespace) -> None:
 
 def sweep(arguments: argparse.Namespace) -> None:
     """Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."""
-    from facts_damping.studies import drawn, results, sweep_plots, tables
+    from facts_damping.studies import point_figures, results, sweep_plots, tables
     from facts_damping.studies import sweep as study
 
     sets = [*([f"profile={arguments.profile}"] if arguments.profile else []), *arguments.set]
@@ -154,7 +154,7 @@ def sweep(arguments: argparse.Namespace) -> None:
         say(arguments, f"table: {path}")
     pictures = tables.draw(rows, asked, folder) if asked else []
     pictures += sweep_plots.draw(rows, study.swept(plan), margins, across, folder)
-    for path in (*pictures, *drawn.draw(plan, folder, arguments.jobs)):
+    for path in (*pictures, *point_figures.draw(plan, folder, arguments.jobs)):
         say(arguments, f"picture: {path}")
     _report(arguments, plan)
 

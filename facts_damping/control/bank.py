@@ -19,7 +19,7 @@ from facts_damping.control import neuro_fuzzy, state_space, table
 from facts_damping.control.called import Calls, call, calls
 from facts_damping.control.compensation import Compensated, Compensators, compensate, compensators
 from facts_damping.control.faults import Faults, corrupt, faults, misbehave, silent
-from facts_damping.control.inputs import UNSET, Held, Inputs, form, inputs, take
+from facts_damping.control.inputs import UNSET, Inputs, LatestSamples, compute_signals, ingest, inputs
 from facts_damping.control.neuro_fuzzy import AllActuators, Memories, memories
 from facts_damping.control.state_space import Observers, StateSpace, state_spaces
 from facts_damping.control.table import (
@@ -76,7 +76,7 @@ class Bank(Struct):
 class BankState(Struct):
     """State of all controllers; the first axis is the controller."""
 
-    held: Held
+    held: LatestSamples
     compensated: Compensated
     jacobian: Float3  # (controllers, most signals, most devices), p.u./p.u., as last estimated; NaN: never
     unlimited: Float2  # (controllers, most devices), p.u.
@@ -321,8 +321,8 @@ def act(
     once = made.code[c] == GIVEN or (called and state.calls.once[c])
     while i < count:
         arrival = delivered[i].arrival_ns
-        i = take(state.held, c, delivered, i, count)
-        since = form(made.inputs, state.held, c)
+        i = ingest(state.held, c, delivered, i, count)
+        since = compute_signals(made.inputs, state.held, c)
         if since < 0:
             continue
         newest = state.held.newest_ns[c]

@@ -15,7 +15,7 @@ from facts_damping.compiling.structs import Bool1, Int1, Struct
 from facts_damping.control.sensing import Sensed, look, sensed
 
 if TYPE_CHECKING:
-    from facts_damping.control.inputs import Held, Inputs
+    from facts_damping.control.inputs import Inputs, LatestSamples
 
 
 class Calls(Struct):
@@ -35,7 +35,7 @@ def calls(controllers: int, signals: int, stations: int) -> Calls:
 
 
 @compiled
-def call(given: Inputs, held: Held, of: Calls, c: int, now_ns: int) -> bool:
+def call(given: Inputs, held: LatestSamples, of: Calls, c: int, now_ns: int) -> bool:
     """Have controller c set its setpoints for what it holds at an arrival; False: it has failed."""
     if of.address[c] == 0 or of.failed[c]:
         of.failed[c] = True

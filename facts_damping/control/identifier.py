@@ -24,7 +24,7 @@ from facts_damping.control.identifier_model import (
     predictor_network,
     start,
 )
-from facts_damping.control.inputs import UNSET, form, inputs, take
+from facts_damping.control.inputs import UNSET, compute_signals, ingest, inputs
 from facts_damping.control.pairing import fill, frame_before
 from facts_damping.control.prediction import look_ahead
 from facts_damping.control.table import SETTINGS
@@ -175,8 +175,8 @@ def identify(ids: Identifiers, state: IdentifierState, n: int, delivered: Delive
     i = 0
     while i < count:
         arrival = delivered[i].arrival_ns
-        i = take(state.held, n, delivered, i, count)
-        if form(ids.inputs, state.held, n) < 0:
+        i = ingest(state.held, n, delivered, i, count)
+        if compute_signals(ids.inputs, state.held, n) < 0:
             continue
         now = state.held.newest_ns[n]
         if s.stale <= 0.0 or (arrival - now) * 1e-9 <= s.stale:

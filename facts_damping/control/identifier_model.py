@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facts_damping.compiling.structs import Array, Float2, Float3, Int1, Int2, Int3, Struct
-from facts_damping.control.inputs import Held, Inputs
+from facts_damping.control.inputs import Inputs, LatestSamples
 from facts_damping.control.table import SETTINGS
 from facts_damping.elementary import exp, phase, rect
 from facts_damping.neurofuzzy.learning import Learners
@@ -63,7 +63,7 @@ class Identifiers(Struct):
 class IdentifierState(Struct):
     """State of all identifiers; the first axis is the identifier."""
 
-    held: Held
+    held: LatestSamples
     learner: Learners
     past: Float3  # (identifiers, kept, most signals), of the newest frames, a ring, p.u.
     past_ns: Int2  # (identifiers, kept): their times

@@ -38,7 +38,7 @@ class Inputs(Struct):
     washout: Float2  # (receivers, most signals), s; 0: none
 
 
-class Held(Struct):
+class LatestSamples(Struct):
     """What each receiver holds; the first axis is the receiver."""
 
     entry: Float3  # (receivers, stations, channels): newest entry of each station; NaN: none yet
@@ -51,7 +51,7 @@ class Held(Struct):
 
 def inputs(
     given: Sequence[Sequence[str]], signals: Mapping[str, Signal], stations: Sequence[str], nominal: float = 60.0
-) -> tuple[Inputs, Held]:
+) -> tuple[Inputs, LatestSamples]:
     """Receivers that are given signals by name, and what they hold at the start; `nominal`: frequency, Hz."""
     n, most = len(given), max([len(names) for names in given], default=0)
     made = Inputs(
@@ -75,7 +75,7 @@ def inputs(
             if signal.channel == "frequency":
                 made.offset[r, i] = nominal * made.weight[r, i].sum()
         made.uses[r] = (made.weight[r] != 0.0).any(axis=0)
-    held = Held(
+    held = LatestSamples(
         entry=np.full((n, len(stations), len(CHANNELS)), np.nan),
         entry_ns=np.full((n, len(stations)), UNSET, np.int64),
         newest_ns=np.full(n, UNSET, np.int64),
@@ -95,7 +95,7 @@ def station_weights(signal: Signal, stations: Sequence[str], nominal: float) -> 
 
 
 @compiled
-def take(held: Held, r: int, delivered: NDArray[Any], first: int, count: int) -> int:
+def ingest(held: LatestSamples, r: int, delivered: NDArray[Any], first: int, count: int) -> int:
     """Take all entries of the arrival of entry `first`, each if it is newer; the index after the last."""
     i, arrival = first, delivered[first].arrival_ns
     while i < count and delivered[i].arrival_ns == arrival:
@@ -110,7 +110,7 @@ def take(held: Held, r: int, delivered: NDArray[Any], first: int, count: int) ->
 
 
 @compiled
-def form(given: Inputs, held: Held, r: int) -> int:
+def compute_signals(given: Inputs, held: LatestSamples, r: int) -> int:
     """Form the signals if a station that they are made of has a newer frame than all before, and all are available.
 
     Returns the time since the frame before, ns: 0 for the first one; -1 where there is nothing new.
@@ -128,7 +128,7 @@ def form(given: Inputs, held: Held, r: int) -> int:
 
 
 @compiled
-def _wash(given: Inputs, held: Held, r: int, dt: float) -> None:
+def _wash(given: Inputs, held: LatestSamples, r: int, dt: float) -> None:
     """The washouts' step of `dt`, s; 0 at the first frame, from which they start at rest."""
     for i in range(given.signals[r]):
         tau, value = given.washout[r, i], held.signal[r, i]
@@ -139,7 +139,7 @@ def _wash(given: Inputs, held: Held, r: int, dt: float) -> None:
 
 
 @compiled
-def _sum(given: Inputs, held: Held, r: int) -> bool:
+def _sum(given: Inputs, held: LatestSamples, r: int) -> bool:
     """Weighted sums of what is held; whether all are available."""
     complete = True
     for i in range(given.signals[r]):

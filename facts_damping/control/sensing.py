@@ -8,7 +8,7 @@ import numpy as np
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Bool2, Float2, Int2, Struct
-from facts_damping.control.inputs import UNSET, Held, Inputs, form, take
+from facts_damping.control.inputs import UNSET, Inputs, LatestSamples, compute_signals, ingest
 from facts_damping.signals import Deliveries
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def _newest(given: Inputs, stamps: NDArray[np.int64], r: int, i: int) -> int:
 
 
 @compiled
-def look(given: Inputs, held: Held, of: Sensed, r: int, now_ns: int) -> None:
+def look(given: Inputs, held: LatestSamples, of: Sensed, r: int, now_ns: int) -> None:
     """How old the signals are of what receiver r holds at a time, and which are new since the look before."""
     for i in range(given.signals[r]):
         of.age[r, i], of.fresh[r, i] = (now_ns - _newest(given, held.entry_ns, r, i)) * 1e-9, False
@@ -55,7 +55,9 @@ def look(given: Inputs, held: Held, of: Sensed, r: int, now_ns: int) -> None:
 
 
 @entry_point
-def sense(given: Inputs, held: Held, of: Sensed, r: int, delivered: Deliveries, count: int, end_ns: int) -> bool:
+def sense(
+    given: Inputs, held: LatestSamples, of: Sensed, r: int, delivered: Deliveries, count: int, end_ns: int
+) -> bool:
     """Have receiver r take the entries of a tick, as a controller does; whether that would act.
 
     It looks at the last arrival at which it would; else, where there are signals, at the tick's end: none is new then.
@@ -63,8 +65,8 @@ def sense(given: Inputs, held: Held, of: Sensed, r: int, delivered: Deliveries, 
     i, last = 0, UNSET
     while i < count:
         arrival = delivered[i].arrival_ns
-        i = take(held, r, delivered, i, count)
-        if form(given, held, r) >= 0:
+        i = ingest(held, r, delivered, i, count)
+        if compute_signals(given, held, r) >= 0:
             last = arrival
     if last != UNSET:
         look(given, held, of, r, last)

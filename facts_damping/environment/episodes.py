@@ -15,7 +15,7 @@ from facts_damping.compiling.structs import Table
 from facts_damping.control.inputs import inputs
 from facts_damping.control.sensing import sensed
 from facts_damping.environment.many import Episodes, step_many
-from facts_damping.environment.watching import Eyes
+from facts_damping.environment.observation import AgentInputs
 from facts_damping.errors import InputError
 from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
@@ -103,7 +103,7 @@ class Episode:
         names, stations = [list(agent.signals)], [station.name for station in case.system.stations]
         eyes = inputs(names, case.system.signals, stations, case.system.frequency)
         seen = sensed(1, len(names[0]), len(stations))
-        self.eyes = Eyes(*eyes, seen)
+        self.eyes = AgentInputs(*eyes, seen)
         self.limits = np.array([case.system.device(name).v_max for name in agent.devices])
         self.weights = weights_of(case)
         window[:] = 0.0

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from facts_damping.compiling import entry_point
 from facts_damping.compiling.structs import Array, Bool1, Float1, Float2, Float3, Int1, Struct, Table
-from facts_damping.environment.watching import Eyes, watch
+from facts_damping.environment.observation import AgentInputs, observe
 from facts_damping.simulation.measured_plant import tick_ns
-from facts_damping.simulation.tick import Loop, halves
+from facts_damping.simulation.tick import Loop, run_half_ticks
 
 
 class Episodes(Struct):
     """Episodes side by side; the first axis is the episode."""
 
     loops: Table[Loop]
-    eyes: Table[Eyes]
+    eyes: Table[AgentInputs]
     waits: Bool1
     ticks: Int1  # the newest
     time_ns: Int1  # its time
@@ -40,13 +40,15 @@ def step_many(all_of: Episodes, first: int, stride: int) -> None:
         loop, tick, agent = all_of.loops[e], all_of.ticks[e], all_of.agent
         for d in range(all_of.setpoints.shape[1]):
             loop.control.bank_state.unlimited[agent, d] = all_of.setpoints[e, d]
-        halves(loop, max(0, 2 * tick + 1), 2 * tick + 3)  # the second half of this tick, the first one of the next
+        run_half_ticks(
+            loop, max(0, 2 * tick + 1), 2 * tick + 3
+        )  # the second half of this tick, the first one of the next
         tick += 1
         kept, links = loop.signals, loop.links
         all_of.ticks[e], all_of.time_ns[e] = tick, kept.time_ns[tick]
         all_of.lost[e] = not kept.in_synchronism[tick]
         link = links.used[agent]
-        watch(
+        observe(
             all_of.eyes[e],
             links.up.out[link],
             links.up.ring[link, 2],

@@ -9,8 +9,8 @@ import numpy as np
 from gymnasium import spaces
 
 from facts_damping.environment.episodes import Episode, Source, weights_of
+from facts_damping.environment.observation import MOST_AGE, MOST_SIGNAL
 from facts_damping.environment.reward import IndexReward, Reward
-from facts_damping.environment.watching import MOST_AGE, MOST_SIGNAL
 from facts_damping.environment.window import each_scale
 from facts_damping.errors import InputError
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.environment.watching import put
+from facts_damping.environment.observation import append_to_window
 from facts_damping.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,8 +53,8 @@ class Window:
         tick = (now_ns + 1) * self._rate // 1_000_000_000  # times of ticks are rounded down
         for missed in range(self._tick + 1, tick):
             age = (((missed + 1) * 1_000_000_000 // self._rate) - self._newest_ns) * 1e-9
-            put(self._seen, self._y, age if self._tick >= 0 else 0.0 * age, self._none, self._scale)
-        put(self._seen, y, age_s, fresh, self._scale)
+            append_to_window(self._seen, self._y, age if self._tick >= 0 else 0.0 * age, self._none, self._scale)
+        append_to_window(self._seen, y, age_s, fresh, self._scale)
         self._tick, self._y = tick, y
         self._newest_ns = now_ns - np.round(age_s * 1e9).astype(np.int64)
         return np.array(self._seen)

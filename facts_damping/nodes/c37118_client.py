@@ -16,14 +16,14 @@ from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState
 from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import stamps
-from facts_damping.nodes.beside import Beside
+from facts_damping.nodes.asyncio_thread import AsyncioThread
 from facts_damping.nodes.clock import SimulatedClock
 from facts_damping.nodes.member import PLANT, Member
 from facts_damping.nodes.messages import Health, PlantStateMessage, run_done, run_stopped, state_message
-from facts_damping.nodes.node import LATCHED, SAYING, STATE, finish, run_node
+from facts_damping.nodes.node import LATCHED, PUBLISHER_QOS, STATE, finish, run_node
 from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options, read_stamp
 from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.spinning import Stopped, check_wanted
+from facts_damping.nodes.spinner import Stopped, check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.parameters.streams import read_streams
 from facts_damping.signals import DEVICE_TRUTH, FLAGS, MACHINE_TRUTH, NANOSECONDS, REFUSED
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rclpy.node import Node
 
-    from facts_damping.streaming.following import Tick
+    from facts_damping.streaming.stream_clock import Tick
 
 OURS = "tcp://127.0.0.1:4712/1"  # as c37118_server serves, if nothing else is said
 PROGRESS_S = 0.2  # wall time between two lines of progress
@@ -64,9 +64,9 @@ class C37118Client:
             _unknown(len(self.case.system.machines), MACHINE_TRUTH),
             _unknown(len(self.case.run.devices), DEVICE_TRUTH),
         )
-        self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", SAYING)
-        self.to_all = node.create_publisher(PlantState, "plant/state", SAYING)
-        self.to_events = node.create_publisher(GridEvent, "plant/events", SAYING)
+        self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", PUBLISHER_QOS)
+        self.to_all = node.create_publisher(PlantState, "plant/state", PUBLISHER_QOS)
+        self.to_events = node.create_publisher(GridEvent, "plant/events", PUBLISHER_QOS)
         self.clock = SimulatedClock(node)
         self.member = Member(node, self.case, self.options, PLANT, hardware=", ".join(self.streams.servers))
         self.to_state = node.create_publisher(RunState, STATE, LATCHED)
@@ -78,7 +78,7 @@ class C37118Client:
             topic = link.topic("setpoints/delivered")
             setpoints = SetpointsMessage(self.case, of=served(self.case, i), seal=seal(by, topic))
             use = partial(self.on_setpoints, i)
-            self.member.guard.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.tick)
+            self.member.message_filter.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.tick)
         endless = self.options.free and self.case.run.duration is None
         self.ticks = sys.maxsize if endless else self.case.ticks
         self.spinner = self.member.spin()
@@ -95,7 +95,7 @@ class C37118Client:
 
     def run(self) -> None:
         """Follow the streams, to the end of the run or until stopped; who follows the run hears which of both."""
-        beside = Beside()
+        beside = AsyncioThread()
         for i, server in enumerate(self.sources.servers):
             client = Client(server, lambda what, i=i: self.come.put((i, time.monotonic(), what)))  # type: ignore[misc]
             self.sources.clients.append(client)
@@ -107,7 +107,7 @@ class C37118Client:
             raise
         finally:
             beside.close()
-            self.member.guard.voice.info(self.health().message)
+            self.member.message_filter.log.info(self.health().message)
 
     def follow(self) -> None:
         """All ticks, each when it is over."""
@@ -125,13 +125,13 @@ class C37118Client:
                     self.publish(tick)
             if time.monotonic() - told > PROGRESS_S or self.tick + 1 == self.ticks:
                 told = time.monotonic()
-                self.member.guard.voice.line(f"tick {self.tick + 1} {self.ticks} {self.misses}")
+                self.member.message_filter.log.line(f"tick {self.tick + 1} {self.ticks} {self.misses}")
         until = time.monotonic() + LAST_S
         while min(self.answered, default=self.tick) < self.tick and time.monotonic() < until:
             self.spinner.spin_once(SPIN_S)
         text = run_done(self.tick, self.case.run.frame_rate)
         self.say(RunState.ENDED, text)
-        self.member.guard.voice.info(text)
+        self.member.message_filter.log.info(text)
         finish([self.to_links, self.to_all, self.to_events, self.to_state], self.options.timeout)
 
     def check_known(self) -> None:
@@ -151,7 +151,9 @@ class C37118Client:
             if text and self.tick < 0 and self.sources.wrong:
                 raise InputError(text)
             if text:
-                (self.member.guard.voice.warn if self.sources.wrong else self.member.guard.voice.info)(text)
+                (self.member.message_filter.log.warning if self.sources.wrong else self.member.message_filter.log.info)(
+                    text
+                )
 
     def publish(self, tick: Tick) -> None:
         """Publish a tick: what streams have said of it, or nothing."""

@@ -11,12 +11,12 @@ from facts_damping_msgs.msg import PmuDataFrame
 from facts_damping.case.names import link_addresses
 from facts_damping.errors import InputError
 from facts_damping.nodes import stamps
-from facts_damping.nodes.beside import Beside
-from facts_damping.nodes.guard import Guard
+from facts_damping.nodes.asyncio_thread import AsyncioThread
+from facts_damping.nodes.message_filter import MessageFilter
 from facts_damping.nodes.node import run_node
 from facts_damping.nodes.parameters import Options, declare, descriptor, read_case
 from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.spinner import Spinner
 from facts_damping.nodes.tables import FramesMessage
 from facts_damping.signals import NANOSECONDS
 from facts_damping.streaming import serving
@@ -45,13 +45,13 @@ class C37118Server:
         stamps.begin(learns=True)
         self.wait_s = None if link < 0 else WAIT_S
         topic = FRAMES if link < 0 else links[link].topic("pmu/delivered")
-        self.guard = Guard(node, self.case, LISTENS, peer=False)
+        self.message_filter = MessageFilter(node, self.case, LISTENS, peer=False)
         frames = FramesMessage(self.case, seal(signing(self.case, LISTENS.start_timeout), topic))
-        self.guard.subscribe(PmuDataFrame, topic, self.on_frames, frames.read, leads=True)
-        self.guard.hear_run(FRAMES)
+        self.message_filter.subscribe(PmuDataFrame, topic, self.on_frames, frames.read, leads=True)
+        self.message_filter.hear_run(FRAMES)
         self.concentrator: Concentrator | None = None
         self.servers = serving.servers(self.case, self.asked, lambda: (int(time.time()), 0))
-        self.told, self.beside = serving.counted(self.servers), Beside()
+        self.told, self.beside = serving.counted(self.servers), AsyncioThread()
         self.spinner = Spinner(node, self)
 
     def ready(self) -> None:
@@ -62,8 +62,8 @@ class C37118Server:
             self.end()
             raise
         for line in lines:
-            self.guard.voice.line(line)
-            self.guard.voice.info(line)
+            self.message_filter.log.line(line)
+            self.message_filter.log.info(line)
 
     def on_frames(self, tick: int, rows: NDArray[Any]) -> None:
         """What has been said, or delivered, in a tick; the first one tells when tick 0 was."""
@@ -76,7 +76,7 @@ class C37118Server:
 
     def look(self, last: bool = False) -> None:
         """Now and then: report what was refused, and who has come and gone."""
-        self.guard.tell(last)
+        self.message_filter.tell(last)
 
     def run(self) -> None:
         """Serve until stopped; say who comes and goes."""
@@ -89,8 +89,8 @@ class C37118Server:
                     self.tell_changes()
         finally:
             for row in serving.counted(self.servers):
-                self.guard.voice.line(serving.told(row))
-                self.guard.voice.info(serving.told(row))
+                self.message_filter.log.line(serving.told(row))
+                self.message_filter.log.info(serving.told(row))
             self.end()
 
     def tell_changes(self) -> None:
@@ -98,8 +98,8 @@ class C37118Server:
         before, self.told = self.told, serving.counted(self.servers)
         for old, new in zip(before, self.told, strict=True):
             if {**old, "frames": 0} != {**new, "frames": 0}:
-                self.guard.voice.line(serving.told(new))
-                self.guard.voice.info(serving.told(new))
+                self.message_filter.log.line(serving.told(new))
+                self.message_filter.log.info(serving.told(new))
 
     def end(self) -> None:
         """Close all."""

@@ -74,7 +74,7 @@ class Field(NamedTuple):
     places: NDArray[np.int64]
 
 
-class Room:
+class BufferSpace:
     """Bytes of a message: all of them, and the stream by format of its numbers."""
 
     def __init__(self, size: int) -> None:
@@ -98,7 +98,7 @@ class Template:
         self._places = {path: (offset - HEADER, form) for path, (offset, form) in walk.places.items()}
         # Padding is zero, between fields and at the end, where DDS fills up a word: equal runs, equal bytes.
         # (rclpy leaves room after empty sequences that the stream does not need.)
-        self.sent, self.come = Room(-(-walk.end // 4) * 4), Room(walk.end)
+        self.sent, self.come = BufferSpace(-(-walk.end // 4) * 4), BufferSpace(walk.end)
         self._shape = np.concatenate([np.arange(HEADER // 2), *walk.shape[1:]])  # the kind of CDR, strings and lengths
         self._names = serialised[self._shape]
         used = [np.arange(offset, offset + SIZES[form]) + HEADER for offset, form in self._places.values()]

@@ -18,14 +18,14 @@ from facts_damping.control.table import kind_of
 from facts_damping.nodes.live_parameters import declare_settings
 from facts_damping.nodes.member import CONTROLLER, Member
 from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates, Health
-from facts_damping.nodes.node import SAYING, graph_prefix, run_node
+from facts_damping.nodes.node import PUBLISHER_QOS, graph_prefix, run_node
 from facts_damping.nodes.parameters import read_case, read_index, read_options
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.nodes.weights_file import WeightsFile
+from facts_damping.simulation.adapted_weights import adapted
 from facts_damping.simulation.build import build_control
-from facts_damping.simulation.learnt_weights import adapted
 from facts_damping.simulation.loop import setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check, connect, step_times
@@ -64,15 +64,17 @@ class ControllerNode:
         self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/setpoints"))
         self.inner = ControllerStateMessage(self.case, self.index)
         self.ticks = UnitDelay(self.options, self.case.run.frame_rate, identifier, self.act)
-        self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", SAYING)
-        self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", SAYING)
-        guard, delivered = self.member.guard, link.topic("pmu/delivered")
+        self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/setpoints", PUBLISHER_QOS)
+        self.to_recorder = node.create_publisher(ControllerState, f"{self.name}/state", PUBLISHER_QOS)
+        message_filter, delivered = self.member.message_filter, link.topic("pmu/delivered")
         frames = FramesMessage(self.case, seal(by, delivered))
-        guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
+        message_filter.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
         if identifier:
             estimates = Estimates(self.case, self.index)
-            guard.subscribe(JacobianEstimate, f"{graph}{identifier}/estimate", self.ticks.receive, estimates.read)
-        guard.hear_run()
+            message_filter.subscribe(
+                JacobianEstimate, f"{graph}{identifier}/estimate", self.ticks.receive, estimates.read
+            )
+        message_filter.hear_run()
         self.spinner = self.member.spin()
         extra = int(self.options.recorder)
         guarded = len(supervisor_addresses(self.case)) > 0  # then the supervisor hears it, and nobody else
@@ -91,7 +93,7 @@ class ControllerNode:
         finally:
             self.weights.keep(self.learnt, last=True)
             for took in step_times(self.programs).values():
-                self.member.guard.voice.line(f"steps {' '.join(map(repr, took))}")
+                self.member.message_filter.log.line(f"steps {' '.join(map(repr, took))}")
 
     def learnt(self) -> Weights | None:
         """What it has learnt so far."""

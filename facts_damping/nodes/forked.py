@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from multiprocessing.process import BaseProcess
 
-LOADED = "facts_damping.nodes.loaded"
+LOADED = "facts_damping.nodes.preload"
 FOLDER = "FACTS_DAMPING_FORKED"  # variable that names the folder of the socket by which copies are asked for
 
 _starting = Lock()  # several graphs may be started at once, each by a thread
@@ -80,7 +80,7 @@ def _be(module: str, arguments: list[str], environment: dict[str, str], output: 
         os.dup2(file, stream)
         os.close(file)
     sys.argv = [module, *arguments]
-    own, spinning = (importlib.import_module(f"facts_damping.nodes.{name}") for name in (module, "spinning"))
-    spinning.stop_by_signals()
+    own, spinner = (importlib.import_module(f"facts_damping.nodes.{name}") for name in (module, "spinner"))
+    spinner.stop_by_signals()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)
     own.main()

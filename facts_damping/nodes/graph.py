@@ -103,7 +103,7 @@ class Process:
         return self.output.read().decode(errors="replace")
 
     def refused(self) -> Refusals:
-        """What its guard has refused so far."""
+        """What its message filter has refused so far."""
         lines = re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", self.said(), re.MULTILINE)
         return {(self.name, *how): int(count) for count, *how in lines}
 

@@ -12,15 +12,15 @@ from facts_damping.control.identifier import identify, store_setpoints, write_es
 from facts_damping.nodes.live_parameters import declare_settings
 from facts_damping.nodes.member import IDENTIFIER, Member
 from facts_damping.nodes.messages import Estimates
-from facts_damping.nodes.node import SAYING, graph_prefix, run_node
+from facts_damping.nodes.node import PUBLISHER_QOS, graph_prefix, run_node
 from facts_damping.nodes.parameters import read_case, read_index, read_options
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
 from facts_damping.nodes.weights_file import WeightsFile
 from facts_damping.signals import ESTIMATE
+from facts_damping.simulation.adapted_weights import adapted
 from facts_damping.simulation.build import build_control
-from facts_damping.simulation.learnt_weights import adapted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,14 +57,14 @@ class IdentifierNode:
         self.estimates = Estimates(self.case, self.index)
         self.rows = np.zeros(len(self.controller.signals) * len(self.controller.devices), ESTIMATE)
         self.ticks = UnitDelay(self.options, self.case.run.frame_rate, speaker.place, self.learn)
-        self.to_controller = node.create_publisher(JacobianEstimate, f"{address.name}/estimate", SAYING)
-        guard, by = self.member.guard, signing(self.case, self.options.start_timeout)
+        self.to_controller = node.create_publisher(JacobianEstimate, f"{address.name}/estimate", PUBLISHER_QOS)
+        message_filter, by = self.member.message_filter, signing(self.case, self.options.start_timeout)
         delivered = link.topic("pmu/delivered")
         frames = FramesMessage(self.case, seal(by, delivered))
-        guard.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
+        message_filter.subscribe(PmuDataFrame, f"{graph}{delivered}", self.ticks.frames, frames.read, leads=True)
         setpoints = SetpointsMessage(self.case, speaker.name, [acting(self.case, self.index)], seal(by, speaker.topic))
-        guard.subscribe(VoltageSetpoints, f"{graph}{speaker.topic}", self.ticks.receive, setpoints.read)
-        guard.hear_run()
+        message_filter.subscribe(VoltageSetpoints, f"{graph}{speaker.topic}", self.ticks.receive, setpoints.read)
+        message_filter.hear_run()
         self.spinner = self.member.spin()
 
     def ready(self) -> None:

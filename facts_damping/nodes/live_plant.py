@@ -11,11 +11,11 @@ import numpy as np
 
 from facts_damping.link.transfer import merge
 from facts_damping.plant.model import workspace
-from facts_damping.plant.watchdog import late_by_clock, let_go, listening, rearm
+from facts_damping.plant.watchdog import initial_clock_state, late_by_clock, let_go, rearm
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation.build import build_plant, build_pmus, grid_events
 from facts_damping.simulation.changes import measured_otherwise, pending, reset_plant, with_event
-from facts_damping.simulation.measured_plant import entries, go_on, observe, tick_ns
+from facts_damping.simulation.measured_plant import advance_with_pmus, entries, measure_with_pmus, tick_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -43,7 +43,7 @@ class LivePlant:
         self.machines = np.zeros(len(self._plant.machines), MACHINE_TRUTH)
         self.devices = np.zeros(len(self._plant.devices), DEVICE_TRUTH)
         self.events, self.sound = grid_events(case), True
-        self._heard = listening(len(self.devices))
+        self._heard = initial_clock_state(len(self.devices))
 
     def _parts(self) -> tuple[Any, ...]:
         return self._plant, self.state, self._pmus, self._pmu_state
@@ -58,7 +58,7 @@ class LivePlant:
     def measure(self, tick: int) -> None:
         """Begin a tick: what PMUs report, and the truth; `sound` says whether there is synchronism."""
         self.tick = tick
-        self.sound = bool(observe(*self._parts(), tick, *self._measured()))
+        self.sound = bool(measure_with_pmus(*self._parts(), tick, *self._measured()))
 
     def entries(self) -> NDArray[Any]:
         """What PMUs report in the tick (DELIVERY)."""
@@ -75,7 +75,7 @@ class LivePlant:
         table, count = np.zeros(sum(map(len, come)), SETPOINT), 0
         for rows in come:
             count = merge(table, count, rows, len(rows))
-        go_on(*self._parts(), self.tick, table, count, self._work)
+        advance_with_pmus(*self._parts(), self.tick, table, count, self._work)
 
     def change_measurement(self, name: str, value: float) -> Callable[[int], None]:
         """What has PMUs measure with a number changed, `noise.angle`, from the next tick on.
@@ -110,7 +110,7 @@ class LivePlant:
         def act(tick: int) -> None:
             self._plant, self.state = built.plant, built.state
             self.events = pending(asked, self.events, self.start(tick))
-            self._heard = listening(len(self.devices))
+            self._heard = initial_clock_state(len(self.devices))
 
         return act
 

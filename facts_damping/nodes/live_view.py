@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 
 from facts_damping.errors import InputError
-from facts_damping.nodes.node import Voice, run_node
+from facts_damping.nodes.node import NodeLog, run_node
 from facts_damping.nodes.parameters import declare, descriptor, read_case
 from facts_damping.nodes.recorder import message_type, topics
-from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.spinner import Spinner
 from facts_damping.recording.schemas import schema_text
 from facts_damping.recording.simulated import stamp_ns
 
@@ -43,7 +43,7 @@ class LiveView:
             channel = sdk.Channel(name, schema=schemas[of], message_encoding="cdr")
             take = partial(self.on_message, channel, name == clock)
             node.create_subscription(kind, topic, take, LISTENING, raw=True)
-        self.voice, self.spinner = Voice(node), Spinner(node)
+        self.log, self.spinner = NodeLog(node), Spinner(node)
 
     def ready(self) -> None:
         """Start the server."""
@@ -63,8 +63,8 @@ class LiveView:
 
     def run(self) -> None:
         """Serve until stopped."""
-        self.voice.line(self.address)
-        self.voice.info(f"open in Foxglove: {self.address}")
+        self.log.line(self.address)
+        self.log.info(f"open in Foxglove: {self.address}")
         try:
             while True:
                 self.spinner.spin_once(0.1)

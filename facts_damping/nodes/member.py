@@ -10,11 +10,11 @@ from facts_damping_msgs.msg import RunChange
 
 from facts_damping.case.names import label
 from facts_damping.nodes import stamps
-from facts_damping.nodes.guard import Guard
 from facts_damping.nodes.joining import Joining
+from facts_damping.nodes.message_filter import MessageFilter
 from facts_damping.nodes.messages import Health, diagnostics, run_change
-from facts_damping.nodes.node import CHANGES, COMMON, LOGGED, SAYING
-from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.node import CHANGES, COMMON, LOGGED, PUBLISHER_QOS
+from facts_damping.nodes.spinner import Spinner
 from facts_damping.parameters.run import Weights
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.events import ROLES
@@ -58,12 +58,12 @@ class Member:
         self._node, self._options, self._role, self._index, self._hardware = node, options, role, index, hardware
         self._rate, self._name = case.run.frame_rate, node.get_fully_qualified_name()
         stamps.begin(learns=options.paced and role not in (PLANT, RECORDER))
-        self.guard = Guard(node, case, options, graph, say, leads=role == PLANT)
+        self.message_filter = MessageFilter(node, case, options, graph, say, leads=role == PLANT)
         self.joining = Joining(
             node, options, arms=role in (LINK, CONTROLLER, IDENTIFIER)
         )  # a supervisor begins in shadow
         self._changes: Publisher[Any] = node.create_publisher(RunChange, f"{graph}{CHANGES}", LOGGED)
-        self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, SAYING)
+        self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, PUBLISHER_QOS)
         self._pending: list[tuple[str, str, Any, Callable[[int], None] | None]] = []
         self._tick, self._told_at = -1, time.monotonic()
         self._what = f"{role} {index}" if role in NUMBERED else role
@@ -78,12 +78,12 @@ class Member:
         """Wait for the others of the graph, those that hear each publisher, and the recorder that hears all nodes."""
         self.say_started()
         extra = int(self._options.recorder)
-        self.guard.wait_for_peers(expected | {self._changes: extra, self._diagnostics: extra}, spinner.serve)
+        self.message_filter.wait_for_peers(expected | {self._changes: extra, self._diagnostics: extra}, spinner.serve)
 
     def say_started(self) -> None:
         """Say what has started: the version, the run, the mode."""
         of = f"{self._what} of {self._run}, mode {self._options.mode}"
-        self.guard.voice.info(f"started: facts_damping {__version__}, {of}")
+        self.message_filter.log.info(f"started: facts_damping {__version__}, {of}")
 
     def change(self, kind: str, name: str = "", value: Any = None, act: Callable[[int], None] | None = None) -> None:
         """Have something changed from the next tick on, whose number `act` is called with; it is told then."""
@@ -110,8 +110,8 @@ class Member:
         if self.joining.begin(start) and (joined := self.joining.health()) is not None:
             if self.joining.acts:
                 self._tell_change("arm", "", None)
-            self.guard.voice.line(joined.message)
-            self.guard.voice.info(joined.message)
+            self.message_filter.log.line(joined.message)
+            self.message_filter.log.info(joined.message)
             self.publish(joined)
 
     def _tell_change(self, kind: str, name: str, value: Any) -> None:
@@ -135,9 +135,9 @@ class Member:
 
     def look(self, last: bool = False) -> None:
         """Now and then: report what was refused, and that nothing comes, where that is so."""
-        self.guard.tell(last)
-        self.guard.who_is_there()
+        self.message_filter.tell(last)
+        self.message_filter.who_is_there()
         now = time.monotonic()
-        if self._role != PLANT and not last and min(now - self.guard.heard, now - self._told_at) > IDLE_S:
-            silent = f"nothing has come for {now - self.guard.heard:.0f} s"
+        if self._role != PLANT and not last and min(now - self.message_filter.heard, now - self._told_at) > IDLE_S:
+            silent = f"nothing has come for {now - self.message_filter.heard:.0f} s"
             self.publish(Health(DiagnosticStatus.WARN, silent, {"mode": self._options.mode}))

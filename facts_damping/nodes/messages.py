@@ -24,7 +24,7 @@ from facts_damping_msgs.msg import (
 
 from facts_damping.case.names import controller_names, identifier_names
 from facts_damping.control.bank import controller_network
-from facts_damping.monitors import MONITORS, OFF, STATES, cause_name
+from facts_damping.monitor_table import MONITORS, OFF, STATES, cause_name
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.nodes.cdr import Field, Refused, Template, content
 from facts_damping.nodes.stamps import epoch_ns

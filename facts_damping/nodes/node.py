@@ -20,9 +20,9 @@ from rclpy.signals import SignalHandlerOptions
 from facts_damping.errors import FactsDampingError, InputError, RunError, one_line, traced
 from facts_damping.escaping import escaped
 from facts_damping.input_files import naming_no_files
-from facts_damping.nodes.leaving import end_after
+from facts_damping.nodes.exit_watchdog import end_after
 from facts_damping.nodes.parameters import accept_whole_numbers, check_declared, declare, descriptor, usage
-from facts_damping.nodes.spinning import HEARD_S, BeginAgain, Stopped, check_wanted, stop_by_signals
+from facts_damping.nodes.spinner import HEARD_S, BeginAgain, Stopped, check_wanted, stop_by_signals
 from facts_damping.terminal import INTERRUPTIONS
 
 if TYPE_CHECKING:
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 
     from facts_damping.case.names import Address
     from facts_damping.nodes.parameters import Options
-    from facts_damping.nodes.spinning import Spinner
+    from facts_damping.nodes.spinner import Spinner
 
 # Only the emulated link loses data: reliable, and a reader keeps all that it has not taken. A publisher keeps so many
 # messages for readers that are late: who stops reading for longer misses some, and holds nobody up.
 DEPTH = 5000
-HEARING = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
-SAYING = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.RELIABLE, depth=DEPTH)
+SUBSCRIBER_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
+PUBLISHER_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.RELIABLE, depth=DEPTH)
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 FAST_DDS = {"fastdds": "3.", "fastrtps": "2."}  # how wheels, variables and our profiles are named after its versions
@@ -55,7 +55,7 @@ LATCHED, LOGGED = (
     )
     for depth in (1, 1000)
 )
-HEARING_LATE = QoSProfile(
+LATCHED_SUBSCRIBER_QOS = QoSProfile(
     history=QoSHistoryPolicy.KEEP_ALL,
     reliability=QoSReliabilityPolicy.RELIABLE,
     durability=QoSDurabilityPolicy.TRANSIENT_LOCAL,
@@ -111,7 +111,7 @@ def wait_for_peers(
     whoever else listens is nobody's peer. Who joins a graph also waits until the one whose place it takes has left.
     Meanwhile requests are answered, by `serve`.
     """
-    voice, told = Voice(node), False
+    log, told = NodeLog(node), False
     deadline, topics = time.monotonic() + options.start_timeout, [*heard, *(p.topic_name for p in expected)]
     while True:
         own = {_participant(one) for topic in (peers, *heard) for one in node.get_publishers_info_by_topic(topic)}
@@ -129,13 +129,13 @@ def wait_for_peers(
         if not told and time.monotonic() > deadline - options.start_timeout + PATIENT_S:
             told = True
             what = ", ".join(missing) or f"the other publisher of {shared} to leave"
-            voice.info(f"waits, {options.start_timeout:g} s at most, for {what}")
+            log.info(f"waits, {options.start_timeout:g} s at most, for {what}")
         if late:
             raise RunError(f"missing after {options.start_timeout:g} s: {', '.join(missing)}")
-        rest(serve)
+        pause_briefly(serve)
 
 
-def rest(serve: Callable[[], None]) -> None:
+def pause_briefly(serve: Callable[[], None]) -> None:
     """Wait a little, and answer requests; messages that come meanwhile wait in their queues."""
     time.sleep(0.01)
     serve()
@@ -168,7 +168,7 @@ def finish(publishers: Iterable[Publisher[Any]], timeout: float) -> None:
         publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=left))
 
 
-class Voice:
+class NodeLog:
     """What a node says: to people, by ROS 2's logging, and in lines to a program that started it (`progress`)."""
 
     def __init__(self, node: Node) -> None:
@@ -189,16 +189,16 @@ class Voice:
         """Something to be known."""
         self._logger.info(escaped(text))
 
-    def warn(self, text: str) -> None:
+    def warning(self, text: str) -> None:
         """Something that may be wrong."""
         self._logger.warning(escaped(text))
 
-    def alarm(self, text: str) -> None:
+    def error(self, text: str) -> None:
         """Something that is wrong, to both."""
         self.line(text)
         self._logger.error(escaped(text))
 
-    def end(self, text: str, details: str) -> None:
+    def fatal(self, text: str, details: str) -> None:
         """Why the node ends; `details`: where that is from, in lines."""
         self._logger.fatal(escaped(text))
         sys.stderr.write(escaped(details))
@@ -206,7 +206,7 @@ class Voice:
             sys.stderr.write(f"{self._name}: {escaped(text)}\n")
 
 
-class Part(Protocol):
+class NodeBody(Protocol):
     """What a node is beside its ROS side: set up by its constructor, made ready, then run."""
 
     spinner: Spinner
@@ -243,7 +243,7 @@ def _set_up_middleware() -> None:
         os.environ[RANGE] = "SYSTEM_DEFAULT"  # as the profile says
 
 
-def run_node(name: str, make: Callable[[Node], Part], does: str) -> None:
+def run_node(name: str, make: Callable[[Node], NodeBody], does: str) -> None:
     """Make a node and run it to its end: exit status 0 done or interrupted, 1 failed, 2 bad input.
 
     One line says why. `does`: what `--help` says first. Where the graph runs free, another plant has it made anew.
@@ -274,10 +274,10 @@ def _asks_for_help() -> bool:
     return not {"-h", "--help"}.isdisjoint(sys.argv[1:])
 
 
-def _run(node: Node, make: Callable[[Node], Part], does: str) -> int | None:
+def _run(node: Node, make: Callable[[Node], NodeBody], does: str) -> int | None:
     """Run a node to its end; its exit status, or None where it has to begin again."""
     accept_whole_numbers(node)
-    voice = Voice(node)
+    log = NodeLog(node)
     try:
         part = make(node)
         if _asks_for_help():
@@ -293,15 +293,15 @@ def _run(node: Node, make: Callable[[Node], Part], does: str) -> int | None:
         finally:
             part.spinner.close()
         finish(node.publishers, HEARD_S)
-        voice.info("ended")
+        log.info("ended")
     except Stopped:
         finish(node.publishers, HEARD_S)
-        voice.info("ended: stopped by a signal")
+        log.info("ended: stopped by a signal")
     except BeginAgain:
-        voice.info("another plant has begun: this node begins again, too")
+        log.info("another plant has begun: this node begins again, too")
         return None
     except (FactsDampingError, ParameterException) as error:
-        voice.end(one_line(error), traced(error))
+        log.fatal(one_line(error), traced(error))
         return 1 if isinstance(error, RunError) else 2
     return 0
 

@@ -18,11 +18,11 @@ from facts_damping.nodes.live_parameters import MeasurementParameters
 from facts_damping.nodes.live_plant import LivePlant
 from facts_damping.nodes.member import PLANT, Member
 from facts_damping.nodes.messages import Health, PlantStateMessage, grid_event, run_done, run_stopped, synchronism_lost
-from facts_damping.nodes.node import SAYING, finish, run_node
+from facts_damping.nodes.node import PUBLISHER_QOS, finish, run_node
 from facts_damping.nodes.parameters import read_case, read_options, read_stamp
 from facts_damping.nodes.run_control import RunControl
 from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.spinning import Stopped, check_wanted
+from facts_damping.nodes.spinner import Stopped, check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import NANOSECONDS
 
@@ -43,9 +43,9 @@ class PlantSim:
         self.plant = LivePlant(self.case)
         by = signing(self.case, self.options.start_timeout)
         self.frames, self.truth = FramesMessage(self.case, seal(by, "pmu/frames")), PlantStateMessage(self.case)
-        self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", SAYING)
-        self.to_all = node.create_publisher(PlantState, "plant/state", SAYING)
-        self.to_events = node.create_publisher(GridEvent, "plant/events", SAYING)
+        self.to_links = node.create_publisher(PmuDataFrame, "pmu/frames", PUBLISHER_QOS)
+        self.to_all = node.create_publisher(PlantState, "plant/state", PUBLISHER_QOS)
+        self.to_events = node.create_publisher(GridEvent, "plant/events", PUBLISHER_QOS)
         self.clock = SimulatedClock(node)
         self.member = Member(node, self.case, self.options, PLANT, hardware=self.case.system.name)
         self.control = RunControl(node, self.member, self.plant, self.progress)
@@ -55,7 +55,7 @@ class PlantSim:
             topic = link.topic("setpoints/delivered")
             setpoints = SetpointsMessage(self.case, of=served(self.case, i), seal=seal(by, topic))
             use = partial(self.on_setpoints, i)
-            self.member.guard.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.plant.tick)
+            self.member.message_filter.subscribe(VoltageSetpoints, topic, use, setpoints.read, lambda: self.plant.tick)
         self.answered = [-1 for _ in self.links]
         self.waiting: list[list[Any]] = [[] for _ in self.links]
         self.misses = self.misses_told = 0
@@ -109,22 +109,22 @@ class PlantSim:
         now = self.plant.released()
         if now == self.released:
             return
-        watchdog, voice, at = (
+        watchdog, log, at = (
             self.case.run.watchdog,
-            self.member.guard.voice,
+            self.member.message_filter.log,
             self.plant.start(self.plant.tick) / NANOSECONDS,
         )
         for device in set(now) - set(self.released):
             silent = f"no setpoint accepted for {watchdog.timeout:g} s" if watchdog else "told so"
             again = f" or {watchdog.good} good setpoints" if watchdog and watchdog.good else ""
-            voice.warn(f"{device} released at {at:.3f} s: {silent}; re-armed by ~/rearm{again}")
+            log.warning(f"{device} released at {at:.3f} s: {silent}; re-armed by ~/rearm{again}")
         for device in set(self.released) - set(now):
-            voice.info(f"{device} takes setpoints again from {at:.3f} s on")
+            log.info(f"{device} takes setpoints again from {at:.3f} s on")
         self.released = now
 
     def progress(self) -> None:
         """Tell the program that runs the graph how far it is: `tick K N MISSES`."""
-        self.member.guard.voice.line(f"tick {self.plant.tick + 1} {self.ticks} {self.misses}")
+        self.member.message_filter.log.line(f"tick {self.plant.tick + 1} {self.ticks} {self.misses}")
 
     def wait_lockstep(self, tick: int) -> None:
         """Wait for the setpoints of a tick; a link that stays silent is named."""
@@ -192,13 +192,13 @@ class PlantSim:
 
     def end(self, tick: int, sound: bool) -> None:
         """Say that the run has ended, and why."""
-        voice, start = self.member.guard.voice, self.plant.start(tick)
+        log, start = self.member.message_filter.log, self.plant.start(tick)
         text = run_done(tick, self.case.run.frame_rate) if sound else synchronism_lost(start)
         self.control.say(RunState.ENDED, tick, text, sound)
         if sound:
-            voice.info(text)
+            log.info(text)
         else:
-            voice.alarm(text)
+            log.error(text)
         finish([self.to_links, self.to_all, self.to_events, self.control.publisher], self.options.timeout)
 
 

@@ -29,7 +29,7 @@ def now() -> float:
 
 
 @dataclass
-class Heard:
+class TopicState:
     """A topic that is listened to, and what has come by it."""
 
     topic: str
@@ -53,9 +53,9 @@ class Publishers:
 
     def __init__(self, node: Node, options: Options, graph: str) -> None:
         """`graph`: what leads from the node to the topics of its graph (node.py)."""
-        self.topics: list[Heard] = []
+        self.topics: list[TopicState] = []
         self.names: dict[bytes, str] = {}  # of nodes whose messages were let in, by publisher
-        self.plant: Heard | None = None  # a topic that the plant publishes
+        self.plant: TopicState | None = None  # a topic that the plant publishes
         self._node, self._options, self._graph = node, options, graph
         self._looked_at = self._sought_at = 0.0
         self._heirs: dict[str, bytes] = {}  # by topic: who is alone where its publisher has left
@@ -65,7 +65,7 @@ class Publishers:
         name = self._node.resolve_topic_name(f"{self._graph}{topic}")
         self.plant = next((heard for heard in self.topics if heard.topic == name), None)
         if self.plant is None:
-            self.plant = Heard(name, None, None, _nothing, None, common=False, silent=True)
+            self.plant = TopicState(name, None, None, _nothing, None, common=False, silent=True)
             self.topics.append(self.plant)
 
     def is_plant(self, publisher: bytes) -> bool:
@@ -92,7 +92,7 @@ class Publishers:
                 if len(there) == 1:
                     heard.publisher = there[0]
 
-    def another_plant(self, heard: Heard, publisher: bytes) -> bool:
+    def another_plant(self, heard: TopicState, publisher: bytes) -> bool:
         """Whether somebody new speaks where the plant did; or for a link, and the plant is another one by now."""
         if not self._options.free or heard.common or heard.publisher in (None, publisher) or self.plant is None:
             return False
@@ -102,7 +102,7 @@ class Publishers:
         there = self.of(self.plant.topic)
         return heard.leads and bool(there) and before not in there
 
-    def admit(self, heard: Heard, data: bytes, publisher: bytes) -> None:
+    def admit(self, heard: TopicState, data: bytes, publisher: bytes) -> None:
         """Refuse a message of somebody else's."""
         if publisher == heard.publisher:
             return
@@ -113,7 +113,7 @@ class Publishers:
             if self._complete() and publisher[:NODE] not in self._nodes() | self._succeeding() | self._myself():
                 raise Refused("publisher")
 
-    def _recognise(self, heard: Heard, data: bytes, publisher: bytes) -> None:
+    def _recognise(self, heard: TopicState, data: bytes, publisher: bytes) -> None:
         """Whose a topic is, when a message comes before that is known: who begins, else who is alone or first."""
         if heard.publisher is None:
             self.know()
@@ -122,7 +122,7 @@ class Publishers:
         if publisher != heard.publisher and publisher[:NODE] not in self._succeeding(heard):
             raise Refused("publisher")
 
-    def _succeeding(self, heard: Heard | None = None) -> set[bytes]:
+    def _succeeding(self, heard: TopicState | None = None) -> set[bytes]:
         """Nodes that, unless in lockstep, take the place of a topic's publisher (of any topic, if none is given).
 
         It has left, and they are alone; or it is silent, and they have its name: DDS takes 20 s to see that a node was
@@ -141,7 +141,7 @@ class Publishers:
             self._heirs = {topic: heir for topic, heir in heirs.items() if heir is not None}
         return {gid[:NODE] for topic, gid in self._heirs.items() if heard is None or topic == heard.topic}
 
-    def _heir(self, heard: Heard) -> bytes | None:
+    def _heir(self, heard: TopicState) -> bytes | None:
         """Who alone takes the place of a topic's publisher; None: nobody."""
         there = self.of(heard.topic)
         others = [publisher for publisher in there if publisher != heard.publisher]

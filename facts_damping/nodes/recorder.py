@@ -21,11 +21,11 @@ from facts_damping.control.table import kind_of
 from facts_damping.nodes.cdr import Refused
 from facts_damping.nodes.member import RECORDER, Member
 from facts_damping.nodes.messages import Health, run_state
-from facts_damping.nodes.node import CHANGES, HEARING, HEARING_LATE, STATE, run_node
+from facts_damping.nodes.node import CHANGES, LATCHED_SUBSCRIBER_QOS, STATE, SUBSCRIBER_QOS, run_node
 from facts_damping.nodes.node import TOPIC as REFUSED
 from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.publishers import PLANT
-from facts_damping.nodes.spinning import HEARD_S, BeginAgain, told_to_stop
+from facts_damping.nodes.spinner import HEARD_S, BeginAgain, told_to_stop
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.simulated import stamp_ns
 from facts_damping.recording.writer import RecordingWriter
@@ -82,8 +82,8 @@ def topics(case: Case) -> dict[str, Any]:
             if name == SETPOINTS or not kind_of(controller).node  # one of the user's own need not tell its state
         }
     own |= {f"{one}/estimate": messages.JacobianEstimate for one in identifier_addresses(case).values()}
-    guards = supervisor_addresses(case).values()
-    own |= {f"{one}/{name}": kind for one in guards for name, kind in OF_A_SUPERVISOR.items()}
+    supervisors = supervisor_addresses(case).values()
+    own |= {f"{one}/{name}": kind for one in supervisors for name, kind in OF_A_SUPERVISOR.items()}
     return {**TOPICS, **own}
 
 
@@ -103,16 +103,18 @@ class Recorder:
         self.taken: list[tuple[int, int, str, bytes]] = []  # source's time, sequence, topic, data
         self.refused, self.run_state = (node.resolve_topic_name(name) for name in (REFUSED, STATE))
         self.member = Member(node, self.case, self.options, RECORDER, hardware=self.folder, say=self.on_refused)
-        self.guard, self.clock = self.member.guard, node.resolve_topic_name(PLANT)
+        self.message_filter, self.clock = self.member.message_filter, node.resolve_topic_name(PLANT)
         waited = self.options.recorder and not self.options.free  # others wait for it: it hears all from the first on
         self.topics: dict[str, str] = {}
         for topic, kind in topics(self.case).items():
             name, unticked = node.resolve_topic_name(topic), topic.endswith(UNTICKED)
             self.topics[name] = message_type(kind)
             begins = begins_a_run if waited and not unticked else None
-            qos = HEARING_LATE if topic in LATE else HEARING
-            self.guard.subscribe(kind, topic, partial(self.on_message, name), begins=begins, common=unticked, qos=qos)
-        self.guard.who.know_plant()
+            qos = LATCHED_SUBSCRIBER_QOS if topic in LATE else SUBSCRIBER_QOS
+            self.message_filter.subscribe(
+                kind, topic, partial(self.on_message, name), begins=begins, common=unticked, qos=qos
+            )
+        self.message_filter.who.know_plant()
         self.written = 0
         self.spinner = self.member.spin()
 
@@ -134,9 +136,9 @@ class Recorder:
         self.taken.append((information["source_timestamp"], sequence, topic, data))
         if topic == self.clock and len(data) >= STAMP_END:
             self.member.at_ns = stamp_ns(data)
-        if topic == self.run_state and self.guard.who.is_plant(information["publisher_gid"]["data"]):
+        if topic == self.run_state and self.message_filter.who.is_plant(information["publisher_gid"]["data"]):
             with suppress(Refused):
-                self.guard.on_run(*run_state(data))
+                self.message_filter.on_run(*run_state(data))
 
     def take(self) -> bool:
         """Take what has come and write it; whether there may be more."""
@@ -153,7 +155,7 @@ class Recorder:
 
     def health(self) -> Health:
         """How much was written, and lost."""
-        lost = sum(self.guard.lost().values())
+        lost = sum(self.message_filter.lost().values())
         text = f"{self.written} messages written" + (f", {lost} lost" if lost else "")
         values = {"mode": self.options.mode, "written": self.written, "lost": lost}
         return Health(DiagnosticStatus.WARN if lost else DiagnosticStatus.OK, text, values)
@@ -163,21 +165,21 @@ class Recorder:
         try:
             self.drain()
         except BeginAgain:
-            self.guard.voice.warn("another plant has begun: the recording ends here")
+            self.message_filter.log.warning("another plant has begun: the recording ends here")
         finally:
-            self.guard.tell(last=True)
+            self.message_filter.tell(last=True)
             self.write()
-            lost = {f"{topic} {publisher}": count for (topic, publisher), count in self.guard.lost().items()}
-            self.writer.close(lost, self.guard.publishers())
-        self.guard.voice.line(f"lost {sum(lost.values())}")
-        self.guard.voice.info(f"{self.folder}: {self.health().message}")
+            lost = {f"{topic} {publisher}": count for (topic, publisher), count in self.message_filter.lost().items()}
+            self.writer.close(lost, self.message_filter.publishers())
+        self.message_filter.log.line(f"lost {sum(lost.values())}")
+        self.message_filter.log.info(f"{self.folder}: {self.health().message}")
 
     def drain(self) -> None:
         """Empty the queues, rest, and flush by the clock; told to stop, until nothing comes, for a while at most."""
         flushed = reported = told = time.monotonic()
         more = True
         while not told_to_stop() or time.monotonic() - told < (
-            BEHIND_S if more else HEARD_S if time.monotonic() - self.guard.heard < QUIET_S else 0.0
+            BEHIND_S if more else HEARD_S if time.monotonic() - self.message_filter.heard < QUIET_S else 0.0
         ):
             more, now = self.take(), time.monotonic()
             if now - flushed > FLUSH_S:
@@ -188,7 +190,7 @@ class Recorder:
                 reported = now
             if not told_to_stop():
                 told = now
-            if self.guard.done():
+            if self.message_filter.done():
                 break
             if not more:
                 time.sleep(POLL_S)

@@ -10,7 +10,7 @@ from facts_damping_msgs.msg import RefusedCount, RefusedMessages
 from rclpy.serialization import serialize_message
 
 from facts_damping.nodes.messages import set_time
-from facts_damping.nodes.node import SAYING, TOPIC, Voice
+from facts_damping.nodes.node import PUBLISHER_QOS, TOPIC, NodeLog
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,9 +28,9 @@ class Refusals:
 
     def __init__(self, node: Node, graph: str, say: Callable[[bytes], None] | None, *, peer: bool = True) -> None:
         """`graph`: what leads to the graph's topics; `say`, `peer`: as in Guard."""
-        self._node, self._voice, self._say = node, Voice(node), say
+        self._node, self._log, self._say = node, NodeLog(node), say
         if peer:  # by its publisher others know it as one
-            publisher = node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", SAYING)
+            publisher = node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", PUBLISHER_QOS)
             self._say = say or publisher.publish
         self._refused: Counter[tuple[str, str, bytes]] = Counter()  # by topic, cause, publisher
         self._told: Counter[tuple[str, str, str]] = Counter()  # by topic, cause, source
@@ -59,11 +59,11 @@ class Refusals:
             counts[topic, cause, self._source(topic, publisher)] += count
         for (topic, cause, source), count in counts.items():
             if count != self._told[topic, cause, source]:
-                self._voice.line(f"refused {count} {cause} {topic} {source}")
+                self._log.line(f"refused {count} {cause} {topic} {source}")
                 if (topic, cause, source) not in self._told:  # the rest is counted, and told at the end
-                    self._voice.warn(f"refused a message by {topic} of {source}: {cause}")
+                    self._log.warning(f"refused a message by {topic} of {source}: {cause}")
         if last:
-            self._voice.warn(f"refused {counts.total()} messages in all")
+            self._log.warning(f"refused {counts.total()} messages in all")
         self._told = counts
         if self._say is None:
             return

@@ -21,9 +21,9 @@ from facts_damping.case.names import (
 from facts_damping.errors import RunError
 from facts_damping.nodes.member import PLANT, Member
 from facts_damping.nodes.messages import PlantStateMessage, grid_event, run_done, state_message, synchronism_lost
-from facts_damping.nodes.node import LATCHED, SAYING, STATE, finish, run_node
+from facts_damping.nodes.node import LATCHED, PUBLISHER_QOS, STATE, finish, run_node
 from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
-from facts_damping.nodes.spinning import check_wanted
+from facts_damping.nodes.spinner import check_wanted
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.simulation.measured_plant import entries
@@ -51,16 +51,19 @@ class ReplaySource:
         )
         self.heard = speakers(self.case)
         links, extra = link_addresses(self.case), int(self.options.recorder)
-        self.to_all = node.create_publisher(PmuDataFrame, "pmu/frames", SAYING)
-        self.to_state = node.create_publisher(PlantState, "plant/state", SAYING)
-        self.to_events = node.create_publisher(GridEvent, "plant/events", SAYING)
-        self.delivered = [node.create_publisher(PmuDataFrame, link.topic("pmu/delivered"), SAYING) for link in links]
+        self.to_all = node.create_publisher(PmuDataFrame, "pmu/frames", PUBLISHER_QOS)
+        self.to_state = node.create_publisher(PlantState, "plant/state", PUBLISHER_QOS)
+        self.to_events = node.create_publisher(GridEvent, "plant/events", PUBLISHER_QOS)
+        self.delivered = [
+            node.create_publisher(PmuDataFrame, link.topic("pmu/delivered"), PUBLISHER_QOS) for link in links
+        ]
         self.applied = [
-            node.create_publisher(VoltageSetpoints, link.topic("setpoints/delivered"), SAYING) for link in links
+            node.create_publisher(VoltageSetpoints, link.topic("setpoints/delivered"), PUBLISHER_QOS) for link in links
         ]
         hearing = [acting(self.case, c) for c in identifier_names(self.case)]
         self.recorded = {
-            c: node.create_publisher(VoltageSetpoints, recorded_topic(self.heard[c].topic), SAYING) for c in hearing
+            c: node.create_publisher(VoltageSetpoints, recorded_topic(self.heard[c].topic), PUBLISHER_QOS)
+            for c in hearing
         }
         self.tick = -1
         self.member = Member(node, self.case, self.options, PLANT, hardware=path)
@@ -70,7 +73,9 @@ class ReplaySource:
             for i in range(1 + hearing.count(c)):
                 use = partial(self.on_setpoints, speaker.place) if i == 0 else _nothing
                 setpoints = SetpointsMessage(self.case, speaker.name, [c])
-                self.member.guard.subscribe(VoltageSetpoints, speaker.topic, use, setpoints.read, lambda: self.tick)
+                self.member.message_filter.subscribe(
+                    VoltageSetpoints, speaker.topic, use, setpoints.read, lambda: self.tick
+                )
         self.answered = {speaker.place: -1 for speaker in self.heard.values()}
         self.spinner = self.member.spin()
         self.expected = dict.fromkeys((self.to_all, self.to_events, *self.applied), extra)
@@ -120,7 +125,7 @@ class ReplaySource:
             self.wait(tick)
             if time.monotonic() - told > PROGRESS_S or at + 1 == len(ticks):
                 told = time.monotonic()
-                self.member.guard.voice.line(f"tick {at + 1} {len(ticks)} 0")
+                self.member.message_filter.log.line(f"tick {at + 1} {len(ticks)} 0")
         sound = bool(self.record.in_synchronism[-1])
         lost = synchronism_lost(int(self.record.time_ns[-1]))
         self.tell(RunState.ENDED, -1, run_done(ticks[-1], self.case.run.frame_rate) if sound else lost, sound)

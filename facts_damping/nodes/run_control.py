@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from facts_damping.nodes.live_plant import LivePlant
     from facts_damping.nodes.member import Member
-    from facts_damping.nodes.spinning import Spinner
+    from facts_damping.nodes.spinner import Spinner
 
 REMIND_S = 0.4  # wall time between two reports of a pause: less than that after which others say that nothing comes
 

@@ -20,7 +20,7 @@ from facts_damping.case.names import (
 )
 from facts_damping.case.supervision import reserves
 from facts_damping.control.table import kind_of
-from facts_damping.monitors import (
+from facts_damping.monitor_table import (
     ARM,
     ARMED,
     COMMANDS,
@@ -35,10 +35,10 @@ from facts_damping.monitors import (
     TRIPPED,
     cause_name,
 )
-from facts_damping.nodes.gathering import Gathering
+from facts_damping.nodes.input_collector import InputCollector
 from facts_damping.nodes.member import SUPERVISOR, Member
 from facts_damping.nodes.messages import ControllerStateMessage, Health, PlantStateMessage, SupervisorStateMessage
-from facts_damping.nodes.node import SAYING, graph_prefix, run_node
+from facts_damping.nodes.node import PUBLISHER_QOS, graph_prefix, run_node
 from facts_damping.nodes.parameters import read_case, read_index, read_options
 from facts_damping.nodes.publishers import PLANT as PLANT_STATE
 from facts_damping.nodes.signing import seal, signing
@@ -49,7 +49,7 @@ from facts_damping.simulation.loop import setpoint_buffer
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.supervision.reasons import reason_of
 from facts_damping.supervision.states import refusal
-from facts_damping.supervision.step import supervise, tell
+from facts_damping.supervision.step import supervise, write_status
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -80,37 +80,37 @@ class SupervisorNode:
         self.heard = [c for c in (self.index, own_reserves.get(self.index)) if c is not None]
         self.controllers = [controller_names(self.case)[c] for c in self.heard]
         self.setpoints = SetpointsMessage(self.case, seal=seal(by, f"{address}/{SUPERVISED}"))
-        self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/{SUPERVISED}", SAYING)
-        self.to_recorder = node.create_publisher(SupervisorState, f"{self.name}/state", SAYING)
+        self.to_link = node.create_publisher(VoltageSetpoints, f"{self.name}/{SUPERVISED}", PUBLISHER_QOS)
+        self.to_recorder = node.create_publisher(SupervisorState, f"{self.name}/state", PUBLISHER_QOS)
         self.devices = np.zeros(len(self.case.run.devices), DEVICE_TRUTH)
         self.gathering, self.publishers = self.wire(node, graph, by)
         thresholds = self.made.thresholds[self.own]
         self.says = SupervisorStateMessage(self.controllers[0], thresholds, list(self.gathering.heard))
         for name in COMMANDS:
             node.create_service(Trigger, f"~/{name}", partial(self.on_command, name))
-        self.member.guard.hear_run()
+        self.member.message_filter.hear_run()
         self.spinner = self.member.spin()
 
-    def wire(self, node: Node, graph: str, by: Signing | None) -> tuple[Gathering, dict[str, Callable[[], int]]]:
+    def wire(self, node: Node, graph: str, by: Signing | None) -> tuple[InputCollector, dict[str, Callable[[], int]]]:
         """Hear the link, the plant, the controller, and its fallback."""
-        case, guard, heard = self.case, self.member.guard, self.heard
+        case, message_filter, heard = self.case, self.member.message_filter, self.heard
         places, names = controller_addresses(case), controller_names(case)
         senders = {names[c]: str(places[c]) for c in heard} | {"plant": "plant_sim"}
         topics = {names[c]: f"{graph}{places[c]}/setpoints" for c in heard}
         topics["plant"] = f"{graph}{PLANT_STATE}"
         if not kind_of(case.controllers[self.index]).node:  # one of the user's own need not tell its state
             senders["state"], topics["state"] = str(places[self.index]), f"{graph}{places[self.index]}/state"
-        gathering = Gathering(self.options, senders, self.act)
+        gathering = InputCollector(self.options, senders, self.act)
         for c in heard:
             setpoints = SetpointsMessage(case, names[c], [c], seal(by, f"{places[c]}/setpoints"))
-            guard.subscribe(VoltageSetpoints, topics[names[c]], gathering.taking(names[c]), setpoints.read)
+            message_filter.subscribe(VoltageSetpoints, topics[names[c]], gathering.taking(names[c]), setpoints.read)
         if "state" in senders:
             inner = ControllerStateMessage(case, self.index)
-            guard.subscribe(ControllerState, topics["state"], gathering.taking("state"), inner.read)
-        guard.subscribe(PlantState, topics["plant"], gathering.taking("plant"), PlantStateMessage(case).read)
+            message_filter.subscribe(ControllerState, topics["state"], gathering.taking("state"), inner.read)
+        message_filter.subscribe(PlantState, topics["plant"], gathering.taking("plant"), PlantStateMessage(case).read)
         link = link_addresses(case)[case.used_links[self.index]].topic("pmu/delivered")
         frames = FramesMessage(case, seal(by, link))
-        guard.subscribe(PmuDataFrame, f"{graph}{link}", gathering.frames, frames.read, leads=True)
+        message_filter.subscribe(PmuDataFrame, f"{graph}{link}", gathering.frames, frames.read, leads=True)
         return gathering, {part: partial(node.count_publishers, topic) for part, topic in topics.items()}
 
     def ready(self) -> None:
@@ -138,7 +138,7 @@ class SupervisorNode:
         frames, own = parts["frames"], (self.made, self.state, s)
         count = supervise(*own, tick, start, end, frames, len(frames), issued, len(issued), self.devices, out, 0)
         self.to_link.publish(self.setpoints.fill(tick, start, out[:count], self.name))
-        if tell(*own, tick, self.told, 0):
+        if write_status(*own, tick, self.told, 0):
             self.to_recorder.publish(self.says.fill(tick, start, self.told[0], list(self.gathering.heard.values())))
             self.report(start)
         self.member.tell(self.health)
@@ -149,7 +149,11 @@ class SupervisorNode:
         if state not in (self.before, SHADOW):
             reason = reason_of(self.told[0], self.made.thresholds[self.own])
             text = f"{STATES[state]} at {start_ns / NANOSECONDS:.3f} s: {reason}"
-            (self.member.guard.voice.warn if state in (FALLBACK, TRIPPED) else self.member.guard.voice.info)(text)
+            (
+                self.member.message_filter.log.warning
+                if state in (FALLBACK, TRIPPED)
+                else self.member.message_filter.log.info
+            )(text)
         self.before = state
 
     def health(self) -> Health:

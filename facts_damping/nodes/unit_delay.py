@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from facts_damping.nodes.parameters import Options
-    from facts_damping.nodes.spinning import Spinner
+    from facts_damping.nodes.spinner import Spinner
 
 PATIENCE = 0.8  # share of the time-out: a node that waits names who is silent before others name it
 

@@ -18,7 +18,7 @@ from facts_damping.link.transfer import downlink, uplink
 from facts_damping.nodes.live_parameters import StageParameters
 from facts_damping.nodes.member import LINK, Member
 from facts_damping.nodes.messages import Health, link_statistics
-from facts_damping.nodes.node import SAYING, graph_prefix, run_node
+from facts_damping.nodes.node import PUBLISHER_QOS, graph_prefix, run_node
 from facts_damping.nodes.parameters import read_case, read_index, read_options
 from facts_damping.nodes.signing import seal, signing
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
@@ -55,21 +55,21 @@ class WanLink:
         self.frame = np.full((len(self.case.system.stations), len(CHANNELS)), np.nan)
         self.measured_ns = np.full(len(self.frame), LOST)  # where a station is absent from a frame
         self.status = np.zeros(len(self.frame), np.int64)
-        self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", SAYING)
-        self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", SAYING)
-        self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", SAYING)
-        guard, frames = self.member.guard, FramesMessage(self.case, seal(by, "pmu/frames"))
-        guard.subscribe(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, frames.read, leads=True)
+        self.to_controllers = node.create_publisher(PmuDataFrame, "pmu/delivered", PUBLISHER_QOS)
+        self.to_plant = node.create_publisher(VoltageSetpoints, "setpoints/delivered", PUBLISHER_QOS)
+        self.to_recorder = node.create_publisher(LinkStatistics, "link/statistics", PUBLISHER_QOS)
+        message_filter, frames = self.member.message_filter, FramesMessage(self.case, seal(by, "pmu/frames"))
+        message_filter.subscribe(PmuDataFrame, f"{graph}pmu/frames", self.on_frame, frames.read, leads=True)
         for c, (name, _, topic) in heard.items():
             setpoints, use = SetpointsMessage(self.case, name, [c], seal(by, topic)), partial(self.on_setpoints, name)
-            guard.subscribe(VoltageSetpoints, f"{graph}{topic}", use, setpoints.read, lambda: self.tick)
+            message_filter.subscribe(VoltageSetpoints, f"{graph}{topic}", use, setpoints.read, lambda: self.tick)
         self.tick = -1
         self.missing: set[str] = set()
         self.answered = dict.fromkeys(self.places, 0)  # the newest tick that a controller has answered
         self.behind: Counter[str] = Counter()  # answers of each that came after their tick, since it was told
         self.publishers = {one.name: partial(node.count_publishers, f"{graph}{one.topic}") for one in heard.values()}
         self.given: dict[str, list[Any]] = {name: [] for name in self.places}
-        guard.hear_run("pmu/frames")
+        message_filter.hear_run("pmu/frames")
         self.spinner = self.member.spin()
 
     @property
@@ -190,7 +190,7 @@ class WanLink:
             if self.spinner.spin_once(0.1):
                 continue
             patience = self.options.patience(self.tick) + (0.0 if self.missing else PATIENCE_S)
-            if self.owed() and time.monotonic() - self.member.guard.heard > patience:
+            if self.owed() and time.monotonic() - self.member.message_filter.heard > patience:
                 left = [name for name in self.missing if self.publishers[name]() == 0]
                 who = ", ".join(sorted(self.places[name] for name in left or self.missing)) or "plant_sim"
                 what = "has left" if left else "is silent"
@@ -198,7 +198,7 @@ class WanLink:
 
     def owed(self) -> bool:
         """Whether, in lockstep, a controller owes its setpoints or the plant its next frame."""
-        if self.options.paced or self.tick < 0 or self.member.guard.over:
+        if self.options.paced or self.tick < 0 or self.member.message_filter.over:
             return False
         return bool(self.missing) or self.tick + 1 < self.case.ticks
 

@@ -13,7 +13,7 @@ EARLIEST_S = 0.1  # begin of a fault: some need what was before
 Choices = dict[str, dict[FieldPath, Any]]  # label: what it sets in the run
 
 
-class Bed(ParameterModel):
+class BaseRun(ParameterModel):
     """A run for which faults are drawn, with fields that are drawn, too.
 
     In `choose`, one label of each list is drawn, and its fields are set in the run. For example, `choose: {link: {fast:
@@ -27,7 +27,7 @@ class Bed(ParameterModel):
     choose: dict[Name, Choices] = Field({}, description="name of a list: label: path: value")
 
     @model_validator(mode="after")
-    def _not_empty(self) -> Bed:
+    def _not_empty(self) -> BaseRun:
         empty = next((name for name, choices in self.choose.items() if not choices), None)
         if empty is not None:
             raise ValueError(f"choose.{empty}: none given; allowed: at least one")
@@ -48,7 +48,7 @@ class Campaign(ParameterModel):
     graph_duration: float = quantity(
         8.0, "s", "simulated time of a graph; its fault begins at least 3 s before the end", gt=0, le=1e3
     )
-    beds: dict[Name, Bed] = Field(..., min_length=1, description="name: run; each is drawn equally often")
+    beds: dict[Name, BaseRun] = Field(..., min_length=1, description="name: run; each is drawn equally often")
     faults: dict[Name, float] = Field(
         {}, description="fault: how often it is drawn relative to the others, 0 to 1e6; empty: all equally often"
     )

@@ -200,7 +200,7 @@ def _needs(block: _Plain, data: Any) -> set[str]:
     return limits | {name for name, _ in _inputs(block.inputs, data)} if at_once else limits
 
 
-class Strain(NamedTuple):
+class LimitViolation(NamedTuple):
     """A limit that does not admit the start: of which signal, its value, the limits; the field and what it would be."""
 
     control: Any
@@ -224,7 +224,7 @@ class Rest(NamedTuple):
 
     states: NDArray[np.float64]
     reference: float
-    strains: list[Strain]
+    strains: list[LimitViolation]
 
 
 def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float | None, reference: str | None) -> Rest:
@@ -257,12 +257,12 @@ def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float 
         z = z - least_squares(np.array(slopes).T, left)
     else:
         raise InputError(f"{data.model} of {data.machine}: no state of rest found at the start")
-    return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _strains(made, data, s))
+    return Rest(z[:n], float(z[n]) if reference is not None else 0.0, _violations(made, data, s))
 
 
-def _strains(made: Control, data: Any, s: NDArray[np.float64]) -> list[Strain]:
+def _violations(made: Control, data: Any, s: NDArray[np.float64]) -> list[LimitViolation]:
     """Limits beyond which the signals of a control lie that is at rest without them."""
-    found, fields = list[Strain](), {block.name: block for block in MODELS[data.model].blocks}
+    found, fields = list[LimitViolation](), {block.name: block for block in MODELS[data.model].blocks}
     for row, name, value in zip(made.rows, made.gives, s[len(SENSED) :], strict=True):
         low, high = row["low"] * s[row["low_of"]], row["high"] * s[row["high_of"]]
         if low - 1e-9 <= value <= high + 1e-9:
@@ -270,5 +270,5 @@ def _strains(made: Control, data: Any, s: NDArray[np.float64]) -> list[Strain]:
         side, of = ("low", row["low_of"]) if value < low else ("high", row["high_of"])
         limit = getattr(fields[name], side)
         field = limit if isinstance(limit, str) else None
-        found.append(Strain(data, name, float(value), float(low), float(high), field, float(value / s[of])))
+        found.append(LimitViolation(data, name, float(value), float(low), float(high), field, float(value / s[of])))
     return found

@@ -24,12 +24,12 @@ from facts_damping.plant import (
     stabiliser,
 )
 from facts_damping.plant.dead_time import line
-from facts_damping.plant.events import Stage, stages
+from facts_damping.plant.events import TopologyInterval, topology_intervals
 from facts_damping.plant.model import Plant, PlantState
 from facts_damping.plant.power_flow import PowerFlow, solve
 from facts_damping.plant.reduction import Place, reduce_network
 from facts_damping.plant.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
-from facts_damping.plant.watchdog import watching
+from facts_damping.plant.watchdog import initial_watch
 from facts_damping.signals import to_ns
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def build(
     Raises `InputError` for a power flow that does not converge, limits that do not admit the start, or an
     event that cannot happen.
     """
-    steps = stages(system, listed)
+    steps = topology_intervals(system, listed)
     flow = solve(system, installed)
     states = _States()
     rotating = _machines(system, flow, states)
@@ -112,7 +112,7 @@ def build(
     n = len(installed)
     source = np.zeros(len(ports.rows), np.complex128)
     lines = line([system.device(name).dead_time for name in installed])
-    state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), watching(n), source, *lines)
+    state = PlantState(np.array(states.values), np.zeros(n), np.zeros(n), initial_watch(n), source, *lines)
     return Built(plant, state, flow, states.names)
 
 
@@ -162,7 +162,7 @@ class _Rotating(NamedTuple):
     controls: NDArray[Any]
     power: NDArray[np.float64]
     blocks: list[NDArray[Any]]
-    strains: list[block_controls.Strain]
+    strains: list[block_controls.LimitViolation]
 
 
 def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
@@ -218,14 +218,14 @@ def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> 
     return sensed | {"Vd": v.real, "Vq": v.imag, "Id": i.real, "Iq": i.imag}
 
 
-def strains(system: System) -> list[block_controls.Strain]:
+def limit_violations(system: System) -> list[block_controls.LimitViolation]:
     """Limits of controls that are tables of blocks, which do not admit the start of a system without devices."""
     return _machines(system, solve(system, []), _States()).strains
 
 
 def _add_blocks(
     made: _Rotating, g: int, data: Any, seen: dict[str, float], states: _States
-) -> list[block_controls.Strain]:
+) -> list[block_controls.LimitViolation]:
     """A control that is a table of blocks, at rest; the limits that do not admit that."""
     role, control = MODELS[data.model].role, block_controls.control(data)
     wanted, reference = {"exciter": ("Ifd", "Vref"), "governor": ("Pm", "Pref")}.get(role, (None, None))
@@ -290,7 +290,7 @@ def _devices(
     return rows
 
 
-def _mechanical_power(system: System, power: NDArray[np.float64], stage: Stage) -> list[float]:
+def _mechanical_power(system: System, power: NDArray[np.float64], stage: TopologyInterval) -> list[float]:
     """Mechanical powers of a stage, p.u. of the ratings; none for a machine that was tripped."""
     return [
         0.0 if m.name in stage.topology.machines_out else power[g] * stage.mechanical_scale.get(m.name, 1.0)

@@ -58,7 +58,7 @@ class DeviceKind(NamedTuple):
     derivatives: Callable[..., None]  # (d, x, u, size, dx), 1/s
     truth: Callable[..., None] = _no_more  # (d, x, u, size, blocked, out): what it knows better than its port
     losses: Callable[[Any, float], float] | None = None
-    drawn: Callable[[Any, Sequence[float], float], list[complex]] | None = None
+    consumed_power: Callable[[Any, Sequence[float], float], list[complex]] | None = None
     other_end: OtherEnd | None = None
 
 
@@ -73,7 +73,7 @@ KINDS = {
         statcom.characteristic,
         statcom.derivatives,
         statcom.truth,
-        drawn=statcom.drawn,
+        consumed_power=statcom.consumed_power,
     ),
     "svc": DeviceKind(svc.SVC, svc.STATE_NAMES, svc.start, svc.characteristic, svc.derivatives),
     "hvdc": DeviceKind(
@@ -82,7 +82,7 @@ KINDS = {
         hvdc.start,
         hvdc.to_end,
         hvdc.derivatives,
-        drawn=hvdc.drawn,
+        consumed_power=hvdc.consumed_power,
         other_end=OtherEnd(hvdc.from_end, hvdc.from_derivatives),
     ),
 }
@@ -120,7 +120,7 @@ def states_of(device: Device) -> list[str]:
 
 
 @compiled
-def behind(z: float, reference: float, ramp: float, T: float, t: float) -> float:
+def first_order_lag(z: float, reference: float, ramp: float, T: float, t: float) -> float:
     """A lag's output t s on, p.u., where its input starts at `reference` and moves by `ramp`, p.u./s.
 
     T dz/dt = r - z with r = r0 + k t:  z(t) = z0 + (r0 - k T - z0) (1 - exp(-t/T)) + k t.
@@ -135,13 +135,13 @@ def reference_of(reference: NDArray[np.float64], d: int) -> float:
 
 
 @compiled
-def acting(d: Any, x: NDArray[np.float64], u: float) -> float:
+def effective_reference(d: Any, x: NDArray[np.float64], u: float) -> float:
     """What a device acts on, p.u.: its reference u, behind its response time if it has one."""
     return x[d.lag] if d.response_time > 0.0 else u
 
 
 @compiled
-def respond(d: Any, x: NDArray[np.float64], u: float, dx: NDArray[np.float64]) -> None:
+def lag_derivative(d: Any, x: NDArray[np.float64], u: float, dx: NDArray[np.float64]) -> None:
     """Write the derivative of the lag of a device's reference u, 1/s; also that of a blocked one moves."""
     if d.response_time > 0.0:
         dx[d.lag] = (u - x[d.lag]) / d.response_time
@@ -153,9 +153,9 @@ def losses_of(device: Series, magnitude: float) -> float:
     return losses(device, magnitude) if losses else 0.0
 
 
-def drawn_by(device: Device, voltages: Sequence[float], base_power: float) -> list[complex]:
+def consumed_power(device: Device, voltages: Sequence[float], base_power: float) -> list[complex]:
     """What a device in parallel draws from each of its buses at rest, P + j Q, p.u. of the base (MVA)."""
-    drawn = KINDS[device.kind].drawn
+    drawn = KINDS[device.kind].consumed_power
     return drawn(device, voltages, base_power) if drawn else [0j] * len(voltages)
 
 
@@ -179,28 +179,28 @@ def characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tup
 
     In series a voltage drop, in parallel a current into the network.
     """
-    return _characteristic(d.kind, d, x, acting(d, x, u), size)  # type: ignore[no-any-return]
+    return _characteristic(d.kind, d, x, effective_reference(d, x, u), size)  # type: ignore[no-any-return]
 
 
 @compiled
 def other_characteristic(d: Any, x: NDArray[np.float64], u: float, size: float) -> tuple[complex, complex]:
     """The same at its second bus."""
-    return _other_characteristic(d.kind, d, x, acting(d, x, u), size)  # type: ignore[no-any-return]
+    return _other_characteristic(d.kind, d, x, effective_reference(d, x, u), size)  # type: ignore[no-any-return]
 
 
 @compiled
 def other_derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArray[np.float64]) -> None:
     """Write the derivatives of the states that follow the voltage of its second bus, 1/s."""
-    _other_derivatives(d.kind, d, x, acting(d, x, u), size, dx)
+    _other_derivatives(d.kind, d, x, effective_reference(d, x, u), size, dx)
 
 
 @compiled
 def derivatives(d: Any, x: NDArray[np.float64], u: float, size: float, dx: NDArray[np.float64]) -> None:
     """Write the derivatives of a device's states, 1/s."""
-    _derivatives(d.kind, d, x, acting(d, x, u), size, dx)
+    _derivatives(d.kind, d, x, effective_reference(d, x, u), size, dx)
 
 
 @compiled
 def truth(d: Any, x: NDArray[np.float64], u: float, size: float, blocked: bool, out: Any) -> None:
     """Write into a row of DEVICE_TRUTH what a kind knows better than its port: see `measurement`."""
-    _truth(d.kind, d, x, acting(d, x, u), size, blocked, out)
+    _truth(d.kind, d, x, effective_reference(d, x, u), size, blocked, out)

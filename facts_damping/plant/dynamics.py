@@ -157,7 +157,7 @@ def _port_derivatives(plant: Plant, x: Float1, reference: Float1, dx: Float1, wo
     for i in range(plant.placed.size):
         d = plant.placed[i]
         u = devices.reference_of(reference, i)
-        devices.respond(d, x, u, dx)
+        devices.lag_derivative(d, x, u, dx)
         if work.blocked[d.port]:
             for k in range(d.states):
                 dx[d.offset + k] = 0.0

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Stage:
+class TopologyInterval:
     """The state of the grid from `start_ns` on: topology, and mechanical powers relative to the start."""
 
     start_ns: int = 0
@@ -46,9 +46,9 @@ def timeline(listed: Sequence[Event]) -> list[Change]:
     return sorted(found, key=lambda change: change.time_ns)
 
 
-def stages(system: System, listed: Sequence[Event]) -> list[Stage]:
+def topology_intervals(system: System, listed: Sequence[Event]) -> list[TopologyInterval]:
     """The stages of a run, the first from the start. Raises `InputError` where an event cannot happen."""
-    found = [Stage()]
+    found = [TopologyInterval()]
     check_islands(system, found[0].topology, f"system {system.name}: has an")
     for change in timeline(listed):
         after = _apply(system, found[-1], change)
@@ -60,7 +60,7 @@ def stages(system: System, listed: Sequence[Event]) -> list[Stage]:
     return found
 
 
-def _apply(system: System, stage: Stage, change: Change) -> Stage:
+def _apply(system: System, stage: TopologyInterval, change: Change) -> TopologyInterval:
     """The stage after a change."""
     event, where, before = change.event, change.where, stage.topology
     lines = [line.name for line in system.lines]

@@ -36,7 +36,7 @@ def beside(power_factor: float) -> float:
     return math.sqrt(1.0 - power_factor * power_factor) / power_factor
 
 
-def drawn(device: Hvdc, _voltages: Sequence[float], base_power: float) -> list[complex]:
+def consumed_power(device: Hvdc, _voltages: Sequence[float], base_power: float) -> list[complex]:
     """What it draws at rest from the inverter's bus and from the rectifier's, P + j Q, p.u. of the base (MVA)."""
     P = device.P / base_power
     given = P * (1.0 - device.loss) - device.R * P * P
@@ -58,7 +58,7 @@ def start(device: Hvdc, site: Site) -> Start:
 
 
 @compiled
-def share(voltage: float, V_min: float) -> float:
+def power_fraction(voltage: float, V_min: float) -> float:
     """What a bus voltage leaves of the power: all above V_min, below it (V / V_min)^2, as of an impedance."""
     return 1.0 if voltage >= V_min else voltage * voltage / (V_min * V_min)
 
@@ -71,8 +71,8 @@ def power(d: Any, x: NDArray[np.float64], u: float, voltage: float) -> tuple[flo
     ends know of each other by now.
     """
     order = min(max(d.P + u, d.P_min), d.P_max)
-    known = min(share(x[d.offset], d.V_min), share(x[d.offset + 1], d.V_min))
-    own = share(voltage, d.V_min)
+    known = min(power_fraction(x[d.offset], d.V_min), power_fraction(x[d.offset + 1], d.V_min))
+    own = power_fraction(voltage, d.V_min)
     if own < known:
         return order * own, 2.0 * order * voltage / (d.V_min * d.V_min)
     return order * known, 0.0

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.plant.dead_time import arrive, send
-from facts_damping.plant.devices import behind
+from facts_damping.plant.devices import first_order_lag
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.load_noise import begin_noise, move_noise
-from facts_damping.plant.model import Plant, PlantState, Work, begin_stage
+from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
 from facts_damping.plant.watchdog import NEVER, accepts, due_ns, release
 from facts_damping.signals import Setpoints
 
@@ -50,7 +50,7 @@ def _runge_kutta(
                 reference[d] = state.reference[d] + share * ramp[d]
                 row = plant.devices[d]
                 if row.response_time > 0.0:
-                    trial[row.lag] = behind(x[row.lag], state.reference[d], ramp[d], row.response_time, share)
+                    trial[row.lag] = first_order_lag(x[row.lag], state.reference[d], ramp[d], row.response_time, share)
             move_noise(plant, work, elapsed + share)
         derivatives(plant, trial, reference, state.source, stage, k[part], work)
     for i in range(x.size):
@@ -154,7 +154,7 @@ def advance(
     ramp = work.slopes[5, : state.reference.size]
     while now < end_ns:
         following = _take_setpoints(plant, state, setpoints, following, count, now)
-        stage = begin_stage(plant, state, now)
+        stage = begin_interval(plant, state, now)
         end = _let_go(plant, state, end_ns, now)
         end = arrive(state.under_way, state.waiting, state.target, end, now)
         if following < count:

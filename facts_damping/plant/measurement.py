@@ -12,7 +12,7 @@ from facts_damping.plant import controls
 from facts_damping.plant import devices as facts
 from facts_damping.plant.dynamics import derivatives, row_times, saturated, solve_network, stator
 from facts_damping.plant.load_noise import begin_noise, move_noise
-from facts_damping.plant.model import Plant, PlantState, Work, begin_stage
+from facts_damping.plant.model import Plant, PlantState, Work, begin_interval
 from facts_damping.signals import SPEED_BAND, DeviceTruths, MachineTruths
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def _phasors(plant: Plant, stage: int, inputs: NDArray[np.complex128], phasors: 
 @entry_point
 def sample(plant: Plant, state: PlantState, time_ns: int, work: Work) -> None:
     """Voltage and current of each station at an instant, into `work.phasors`."""
-    stage = begin_stage(plant, state, time_ns)
+    stage = begin_interval(plant, state, time_ns)
     begin_noise(plant, work, time_ns, time_ns)
     solve_network(plant, state.x, state.reference, state.source, stage, work)
     _phasors(plant, stage, work.inputs, work.phasors)
@@ -125,7 +125,7 @@ def measure(
     rate of it (NaN). The truth goes into tables of MACHINE_TRUTH and DEVICE_TRUTH. Returns whether the plant is sound:
     all states finite, the network solved, and all rotors in synchronism.
     """
-    stage = begin_stage(plant, state, time_ns)
+    stage = begin_interval(plant, state, time_ns)
     x = state.x
     begin_noise(plant, work, time_ns, time_ns)
     solve_network(plant, x, state.reference, state.source, stage, work)

@@ -138,7 +138,7 @@ def copy(state: PlantState) -> PlantState:
 
 
 @compiled
-def stage_at(plant: Plant, time_ns: int) -> int:
+def interval_at(plant: Plant, time_ns: int) -> int:
     """Index of the stage at a time; an event acts from its own instant on."""
     stage = 0
     while stage + 1 < len(plant.stage_start_ns) and plant.stage_start_ns[stage + 1] <= time_ns:
@@ -147,9 +147,9 @@ def stage_at(plant: Plant, time_ns: int) -> int:
 
 
 @compiled
-def begin_stage(plant: Plant, state: PlantState, time_ns: int) -> int:
+def begin_interval(plant: Plant, state: PlantState, time_ns: int) -> int:
     """Index of the stage at a time; where it begins, the solution before tells nothing of the network to come."""
-    stage = stage_at(plant, time_ns)
+    stage = interval_at(plant, time_ns)
     if plant.stage_start_ns[stage] == time_ns:
         state.source[:] = 0.0
     return stage

@@ -12,7 +12,7 @@ from facts_damping.matrices import product
 from facts_damping.parameters.devices import Parallel, Transmission
 from facts_damping.phasors import magnitudes, over, polar, times
 from facts_damping.plant import load as loads
-from facts_damping.plant.devices import drawn_by, losses_of
+from facts_damping.plant.devices import consumed_power, losses_of
 from facts_damping.plant.network import (
     Topology,
     admittance,
@@ -83,12 +83,12 @@ def solve(system: System, installed: Sequence[str] = ()) -> PowerFlow:
         d for d in system.devices if isinstance(d, Transmission) or (isinstance(d, Parallel) and d.name in installed)
     ]
     losses = {device.name: 0.0 for device in series}
-    draws = {d.name: drawn_by(d, [1.0] * len(d.buses), system.base_power) for d in parallel}
+    draws = {d.name: consumed_power(d, [1.0] * len(d.buses), system.base_power) for d in parallel}
     change = 0.0
     for _ in range(MAX_ITERATIONS):
         flow = _solve(system, losses, [pair for d in parallel for pair in zip(d.buses, draws[d.name], strict=True)])
         lost = {d.name: losses_of(d, flow.currents[d.name]) for d in series if d.name in installed}
-        drawn = {d.name: drawn_by(d, flow.magnitudes(d.buses), system.base_power) for d in parallel}
+        drawn = {d.name: consumed_power(d, flow.magnitudes(d.buses), system.base_power) for d in parallel}
         changes = [abs(lost[name] - losses[name]) for name in lost]
         changes += [abs(a - b) for name in drawn for a, b in zip(drawn[name], draws[name], strict=True)]
         change = max(changes, default=0.0)

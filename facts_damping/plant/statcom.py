@@ -47,7 +47,7 @@ def losses_current(device: Statcom, voltage: float) -> float:
     return drawn
 
 
-def drawn(device: Statcom, voltages: Sequence[float], _base_power: float) -> list[complex]:
+def consumed_power(device: Statcom, voltages: Sequence[float], _base_power: float) -> list[complex]:
     """What it draws from its bus at rest, p.u.: V i, of which R i^2 is lost in the transformer, g in the DC link."""
     return [complex(voltages[0] * losses_current(device, voltages[0]))]
 

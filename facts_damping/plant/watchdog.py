@@ -49,7 +49,7 @@ WATCH = np.dtype(
 )
 
 # When a watchdog last accepted a setpoint by the wall clock.
-HEARD = np.dtype([("accepted_ns", "i8"), ("at_s", "f8")])
+LAST_ACCEPTED = np.dtype([("accepted_ns", "i8"), ("at_s", "f8")])
 
 
 def settings(given: Watchdog | None, frame_rate: int) -> NDArray[Any]:
@@ -64,16 +64,16 @@ def settings(given: Watchdog | None, frame_rate: int) -> NDArray[Any]:
     return row
 
 
-def watching(devices: int) -> NDArray[Any]:
+def initial_watch(devices: int) -> NDArray[Any]:
     """The watchdogs of so many devices at the start."""
     watch = np.zeros(devices, WATCH)
     watch["accepted_ns"] = watch["issued_ns"] = watch["measured_ns"] = NEVER
     return watch
 
 
-def listening(devices: int) -> NDArray[Any]:
+def initial_clock_state(devices: int) -> NDArray[Any]:
     """What `late_by_clock` knows of so many devices at the start."""
-    heard = np.zeros(devices, HEARD)
+    heard = np.zeros(devices, LAST_ACCEPTED)
     heard["accepted_ns"] = NEVER
     return heard
 

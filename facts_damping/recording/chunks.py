@@ -39,7 +39,7 @@ def check_counts(data: bytes, name: str) -> None:
         at += HEAD.size + length
 
 
-class Room:
+class UnpackLimit:
     """How many bytes the chunks of a file may unpack to."""
 
     def __init__(self) -> None:

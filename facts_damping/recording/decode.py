@@ -10,7 +10,7 @@ import numpy as np
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from facts_damping.errors import RecordingError
-from facts_damping.monitors import CODES, MONITORS, STATES, cause_code
+from facts_damping.monitor_table import CODES, MONITORS, STATES, cause_code
 from facts_damping.recording.columns import Block, blocks, kept
 from facts_damping.recording.fields import DEVICE_FIELDS, FRAME_FIELDS, MACHINE_FIELDS, check_fields
 from facts_damping.recording.schemas import parse_schema

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 SIMULATED_NS = 10**17  # three years: a simulated time is less, a wall time more
 
 
-def take_off(messages: Mapping[str, Sequence[Block]], plant: Iterable[str], frame_rate: Any) -> None:
+def subtract_epoch(messages: Mapping[str, Sequence[Block]], plant: Iterable[str], frame_rate: Any) -> None:
     """Have the stamps of messages begin with the run; `plant`: the topic by whose stamps and ticks that is known.
 
     What most of its messages say counts, also on the frame rate, where that is not known.

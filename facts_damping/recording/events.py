@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.monitors import COMMANDS
+from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.decode import time_ns
 from facts_damping.signals import NANOSECONDS
@@ -84,7 +84,7 @@ def changes(found: Iterable[Block]) -> list[dict[str, Any]]:
     return [change for *_, change in sorted(told, key=lambda one: one[:2])]
 
 
-def ended(found: Iterable[Block]) -> str | None:
+def run_ended(found: Iterable[Block]) -> str | None:
     """Why the run has ended, as its plant says last; None: it does not say so."""
     told = [
         (int(row), str(block.message.reason) if state == ENDED else None)

@@ -14,10 +14,10 @@ from facts_damping.parameters.run import Run
 from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
-from facts_damping.recording import absences, decode, epoch, events
-from facts_damping.recording.absences import OF_LINKS
+from facts_damping.recording import decode, epoch, events, gaps
+from facts_damping.recording.gaps import OF_LINKS
 from facts_damping.recording.scan import scan
-from facts_damping.recording.sifting import expected, sender, sift
+from facts_damping.recording.validation import drop_foreign, expected, sender
 from facts_damping.recording.writer import CONFIGURATION
 from facts_damping.signals import NANOSECONDS, Record
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from facts_damping.recording.columns import Block
     from facts_damping.recording.content import Content
     from facts_damping.recording.decode import Series
-    from facts_damping.recording.sifting import Expected
+    from facts_damping.recording.validation import Expected
 
 # What is read: name here, type of message, end of the topic's name. Every controller has its `/setpoints`, every link
 # its `/pmu/delivered` and `/setpoints/delivered`.
@@ -109,20 +109,20 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
     """Record of what was read."""
     topics = _topics(content, bool(configuration.get("controllers")))
     messages = _messages(content, [topic for names in topics.values() for topic in names], notes)
-    epoch.take_off(messages, topics["state"], configuration.get("frame_rate"))
+    epoch.subtract_epoch(messages, topics["state"], configuration.get("frame_rate"))
     of = expected(configuration)
-    sift(messages, topics, of, notes)
+    drop_foreign(messages, topics, of, notes)
     found = {
         kind: [_series(topic, messages[topic], kind in SETPOINTS, notes) for topic in names]
         for kind, names in topics.items()
         if kind not in UNTIMED
     }
     changes = events.changes(block for topic in topics["changes"] for block in messages[topic])
-    late = absences.starts(changes)
+    late = gaps.late_starts(changes)
     ticks = _ticks(found, late, content.complete)
-    away = absences.absences(found, late, 0, int(ticks[-1]) + 1)
-    notes += absences.notes(found, away, int(ticks[-1]))
-    told = [events.ended(messages[topic]) for topic in topics["run"]]
+    away = gaps.find_absences(found, late, 0, int(ticks[-1]) + 1)
+    notes += gaps.gap_notes(found, away, int(ticks[-1]))
+    told = [events.run_ended(messages[topic]) for topic in topics["run"]]
     _check_end(ticks, configuration, found["state"][0], content.complete, told, notes)
     first, last = int(ticks[0]), int(ticks[-1])
     cut = {kind: [decode.between(one, first, last) for one in parts] for kind, parts in found.items()}
@@ -166,7 +166,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         publishers=content.publishers,
         versions=content.versions,
         notes=notes,
-        gap_tick=absences.first_missing(found, away, ticks),
+        gap_tick=gaps.first_missing(found, away, ticks),
     )
 
 
@@ -272,7 +272,7 @@ def _ticks(found: dict[str, list[Series]], late: set[tuple[str, int, int]], comp
         last = min(one.ticks[-1] if len(one.ticks) else -1 for one in everything)
         ticks = ticks[ticks <= last]
     if len(ticks) and ticks[0] > 0:
-        ticks = ticks[ticks >= absences.began(found, late)]
+        ticks = ticks[ticks >= gaps.first_complete_tick(found, late)]
     if not len(ticks):
         raise RecordingError(f"no tick is complete in the recording: {_apart(needed)}")
     return ticks

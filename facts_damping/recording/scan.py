@@ -17,7 +17,7 @@ from facts_damping.errors import InputError, RecordingError
 from facts_damping.input_files import RECORDING, read_bytes, read_text
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.bagfile import CUSTOM, DIGEST, FILE_NAME, INFORMATION, TopicInfo
-from facts_damping.recording.chunks import Room, check_counts, unpack
+from facts_damping.recording.chunks import UnpackLimit, check_counts, unpack
 from facts_damping.recording.content import Content, RawMessage
 from facts_damping.recording.database import SQLITE, read_database
 from facts_damping.recording.writer import CONFIGURATION, LOST, PUBLISHERS, VERSIONS
@@ -173,7 +173,7 @@ def _sound_records(data: bytes, name: str, notes: list[str]) -> Iterator[tuple[i
     stream = BytesIO(data)
     stream.seek(len(MCAP0_MAGIC))
     reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=len(data))
-    records, room = iter(reader.records), Room()
+    records, room = iter(reader.records), UnpackLimit()
     while True:
         position = stream.tell()
         try:
@@ -187,7 +187,7 @@ def _sound_records(data: bytes, name: str, notes: list[str]) -> Iterator[tuple[i
             yield position, stream.tell(), one
 
 
-def _unpack(record: McapRecord, end: int, room: Room, where: str, notes: list[str]) -> list[McapRecord]:
+def _unpack(record: McapRecord, end: int, room: UnpackLimit, where: str, notes: list[str]) -> list[McapRecord]:
     """Records inside a chunk, checked against its checksum; any other record as it is."""
     if not isinstance(record, Chunk):
         return [record]

@@ -14,7 +14,7 @@ from facts_damping.analysis.summary import ROWS, find, more_rows, row_text
 from facts_damping.analysis.supervision import cause_text, probe_text
 from facts_damping.digest import digest
 from facts_damping.findings import clause
-from facts_damping.monitors import STATES
+from facts_damping.monitor_table import STATES
 from facts_damping.report.contents import Cell, ReportTable
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping import terminal
 from facts_damping.analysis.indices import improvement
-from facts_damping.reproduction.printed import LLC, Who
+from facts_damping.reproduction.printed import LLC, ControllerId
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -40,7 +40,7 @@ class ComparedRun(NamedTuple):
 
     system: str
     scenario: str
-    who: Who
+    who: ControllerId
 
 
 Figures = Mapping[
@@ -133,7 +133,7 @@ def signs(found: Sequence[Statement]) -> list[Signs]:
     return [*rows, _signs(ALL, ALL, found)] if found else rows
 
 
-def name(who: Who) -> str:
+def name(who: ControllerId) -> str:
     """A controller as text: `MISO ANFTSC direct`, `MISO LLC`."""
     return " ".join(part for part in who if part)
 
@@ -142,7 +142,7 @@ def flat(row: Any) -> dict[str, Any]:
     """A named tuple as a row of scalars, for CSV and JSON: the fields of tuples in it beside its own."""
     found: dict[str, Any] = {}
     for field, value in row._asdict().items():
-        if isinstance(value, Who):
+        if isinstance(value, ControllerId):
             found[field] = name(value)
         elif hasattr(value, "_asdict"):
             found |= flat(value)
@@ -206,13 +206,15 @@ def _smoothness(what: str, c: Compared, over: Compared) -> Statement:
     return _statement(c.cell, what, over.cell.who, printed, theirs, _better(over.ours, c.ours))
 
 
-def _statement(cell: Cell, what: str, over: Who, printed: float, theirs: float, ours: float | None) -> Statement:
+def _statement(
+    cell: Cell, what: str, over: ControllerId, printed: float, theirs: float, ours: float | None
+) -> Statement:
     place = (cell.table, cell.scenario, cell.architecture, cell.controller, cell.scheme or "")
     agrees, as_printed = (ours is not None and _sign(ours) == _sign(x) for x in (theirs, printed))
     return Statement(*place, what, cell.quantity, name(over), printed, theirs, ours, agrees, as_printed)
 
 
-def _smoother(who: Who) -> list[tuple[str, Who]]:
+def _smoother(who: ControllerId) -> list[tuple[str, ControllerId]]:
     """Whom a run is stated to be smoother than, or not."""
     found = []
     if who.architecture == "MIMO":
@@ -220,7 +222,7 @@ def _smoother(who: Who) -> list[tuple[str, Who]]:
     elif who.scheme == "indirect":
         found.append((OVER_DIRECT, who._replace(scheme="direct")))
     if who.controller != "LLC":
-        found.append((OVER_LLC, Who(who.architecture, "LLC", None)))
+        found.append((OVER_LLC, ControllerId(who.architecture, "LLC", None)))
     return found
 
 

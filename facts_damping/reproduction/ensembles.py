@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.reproduction.agreement import Figures
-    from facts_damping.reproduction.printed import Cell, Who
+    from facts_damping.reproduction.printed import Cell, ControllerId
 
     Row = dict[str, Any]
     Ensembles = Mapping[tuple[str, str], Sequence[Row]]  # by system and scenario
@@ -189,9 +189,9 @@ def decided(figures: Figures, quantities: Sequence[str] = FIGURES) -> list[Decid
     return found
 
 
-def _groups(figures: Figures, system: str, scenario: str) -> dict[str, list[Who]]:
+def _groups(figures: Figures, system: str, scenario: str) -> dict[str, list[ControllerId]]:
     """The networks that ran in a scenario, by architecture and scheme."""
-    found: dict[str, list[Who]] = {}
+    found: dict[str, list[ControllerId]] = {}
     for run in figures:
         if run[:2] == (system, scenario) and run.who.scheme is not None:
             found.setdefault(f"{run.who.architecture} {run.who.scheme}", []).append(run.who)

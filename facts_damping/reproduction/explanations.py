@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
     from facts_damping.control.table import Value
     from facts_damping.reproduction.agreement import Figures
-    from facts_damping.reproduction.printed import Cell, Who
+    from facts_damping.reproduction.printed import Cell, ControllerId
     from facts_damping.reproduction.ranking import Ranking
 
-    More = Callable[[str, Who], dict[str, Any]]
+    More = Callable[[str, ControllerId], dict[str, Any]]
 
 PARAMETERS = "controllers.0.parameters"
 GUARDS_OFF = {"controllers.0.profile": "thesis", f"{PARAMETERS}.leakage": 0.0}
@@ -58,20 +58,20 @@ class Told(NamedTuple):
 def _networks(fields: dict[str, Any]) -> More:
     """Fields for every network; for lead-lags nothing."""
 
-    def more(_: str, who: Who) -> dict[str, Any]:
+    def more(_: str, who: ControllerId) -> dict[str, Any]:
         return fields if who.scheme else {}
 
     return more
 
 
-def _off(_: str, who: Who) -> dict[str, Any]:
+def _off(_: str, who: ControllerId) -> dict[str, Any]:
     """All guards off, those too that the search has chosen."""
     if not who.scheme:
         return {}
     return {**GUARDS_OFF, **({f"{PARAMETERS}.identifier_leakage": 0.0} if who.scheme == "indirect" else {})}
 
 
-def _untuned(_: str, who: Who) -> dict[str, Any]:
+def _untuned(_: str, who: ControllerId) -> dict[str, Any]:
     """The pair without its name, for which nothing was searched: all start alike."""
     if not who.scheme:
         return {}
@@ -79,19 +79,19 @@ def _untuned(_: str, who: Who) -> dict[str, Any]:
     return {"controllers.0.name": f"{network.antecedent}+{network.consequent}"}
 
 
-def _untuned_wide(system: str, who: Who) -> dict[str, Any]:
+def _untuned_wide(system: str, who: ControllerId) -> dict[str, Any]:
     """The same with wavelets so wide that they keep their sign over the inputs' range."""
     wavelet = who.scheme and has_dilation(VARIANTS[who.controller].consequent)
     return {**_untuned(system, who), **({f"{PARAMETERS}.dilation": 5.0} if wavelet else {})}
 
 
-def _searched(system: str, who: Who) -> dict[str, Value]:
+def _searched(system: str, who: ControllerId) -> dict[str, Value]:
     """The parameters that the search has chosen for a controller."""
     devices, signals = ARCHITECTURES[who.architecture]
     return tuned(system, signals, devices)[who.controller, who.scheme]
 
 
-def _interpolated(system: str, who: Who) -> dict[str, Any]:
+def _interpolated(system: str, who: ControllerId) -> dict[str, Any]:
     """B-splines as curves, with the parameters that were searched for the nearest control point."""
     if who.controller not in INTERPOLATED:
         return {}
@@ -101,7 +101,7 @@ def _interpolated(system: str, who: Who) -> dict[str, Any]:
 def _gain(factor: float) -> More:
     """Input scales divided by a factor: so many times the gain for small signals."""
 
-    def more(system: str, who: Who) -> dict[str, Any]:
+    def more(system: str, who: ControllerId) -> dict[str, Any]:
         if not who.scheme:
             return {}
         found = _searched(system, who)

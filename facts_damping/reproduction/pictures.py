@@ -13,7 +13,7 @@ from facts_damping.analysis.recorded import recorded
 from facts_damping.analysis.time_frequency import BAND, analyse
 from facts_damping.errors import InputError
 from facts_damping.reproduction.agreement import name
-from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, Who
+from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, ControllerId
 from facts_damping.reproduction.runs import BASELINES, changes
 from facts_damping.studies.batch import Base, closed_loop, make
 from facts_damping.studies.pages import save
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 BY_STEM = {picture.stem: picture for picture in PICTURES}
 WIDTH, ROW = 11.0, 1.7  # inch
 MAP = "RdBu_r"  # white is zero, blue is negative: interference
-INDIRECT = tuple(Who("MISO", one, "indirect") for one in ("ANFTSC", "ANFLeWC", "HBsWC"))
-CENTRAL = tuple(Who("MIMO", one, "indirect") for one in ("ANFTSC", "ANFLeWC", "HBsWC"))
-SINGLE = (*BASELINES, Who("MISO", "ANFTSC", "direct"), Who("MISO", "HBsWC", "direct"), INDIRECT[-1])
-BOTH = (LLC, Who("MIMO", "LLC", None), *CENTRAL)
+INDIRECT = tuple(ControllerId("MISO", one, "indirect") for one in ("ANFTSC", "ANFLeWC", "HBsWC"))
+CENTRAL = tuple(ControllerId("MIMO", one, "indirect") for one in ("ANFTSC", "ANFLeWC", "HBsWC"))
+SINGLE = (*BASELINES, ControllerId("MISO", "ANFTSC", "direct"), ControllerId("MISO", "HBsWC", "direct"), INDIRECT[-1])
+BOTH = (LLC, ControllerId("MIMO", "LLC", None), *CENTRAL)
 
 
 class PictureKind(NamedTuple):
@@ -40,7 +40,7 @@ class PictureKind(NamedTuple):
     stem: str
     title: str
     parts: tuple[str, ...]
-    whos: tuple[Who, ...]
+    whos: tuple[ControllerId, ...]
     tables: tuple[str, ...]
     columns: bool = False  # a column a controller instead of curves over each other
 
@@ -100,7 +100,7 @@ def draw(folder: Path, picture: Picture) -> Path:
     return folder / picture.file
 
 
-def _run(picture: Picture, who: Who) -> Record:
+def _run(picture: Picture, who: ControllerId) -> Record:
     """The record of a controller in a scenario, as `facts-damping simulate` has it."""
     base = Base({"system": picture.system, "scenario": picture.scenario}, "reproduce", {}, modes=False)
     return closed_loop(make(base, changes(who)))
@@ -111,7 +111,7 @@ def _whole(record: Record) -> bool:
     return bool(record.in_synchronism.all())
 
 
-def overlaid(title: str, stems: Sequence[str], records: Sequence[tuple[Who, Record]]) -> Figure:
+def overlaid(title: str, stems: Sequence[str], records: Sequence[tuple[ControllerId, Record]]) -> Figure:
     """Panels of some pictures below each other, all records in each; a record's n-th panel lies over another's."""
     found = [(who, record, [_panels(stem, record) for stem in stems]) for who, record in records]
     rows = [max(len(panels[i]) for _, _, panels in found) for i in range(len(stems))]
@@ -128,7 +128,7 @@ def overlaid(title: str, stems: Sequence[str], records: Sequence[tuple[Who, Reco
     return figure
 
 
-def side_by_side(title: str, stems: Sequence[str], records: Sequence[tuple[Who, Record]]) -> Figure:
+def side_by_side(title: str, stems: Sequence[str], records: Sequence[tuple[ControllerId, Record]]) -> Figure:
     """Panels of some pictures below each other, a column a record, with the names of their curves."""
     found = [(who, record, [p for stem in stems for p in _panels(stem, record)]) for who, record in records]
     rows = max((len(panels) for _, _, panels in found), default=1)
@@ -148,7 +148,7 @@ def side_by_side(title: str, stems: Sequence[str], records: Sequence[tuple[Who, 
     return figure
 
 
-def distributions(title: str, shown: Sequence[tuple[Who, Record]], signals: Sequence[str]) -> Figure:
+def distributions(title: str, shown: Sequence[tuple[ControllerId, Record]], signals: Sequence[str]) -> Figure:
     """SPWVD of signals: a row a signal, a column a controller, one scale of colours a row."""
     figure = Figure(figsize=(1.5 * WIDTH, 1.0 + 1.35 * ROW * len(signals)), layout="constrained")
     axes: Any = figure.subplots(len(signals), len(shown), sharex=True, sharey=True, squeeze=False)
@@ -191,7 +191,7 @@ def _panels(stem: str, record: Record) -> list[Panel]:
     return BY_STEM[stem].panels(record)
 
 
-def _plain(label: str, who: Who) -> str:
+def _plain(label: str, who: ControllerId) -> str:
     """A panel's name without its controller's, which the legend or the column tells."""
     parts = [
         one for one in label.split("\n") if who.controller not in one.replace("_", "-") and who.controller not in one

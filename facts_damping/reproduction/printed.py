@@ -27,7 +27,7 @@ SCENARIOS = {  # as the thesis numbers them, and their names here
 }
 
 
-class Who(NamedTuple):
+class ControllerId(NamedTuple):
     """A controller with its architecture, "MISO" or "MIMO", and its scheme (of LLC none)."""
 
     architecture: str
@@ -35,8 +35,8 @@ class Who(NamedTuple):
     scheme: Scheme
 
 
-LLC = Who("MISO", "LLC", None)
-DIRECT = Who("MISO", "ANFTSC", "direct")
+LLC = ControllerId("MISO", "LLC", None)
+DIRECT = ControllerId("MISO", "ANFTSC", "direct")
 REFERENCES = {"ANFTSC": DIRECT, "LLC": LLC}  # of improvements, in all tables
 
 
@@ -72,16 +72,16 @@ class Cell(NamedTuple):
     controller: str
     scheme: Scheme
     quantity: str  # ITAE, IAE, ITSE, ISE or smoothness
-    against: Who | None  # the controller that it is an improvement over; none: a smoothness
+    against: ControllerId | None  # the controller that it is an improvement over; none: a smoothness
     printed: float
     corrected: float  # the same where it is no slip
     reason: str  # of a slip, else empty
     decimals: int  # printed
 
     @property
-    def who(self) -> Who:
+    def who(self) -> ControllerId:
         """The controller that the figure belongs to."""
-        return Who(self.architecture, self.controller, self.scheme)
+        return ControllerId(self.architecture, self.controller, self.scheme)
 
 
 class Operations(NamedTuple):
@@ -152,7 +152,7 @@ def inconsistent(found: Sequence[Cell], *, corrected: bool = False) -> list[Brea
     return breaks
 
 
-def _place(cell: Cell) -> tuple[str, str, str, Who, Who | None]:
+def _place(cell: Cell) -> tuple[str, str, str, ControllerId, ControllerId | None]:
     """What a figure is of, whatever table it stands in."""
     return cell.system, cell.scenario, cell.quantity, cell.who, cell.against
 
@@ -188,7 +188,9 @@ def _columns(number: str) -> list[str]:
     return [f"{scenario}_{kind}" for scenario in SCENARIOS[TABLES[number].system] for kind in kinds]
 
 
-def _meaning(table: PrintedTable, row: dict[str, str], column: str) -> tuple[str, Who, str, Who | None]:
+def _meaning(
+    table: PrintedTable, row: dict[str, str], column: str
+) -> tuple[str, ControllerId, str, ControllerId | None]:
     """Scenario, controller, quantity and reference of a cell."""
     first, *rest = column.split("_")
     scheme: Any
@@ -200,7 +202,7 @@ def _meaning(table: PrintedTable, row: dict[str, str], column: str) -> tuple[str
         quantity, scenario, against = first, row["scenario"], REFERENCES[rest[-1]]
     return (
         scenario,
-        Who(architecture, row["controller"], None if row["controller"] == "LLC" else scheme),
+        ControllerId(architecture, row["controller"], None if row["controller"] == "LLC" else scheme),
         quantity,
         against,
     )

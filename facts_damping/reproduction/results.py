@@ -9,7 +9,7 @@ from facts_damping.errors import check_known
 from facts_damping.parameters import files
 from facts_damping.reproduction import explanations, pictures, runs
 from facts_damping.reproduction.operations import complexity
-from facts_damping.reproduction.printed import COMPLEXITY, LLC, SCENARIOS, TABLES, Who, cells
+from facts_damping.reproduction.printed import COMPLEXITY, LLC, SCENARIOS, TABLES, ControllerId, cells
 from facts_damping.studies.pool import run_all
 from facts_damping.studies.tune import every_scheme
 from facts_damping.terminal import Progress
@@ -30,12 +30,14 @@ OPERATIONS = "3.1"
 TITLES = {OPERATIONS: COMPLEXITY, **{number: table.title for number, table in TABLES.items()}}
 LINK = "pdci_100ms"
 # What the search found without and with delay (docs/search.md), as run files; lead-lags beside, by the same search.
-FOUND: dict[str, list[Who]] = {
-    system: [Who(runs.FILE, f"{one}_{system}{link}", None) for one in ("best", "lead_lag") for link in ("", "_pdci")]
+FOUND: dict[str, list[ControllerId]] = {
+    system: [
+        ControllerId(runs.FILE, f"{one}_{system}{link}", None) for one in ("best", "lead_lag") for link in ("", "_pdci")
+    ]
     for system in SCENARIOS
 }
 # Networks that they are held against behind the link.
-RIVALS = tuple(Who("MISO", *one) for one in every_scheme(["ANFTSC", "HBsWC"]))
+RIVALS = tuple(ControllerId("MISO", *one) for one in every_scheme(["ANFTSC", "HBsWC"]))
 VARIANT_TABLES = ("4.1", "4.2", "5.1", "5.3")
 
 
@@ -87,7 +89,11 @@ def gather(tables: Sequence[str], draws: int | None, folder: Path, jobs: int) ->
 
 
 def _rows(
-    journals: Path, jobs: int, title: str, groups: dict[str, list[Who]], make: Callable[[list[Who]], Study]
+    journals: Path,
+    jobs: int,
+    title: str,
+    groups: dict[str, list[ControllerId]],
+    make: Callable[[list[ControllerId]], Study],
 ) -> list[Row]:
     """The rows of groups of controllers by the ends of their titles: a study each, so that one may change alone."""
     return [row for end, own in groups.items() for row in runs.carry_out(make(own), title + end, journals, jobs)]

@@ -11,9 +11,9 @@ from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.reproduction.agreement import ComparedRun, name
-from facts_damping.reproduction.printed import LLC, SCENARIOS, SMOOTHNESS, Who
+from facts_damping.reproduction.printed import LLC, SCENARIOS, SMOOTHNESS, ControllerId
 from facts_damping.studies import sweep
-from facts_damping.studies.every import NONE
+from facts_damping.studies.enumerated_axes import NONE
 from facts_damping.studies.structures import PORTS
 from facts_damping.terminal import Progress
 
@@ -24,18 +24,18 @@ if TYPE_CHECKING:
     from facts_damping.reproduction.printed import Cell
 
     Row = dict[str, Any]
-    More = Callable[[Who], dict[str, Any]]  # fields of a run that differ for a controller
+    More = Callable[[ControllerId], dict[str, Any]]  # fields of a run that differ for a controller
 
 # Devices and signals of each; what takes fewer signals is given the first ones.
 ARCHITECTURES = {one: (list(devices), PORTS[devices]) for one, devices in zip(("MISO", "MIMO"), PORTS, strict=True)}
 FILE = "run"  # in the place of an architecture: the controllers of a run file
-NOBODY, TUNED, BOUND = (Who("MISO", one, None) for one in (NONE, "LLC-tuned", "LQG"))
+NOBODY, TUNED, BOUND = (ControllerId("MISO", one, None) for one in (NONE, "LLC-tuned", "LQG"))
 LINEAR = (LLC, TUNED, BOUND)
 BASELINES = (NOBODY, *LINEAR)
 FIGURES = (*THESIS_INDICES, SMOOTHNESS)
 
 
-def whos(cells: Iterable[Cell], system: str) -> list[Who]:
+def whos(cells: Iterable[Cell], system: str) -> list[ControllerId]:
     """The controllers behind the cells of a system, after the baselines that are always beside them."""
     own = [cell for cell in cells if cell.system == system]
     asked = [who for cell in own for who in (cell.who, cell.against) if who is not None]
@@ -44,7 +44,7 @@ def whos(cells: Iterable[Cell], system: str) -> list[Who]:
     return list(dict.fromkeys([*(BASELINES if own else ()), *beside, *asked]))
 
 
-def changes(who: Who) -> dict[str, Any]:
+def changes(who: ControllerId) -> dict[str, Any]:
     """The fields of a run that make it a controller's."""
     if who.architecture == FILE:
         content = files.read_table(files.find("runs", who.controller))
@@ -57,7 +57,7 @@ def changes(who: Who) -> dict[str, Any]:
 
 
 def nominal(
-    system: str, asked: Sequence[Who], more: More | None = None, *, check_step: bool = False, **fields: Any
+    system: str, asked: Sequence[ControllerId], more: More | None = None, *, check_step: bool = False, **fields: Any
 ) -> Study:
     """Every scenario of a system, as it is, with everybody; `fields` of the run differ, `more` for a controller.
 
@@ -68,7 +68,9 @@ def nominal(
     return check(Study, {**content, "check_step": check_step}, f"reproduce {system}")
 
 
-def ensemble(system: str, scenario: str, asked: Sequence[Who], draws: int | None = None, **fields: Any) -> Study:
+def ensemble(
+    system: str, scenario: str, asked: Sequence[ControllerId], draws: int | None = None, **fields: Any
+) -> Study:
     """The ensemble of a scenario (config/studies) with everybody; `draws`: how many, none: as in the file."""
     return shipped(f"ensemble_{system}_{scenario}", _everybody(asked, None), draws, fields)
 
@@ -88,7 +90,7 @@ def shipped(
     return check(Study, content, str(path))
 
 
-def _everybody(asked: Sequence[Who], more: More | None) -> dict[str, Any]:
+def _everybody(asked: Sequence[ControllerId], more: More | None) -> dict[str, Any]:
     """The axis of controllers."""
     rows = [{**changes(who), **(more(who) if more else {})} for who in asked]
     return {"name": "who", "labels": [name(who) for who in asked], "rows": rows}
@@ -105,7 +107,7 @@ def carry_out(study: Study, title: str, folder: Path, jobs: int) -> list[Row]:
     return sweep.rows(found)
 
 
-def figures(rows: Iterable[Row], asked: Sequence[Who]) -> dict[ComparedRun, dict[str, float] | None]:
+def figures(rows: Iterable[Row], asked: Sequence[ControllerId]) -> dict[ComparedRun, dict[str, float] | None]:
     """Indices and smoothness of each run of a system; none where it lost synchronism."""
     by_name = {name(who): who for who in asked}
     return {
@@ -116,7 +118,7 @@ def figures(rows: Iterable[Row], asked: Sequence[Who]) -> dict[ComparedRun, dict
     }
 
 
-def not_converged(rows: Iterable[Row], asked: Sequence[Who]) -> set[ComparedRun]:
+def not_converged(rows: Iterable[Row], asked: Sequence[ControllerId]) -> set[ComparedRun]:
     """The runs of a system whose figures half the integration step changes."""
     by_name = {name(who): who for who in asked}
     return {

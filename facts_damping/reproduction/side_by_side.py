@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from facts_damping.reproduction.agreement import Compared
     from facts_damping.reproduction.findings import Findings
-    from facts_damping.reproduction.printed import Cell, Who
+    from facts_damping.reproduction.printed import Cell, ControllerId
     from facts_damping.reproduction.results import Results
 
 HEAD = """# The tables, side by side
@@ -91,7 +91,7 @@ def _cells(kept: Sequence[Compared], results: Results) -> list[str]:
     return terminal.table(["controller", *columns], made, markdown=True)
 
 
-def _beside(kept: Sequence[Compared], against: Who, results: Results) -> list[str]:
+def _beside(kept: Sequence[Compared], against: ControllerId, results: Results) -> list[str]:
     """A row a controller, a column an index: improvement over a reference that the thesis does not have."""
     columns = list(dict.fromkeys(c.cell.quantity for c in kept))
     rows: dict[str, list[str]] = {}

@@ -19,9 +19,9 @@ from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.input_files import naming_no_files
 from facts_damping.link.transfer import Links, changed, replaced
-from facts_damping.monitors import COMMANDS
+from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.files import read_value
-from facts_damping.plant.watchdog import let_go, rearm, watching
+from facts_damping.plant.watchdog import initial_watch, let_go, rearm
 from facts_damping.signals import NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_plant, build_pmus, commands, grid_events, ways
 from facts_damping.simulation.loop import build_loop, record, setpoint_buffer, signals_for, step
@@ -158,7 +158,7 @@ def change_watch(devices: Sequence[str], watch: NDArray[Any], change: dict[str, 
     if change["kind"] == "rearm":
         rearm(watch, at_ns)
     elif change["kind"] == "reset":
-        watch[:] = watching(len(watch))
+        watch[:] = initial_watch(len(watch))
     elif change["kind"] == "release" and change["name"] in devices:
         let_go(watch, devices.index(change["name"]))
 
@@ -180,9 +180,9 @@ def set_parameter(case: Case, bank: Any, identifiers: Any, change: dict[str, Any
     put(rows, name, kind_of(case.controllers[c]).parameters[name], change["value"], bank.mode_shape[c])
 
 
-def ask(guards: Supervisors, state: SupervisorState, change: dict[str, Any]) -> None:
+def ask(supervisors: Supervisors, state: SupervisorState, change: dict[str, Any]) -> None:
     """What an operator asks of a supervisor, which obeys at the start of its next tick."""
-    own = list(guards.settings["controller"])
+    own = list(supervisors.settings["controller"])
     if change["kind"] in COMMANDS and change["index"] in own:
         state.rows["asked"][own.index(change["index"])] = COMMANDS[change["kind"]]
 

@@ -39,7 +39,7 @@ from facts_damping.simulation.build import (
 )
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.restarts import Restarts
-from facts_damping.simulation.tick import ControlSystem, Loop, Signals, halves
+from facts_damping.simulation.tick import ControlSystem, Loop, Signals, run_half_ticks
 from facts_damping.version import versions
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def step(loop: Loop, tick: int) -> bool:
 
     Raises `RunError` where a program of the user's own has failed.
     """
-    sound = bool(halves(loop, 2 * tick, 2 * tick + 2))
+    sound = bool(run_half_ticks(loop, 2 * tick, 2 * tick + 2))
     check(loop.programs)
     return sound
 
@@ -140,7 +140,7 @@ def run_loop(loop: Loop) -> None:
     begins, goes_on = sorted({*restarts.ticks(last), *range(0, last, TICKS_AT_ONCE), last}), True
     for first, until in pairwise(begins):
         restarts.begin(first)
-        goes_on = goes_on and halves(loop, 2 * first, 2 * until)
+        goes_on = goes_on and run_half_ticks(loop, 2 * first, 2 * until)
     check(loop.programs)
 
 

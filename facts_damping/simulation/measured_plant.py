@@ -25,7 +25,7 @@ def tick_ns(tick: int, frame_rate: int) -> int:
 
 
 @entry_point
-def observe(
+def measure_with_pmus(
     plant: Plant,
     plant_state: PlantState,
     pmus: Pmus,
@@ -57,7 +57,7 @@ def entries(
 
 
 @entry_point
-def go_on(
+def advance_with_pmus(
     plant: Plant,
     plant_state: PlantState,
     pmus: Pmus,

@@ -11,7 +11,7 @@ import numpy as np
 from facts_damping.case.controllers import check_parameter, sizes, with_weights
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
-from facts_damping.monitors import COMMANDS
+from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.run import Weights
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.changes import ask, set_parameter

@@ -20,9 +20,9 @@ from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check, connect
 from facts_damping.simulation.replayed_changes import ReplayedChanges
 from facts_damping.simulation.restarts import Restarts
-from facts_damping.supervision.inner_life import inner_life
+from facts_damping.supervision.controller_health import controller_health
 from facts_damping.supervision.model import SUPERVISOR
-from facts_damping.supervision.step import supervise, tell
+from facts_damping.supervision.step import supervise, write_status
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -54,7 +54,7 @@ class Estimate(NamedTuple):
     measured_ns: int
 
 
-class Heard:
+class NewMessages:
     """Which messages are new to a node in each of its ticks: from what it tells, else as in lockstep."""
 
     def __init__(self, record: Record) -> None:
@@ -91,7 +91,7 @@ class NodeReplay:
         self._programs = connect(case, self._control.bank_state)
         self._changed = ReplayedChanges(case, record, self._control)
         self._restarts = Restarts(self._control.bank, self._control.bank_state)
-        self._heard = Heard(record)
+        self._heard = NewMessages(record)
         self._place = {int(tick): at for at, tick in enumerate(record.ticks)}
         self._networks = {(c, 0): controller_network(one) for c, one in enumerate(case.controllers) if one.scheme}
         self._networks |= {(c, 1): identifier_network(case.controllers[c]) for c in self._identified()}
@@ -138,7 +138,7 @@ class NodeReplay:
         self._issued[c, tick] = self._out[:count].copy()
         self._told["issued"].append(self._issued[c, tick])
         found = np.zeros(1, SUPERVISOR)
-        inner_life(control.bank, control.bank_state, c, found, 0)
+        controller_health(control.bank, control.bank_state, c, found, 0)
         self._inner[c, tick] = found
         state = control.bank_state
         self._learning(c, 0, tick, state.learner.each[c], state.memory.lyapunov[c])
@@ -171,7 +171,7 @@ class NodeReplay:
         count = supervise(made, state, s, *span, *given, self._out, 0)
         self._told["supervised"].append(self._out[:count].copy())
         told = np.zeros(1, SUPERVISION)
-        if tell(made, state, s, tick, told, 0):
+        if write_status(made, state, s, tick, told, 0):
             self._told["supervision"].append(told)
 
     def _new(self, c: int, what: str, tick: int) -> range:

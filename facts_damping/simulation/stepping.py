@@ -10,7 +10,7 @@ from facts_damping.control.table import GIVEN
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check
 from facts_damping.simulation.restarts import Restarts
-from facts_damping.simulation.tick import halves
+from facts_damping.simulation.tick import run_half_ticks
 
 if TYPE_CHECKING:
     import numpy as np
@@ -61,7 +61,7 @@ class Stepper:
         self._restarts.begin(self.tick)
         here = 2 * self.tick + 1  # half ticks: the second one of this, the first one of the next
         last = 2 * self._case.ticks
-        self._goes_on = bool(halves(self.loop, max(0, here), min(here + 2, last))) and here + 2 <= last
+        self._goes_on = bool(run_half_ticks(self.loop, max(0, here), min(here + 2, last))) and here + 2 <= last
         bank.code[:] = self._own
         check(self.loop.programs)
         if self._goes_on:

@@ -32,10 +32,10 @@ from facts_damping.signals import (
     DeviceTruths,
     Setpoints,
 )
-from facts_damping.simulation.measured_plant import go_on, observe, tick_ns
-from facts_damping.supervision.inner_life import look_inside
+from facts_damping.simulation.measured_plant import advance_with_pmus, measure_with_pmus, tick_ns
+from facts_damping.supervision.controller_health import read_health
 from facts_damping.supervision.model import Supervisors, SupervisorState
-from facts_damping.supervision.step import supervise, tell
+from facts_damping.supervision.step import supervise, write_status
 
 if TYPE_CHECKING:
     import numpy as np
@@ -157,13 +157,13 @@ def _supervised(
     kept: Signals,
 ) -> int:
     """All supervisors' ticks; how many setpoints they say."""
-    guards, state, acting = control.supervisors, control.supervisor_state, 0
-    for s in range(guards.settings.size):
-        own = guards.settings[s]
+    supervisors, state, acting = control.supervisors, control.supervisor_state, 0
+    for s in range(supervisors.settings.size):
+        own = supervisors.settings[s]
         start, end = tick_ns(tick, own.frame_rate), tick_ns(tick + 1, own.frame_rate)
-        look_inside(control.bank, control.bank_state, own.controller, state.rows[s])
+        read_health(control.bank, control.bank_state, own.controller, state.rows[s])
         acting = supervise(
-            guards,
+            supervisors,
             state,
             s,
             tick,
@@ -177,14 +177,14 @@ def _supervised(
             control.passed,
             acting,
         )
-        if tell(guards, state, s, tick, kept.supervision, kept.used[7]):
+        if write_status(supervisors, state, s, tick, kept.supervision, kept.used[7]):
             kept.used[7] += 1
     kept.used[6] = _append(kept.supervised, kept.used[6], control.passed, acting)
     return acting
 
 
 @entry_point
-def halves(loop: Loop, first: int, until: int) -> bool:
+def run_half_ticks(loop: Loop, first: int, until: int) -> bool:
     """Half ticks from `first` on, before `until`; False: the plant, or a controller, does not go on.
 
     Half 2 k is the first of tick k: PMUs measure, links deliver upwards. Half 2 k + 1 is its second: controllers act,
@@ -197,7 +197,7 @@ def halves(loop: Loop, first: int, until: int) -> bool:
         start, end = tick_ns(tick, pmus.frame_rate), tick_ns(tick + 1, pmus.frame_rate)
         if half % 2 == 0:
             frame, measured_ns, status = kept.frames[tick], kept.measured_ns[tick], kept.status[tick]
-            sound = observe(
+            sound = measure_with_pmus(
                 loop.plant,
                 loop.plant_state,
                 pmus,
@@ -225,5 +225,5 @@ def halves(loop: Loop, first: int, until: int) -> bool:
         kept.used[3] = _append(kept.applied, kept.used[3], loop.applied, applied)
         if not kept.in_synchronism[tick] or control.bank_state.calls.failed.any():
             return False
-        go_on(loop.plant, loop.plant_state, pmus, loop.pmu_state, tick, loop.applied, applied, loop.work)
+        advance_with_pmus(loop.plant, loop.plant_state, pmus, loop.pmu_state, tick, loop.applied, applied, loop.work)
     return True

@@ -126,7 +126,7 @@ def modes_text(modal: Modal) -> Iterator[str]:
         )
     if len(shown) < len(modal.modes):
         yield f"and {len(modal.modes) - len(shown)} with a damping ratio above {WELL_DAMPED:g}, all in --json"
-    for mode in drawn(modal):
+    for mode in shown_modes(modal):
         yield f"\n{mode.frequency_hz:.4f} Hz, {mode.label}: machines that swing against each other"
         for group in _groups(mode):
             more = f", and {len(group) - MOST_MACHINES} that swing less" if len(group) > MOST_MACHINES else ""
@@ -155,7 +155,7 @@ def _largest(residues: Sequence[linearisation.Residue]) -> list[linearisation.Re
     return sorted(residues, key=lambda one: -one.magnitude)[:MOST_RESIDUES]
 
 
-def drawn(modal: Modal) -> list[linearisation.Eigenmode]:
+def shown_modes(modal: Modal) -> list[linearisation.Eigenmode]:
     """The modes whose shapes are drawn: all, or of a large system the least damped ones in the band."""
     if len(modal.swings) <= MOST_MODES:
         return modal.swings

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.small_signal import one_line
-from facts_damping.small_signal.modal_analysis import MOST_MACHINES, MOST_MODES, drawn
+from facts_damping.small_signal.modal_analysis import MOST_MACHINES, MOST_MODES, shown_modes
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ BODE_HZ = (0.05, 5.0)
 
 def plot(modal: Modal, folder: Path) -> list[Path]:
     """Pictures in a folder: one_line.png, mode_shapes.png, and transfer_functions.png where a device is installed."""
-    interarea = [mode for mode in modal.swings if mode.label == "interarea"] or drawn(modal)
+    interarea = [mode for mode in modal.swings if mode.label == "interarea"] or shown_modes(modal)
     least = min(interarea, key=lambda mode: mode.damping_ratio, default=None)
     made = [one_line.draw(modal.system, modal.built.flow, modal.devices, least, folder / "one_line.png")]
     if modal.swings:
@@ -35,7 +35,7 @@ def plot(modal: Modal, folder: Path) -> list[Path]:
 
 def _plot_shapes(modal: Modal, path: Path) -> Path:
     """A compass of the machines' speeds for each electromechanical mode."""
-    modes = drawn(modal)
+    modes = shown_modes(modal)
     columns = min(3, len(modes))
     rows = -(-len(modes) // columns)
     figure = Figure(figsize=(3.6 * columns, 3.9 * rows), layout="constrained")
@@ -100,6 +100,6 @@ def _clearest(modal: Modal, device: int) -> list[int]:
     if len(signals) <= MOST_MACHINES:
         return list(range(len(signals)))
     size = dict.fromkeys(signals, 0.0)
-    for residue in (r for mode in drawn(modal) for r in mode.residues if r.device == modal.devices[device]):
+    for residue in (r for mode in shown_modes(modal) for r in mode.residues if r.device == modal.devices[device]):
         size[residue.signal] = max(size[residue.signal], residue.magnitude)
     return sorted(signals.index(name) for name in sorted(signals, key=lambda name: -size[name])[:MOST_MACHINES])

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-class Said(NamedTuple):
+class StationReport(NamedTuple):
     """What some stations say of an instant."""
 
     where: NDArray[np.int64]  # their places
@@ -23,7 +23,7 @@ class Said(NamedTuple):
     absent: NDArray[np.bool_] | None = None  # (where,): of whom it is said that they are; none: nobody
 
 
-class Aligned(NamedTuple):
+class AlignedFrame(NamedTuple):
     """What stations said of an instant."""
 
     instant: int  # number of the frame since time began
@@ -42,10 +42,10 @@ class Alignment:
     def __init__(self, stations: int) -> None:
         """All of so many stations are awaited at first."""
         self.awaited, self.late = np.ones(stations, bool), 0  # entries that came when their instant had been given
-        self._open: dict[int, Aligned] = {}
+        self._open: dict[int, AlignedFrame] = {}
         self._given: int | None = None  # the newest instant that is over
 
-    def put(self, instant: int, said: Said) -> bool:
+    def put(self, instant: int, said: StationReport) -> bool:
         """Take what is said of an instant; whether it was in time."""
         if self._given is not None and instant <= self._given:
             self.late += len(said.where)
@@ -53,13 +53,13 @@ class Alignment:
         if instant not in self._open:
             n = len(self.awaited)
             empty = np.full((n, len(CHANNELS)), np.nan), np.zeros(n, np.int64), np.zeros(n, bool), np.zeros(n, bool)
-            self._open[instant] = Aligned(instant, *empty)
+            self._open[instant] = AlignedFrame(instant, *empty)
         one, where = self._open[instant], said.where
         one.values[where], one.status[where], one.heard[where] = said.values, said.status, True
         one.there[where] = True if said.absent is None else ~said.absent
         return True
 
-    def take(self, over: int | None = None) -> Iterator[Aligned]:
+    def take(self, over: int | None = None) -> Iterator[AlignedFrame]:
         """The instants that are due; `over`: the newest one that waits no longer."""
         for instant in sorted(self._open):
             one = self._open[instant]

@@ -13,7 +13,7 @@ from facts_damping.c37118.session import Instant
 from facts_damping.c37118.stations import Station
 from facts_damping.measurement.pmu import UNSYNCHRONISED
 from facts_damping.signals import NANOSECONDS
-from facts_damping.streaming.alignment import Alignment, Said
+from facts_damping.streaming.alignment import Alignment, StationReport
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.parameters.measurement import Measurement
-    from facts_damping.streaming.alignment import Aligned
+    from facts_damping.streaming.alignment import AlignedFrame
 
 WAIT_S = 1.0  # that an instant behind a link waits at most for the slowest station
 
@@ -55,7 +55,7 @@ class Concentrator:
             numbers[:] = np.sort(numbers)[len(numbers) // 2] if len(numbers) else 0
         for number in np.unique(numbers).tolist():
             own = rows[numbers == number]
-            self.alignment.put(number, Said(own["station"], own["values"], own["status"]))
+            self.alignment.put(number, StationReport(own["station"], own["values"], own["status"]))
         over = (int(numbers[0]) if len(numbers) else None) if self._wait is None else tick - self._wait
         return [self._instant(one) for one in self.alignment.take(over)]
 
@@ -63,7 +63,7 @@ class Concentrator:
         """What still waits for others."""
         return [self._instant(one) for one in self.alignment.take(sys.maxsize)]
 
-    def _instant(self, one: Aligned) -> Instant:
+    def _instant(self, one: AlignedFrame) -> Instant:
         """As a stream says it."""
         second, number = divmod(self._first + one.instant, self._rate)
         unsynchronised = one.there & ((one.status & UNSYNCHRONISED) > 0)

@@ -14,9 +14,9 @@ from facts_damping.measurement.pmu import UNSYNCHRONISED
 from facts_damping.parameters.streams import server
 from facts_damping.signals import DELIVERY, LOST
 from facts_damping.simulation.measured_plant import entries, tick_ns
-from facts_damping.streaming.alignment import Said
+from facts_damping.streaming.alignment import StationReport
 from facts_damping.streaming.concentrator import grid_stations
-from facts_damping.streaming.following import JUMP_S, Following, latency
+from facts_damping.streaming.stream_clock import JUMP_S, Following, latency
 from facts_damping.terminal import some_of
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from facts_damping.case.model import Case
     from facts_damping.parameters.streams import Streams
     from facts_damping.streaming.client import Client, Lost
-    from facts_damping.streaming.following import Tick
+    from facts_damping.streaming.stream_clock import Tick
 
 
 class Sources:
@@ -69,7 +69,7 @@ class Sources:
             status |= UNSYNCHRONISED
         rate = self._case.run.frame_rate
         number = what.soc * rate + round(what.fraction * rate / TIME_BASE)
-        self.following.put(number, Said(found.stations, values, status, absent), at_s)
+        self.following.put(number, StationReport(found.stations, values, status, absent), at_s)
 
     def _configuration(self, i: int, what: Configuration) -> str:
         """Take a configuration where it fits; else the server's stations are absent until one does."""

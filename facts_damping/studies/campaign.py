@@ -16,7 +16,7 @@ from facts_damping.case.loading import changed_case, read_run
 from facts_damping.case.supervision import unsupervised
 from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
 from facts_damping.input_files import read_text
-from facts_damping.monitors import MONITORS
+from facts_damping.monitor_table import MONITORS
 from facts_damping.parameters.campaign import Campaign
 from facts_damping.parameters.files import find, new_folder, read_sets, read_table
 from facts_damping.parameters.validation import check
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
-    from facts_damping.parameters.campaign import Bed
+    from facts_damping.parameters.campaign import BaseRun
     from facts_damping.signals import Record
     from facts_damping.terminal import Progress
 
@@ -102,7 +102,7 @@ def _case(made: Plan, bed: str, changes: dict[str, Any]) -> Case:
     return changed_case(deepcopy(content), source, {**made.campaign.beds[bed].set, **changes})
 
 
-def _chosen(bed: Bed, labels: dict[str, str]) -> dict[str, Any]:
+def _chosen(bed: BaseRun, labels: dict[str, str]) -> dict[str, Any]:
     """What labels set in a run, one of each list."""
     return {path: value for name, choices in bed.choose.items() for path, value in choices[labels[name]].items()}
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.input_files import share_folder
-from facts_damping.monitors import MONITORS
+from facts_damping.monitor_table import MONITORS
 from facts_damping.studies import campaign as study
 from facts_damping.studies.faults import FAULTS, NOTHING
 from facts_damping.studies.invariants import HARM, INVARIANTS
-from facts_damping.studies.margins import share
+from facts_damping.studies.margins import failed_fraction
 from facts_damping.terminal import table
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def cost_table(rows: Rows) -> list[str]:
     healthy = [row for row in rows if row["fault"] == NOTHING]
     sound = [row for row in healthy if row.get("sound")]
     false = [row for row in sound if row["tripped_s"] is not None or row["fallback_s"] is not None]
-    interval = share(len(false), len(sound)) if sound else {"low": 0.0, "high": 1.0}
+    interval = failed_fraction(len(false), len(sound)) if sound else {"low": 0.0, "high": 1.0}
     pairs = [row["ITAE"] / row["unsupervised_ITAE"] for row in sound if row["ITAE"] and row["unsupervised_ITAE"]]
     found = [
         ["cases in which nothing fails", str(len(healthy))],

@@ -15,7 +15,7 @@ from facts_damping.errors import InputError, check_known
 from facts_damping.parameters.placement import place
 from facts_damping.plant.build import build
 from facts_damping.small_signal import linearisation, places
-from facts_damping.studies import lead_lag, linear_margin, made_scenarios
+from facts_damping.studies import lead_lag, linear_margin, scenario_generation
 from facts_damping.studies.pool import run_all
 
 if TYPE_CHECKING:
@@ -104,7 +104,9 @@ def design(task: Task, jobs: int, tell: Tell) -> Design:
     run["controllers"][0]["parameters"] = chosen.law.parameters(tuned.gain)
     loop = make_case({**run, "system": content, "scenario": []}, "design")
     stable = linear_margin.stable_around(loop, task.delay, LONGEST_S, tell("design", "delays"))
-    scenarios = made_scenarios.made(plain, tried, tried[chosen.tried].place, target, tell("design", "scenarios"))
+    scenarios = scenario_generation.training_cases(
+        plain, tried, tried[chosen.tried].place, target, tell("design", "scenarios")
+    )
     return Design(
         task=task,
         system=system,

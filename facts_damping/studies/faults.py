@@ -64,7 +64,7 @@ class Fault(NamedTuple):
     wrong: bool
     description: str
     draw: Callable[[Chance], Change]
-    real: str = ""  # how it is done to a real graph, in the place of what is drawn (nodes/striking.py)
+    real: str = ""  # how it is done to a real graph, in the place of what is drawn (nodes/fault_injection.py)
 
 
 def _between(low: float, high: float) -> Callable[[Chance], float]:

@@ -126,7 +126,7 @@ def _end(values: np.ndarray[Any, Any], end: int, seed: int) -> float:
     return float(np.quantile(np.median(resampled, axis=1), 1 - tail if end else tail, method=method))  # type: ignore[call-overload]
 
 
-def share(failed: int, of: int) -> dict[str, float]:
+def failed_fraction(failed: int, of: int) -> dict[str, float]:
     """The share of failed runs with Wilson's 95 % interval."""
     low, high = stats.binomtest(failed, of).proportion_ci(CONFIDENCE, method="wilson")
     return {"runs": of, "failed": failed, "share": failed / of, "low": float(low), "high": float(high)}

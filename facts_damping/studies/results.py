@@ -14,7 +14,7 @@ from pyarrow import csv, parquet
 from facts_damping import terminal
 from facts_damping.analysis.convergence import MARK
 from facts_damping.input_files import share_folder
-from facts_damping.studies.margins import share
+from facts_damping.studies.margins import failed_fraction
 from facts_damping.terminal import write_whole
 from facts_damping.version import versions
 
@@ -83,7 +83,7 @@ def sweep_tables(rows: Rows, margins: Rows, shares: Rows, across: str = "scenari
     sound = [row for row in rows if not row["error"]]
     lines = [f"{len(rows)} runs"]
     if sound:
-        unstable = share(sum(not row["stable"] for row in sound), len(sound))
+        unstable = failed_fraction(sum(not row["stable"] for row in sound), len(sound))
         lines[0] += f", {unstable['failed']} unstable ({100 * unstable['share']:.1f} %)"
     open_ = sum(row.get("converged") is False for row in sound)
     if open_:

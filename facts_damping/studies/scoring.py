@@ -31,7 +31,7 @@ from facts_damping.parameters.run import Controller
 from facts_damping.studies import sweep
 from facts_damping.studies.axes import drawn_columns
 from facts_damping.studies.batch import closed_loop, make, names
-from facts_damping.studies.every import NONE
+from facts_damping.studies.enumerated_axes import NONE
 from facts_damping.studies.tune import SCENARIO
 
 if TYPE_CHECKING:

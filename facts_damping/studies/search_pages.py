@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.studies.every import NONE
+from facts_damping.studies.enumerated_axes import NONE
 from facts_damping.studies.scoring import REFERENCE, trained_on
 from facts_damping.studies.tune import SCENARIO
 from facts_damping.terminal import table

@@ -19,7 +19,7 @@ from facts_damping.parameters.validation import check
 from facts_damping.simulation.user_code import source_hash
 from facts_damping.studies import axes, margins, true_jacobian
 from facts_damping.studies.batch import IDENTITY, Base, RunRequest, figure_names, make, one_run
-from facts_damping.studies.every import unfolded
+from facts_damping.studies.enumerated_axes import expand_axis
 from facts_damping.studies.journal import Journal
 from facts_damping.studies.pool import workers
 from facts_damping.terminal import note, write_whole
@@ -38,7 +38,7 @@ JOURNAL = "rows.jsonl"
 COPY = "study.yaml"
 NETWORK = ("system", "scenario", "devices")  # fields of a run that make its plant
 # Rows of a point by the value of the margin's field; None: there is no margin.
-Seen = dict[float | None, dict[str, Any]]
+PointState = dict[float | None, dict[str, Any]]
 Rows = list[dict[str, Any]]
 FAILED: dict[str, Callable[[Mapping[str, Any]], bool]] = {
     "unstable": lambda row: row["verdict"] == LOST,
@@ -78,7 +78,7 @@ def planned(
     """A study that has been read, or made: `source` begins its error messages, `text` is the copy that it leaves."""
     try:
         base = _base(study, sets, source)
-        study = unfolded(study, base)
+        study = expand_axis(study, base)
         points = axes.chosen(axes.points(study), only)
         if study.margin is not None:
             check_known("margin.across", study.margin.across, [*IDENTITY, *points[0].columns])
@@ -130,7 +130,7 @@ def _margin_changes(study: Study, value: float | None) -> dict[str, Any]:
     return {} if study.margin is None else axes.placed(study.margin, value).changes
 
 
-def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[Seen]:
+def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
     """The rows of a study's points; only those that the folder does not hold yet are run.
 
     Raises `InputError` where the folder is another study's, `RunError` where the runs cannot go on.
@@ -150,14 +150,14 @@ def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Pr
         return _seen(made, journal.rows)
 
 
-def rows(found: Sequence[Seen]) -> list[dict[str, Any]]:
+def rows(found: Sequence[PointState]) -> list[dict[str, Any]]:
     """All rows, by point, then by the value of the margin's field."""
     return [seen[value] for seen in found for value in sorted(seen, key=lambda value: value or 0.0)]
 
 
-def _seen(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[Seen]:
+def _seen(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
     """The rows of each point, by the value of the margin's field."""
-    found: list[Seen] = [{} for _ in made.points]
+    found: list[PointState] = [{} for _ in made.points]
     for key, row in rows.items():
         point, _, value = key.partition(" ")
         found[int(point)][float(value) if value else None] = row
@@ -209,23 +209,23 @@ def _task(made: Plan, i: int, value: float | None) -> RunRequest:
     return RunRequest(f"{i} {value!r}", both.changes, both.columns)
 
 
-def _wanted(margin: Margin, seen: Seen) -> list[float]:
+def _wanted(margin: Margin, seen: PointState) -> list[float]:
     """Values that a point's search needs next, of all criteria, each once."""
     each = [margins.wanted(margin, _failed(seen, criterion)) for criterion in margin.criteria]
     return list(dict.fromkeys(value for values in each for value in values))
 
 
-def _failed(seen: Seen, criterion: str) -> dict[float, bool | None]:
+def _failed(seen: PointState, criterion: str) -> dict[float, bool | None]:
     """Whether the run failed at each value; None where it could not be made."""
     return {value: None if row["error"] else FAILED[criterion](row) for value, row in seen.items() if value is not None}
 
 
-def found_margins(made: Plan, found: Sequence[Seen]) -> list[dict[str, Any]]:
+def found_margins(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
     """A margin for each point and criterion; points that differ by seed or draw alone are one."""
     margin = made.study.margin
     if margin is None:
         return []
-    groups: dict[str, list[Seen]] = {}
+    groups: dict[str, list[PointState]] = {}
     for seen in found:
         one = next((row for row in seen.values() if not row["error"]), next(iter(seen.values())))
         groups.setdefault(json.dumps({name: one.get(name) for name in _place(made)}), []).append(seen)
@@ -271,7 +271,7 @@ def _place(made: Plan) -> list[str]:
     return [name for name in dict.fromkeys([*IDENTITY, *made.points[0].columns, "horizon_s"]) if name not in drawn]
 
 
-def found_shares(made: Plan, found: Sequence[Seen]) -> list[dict[str, Any]]:
+def found_shares(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
     """The share of runs that fail among those that differ by their seed or what was drawn, with Wilson's interval.
 
     A row for each place and criterion; none where no two runs share a place.
@@ -284,7 +284,12 @@ def found_shares(made: Plan, found: Sequence[Seen]) -> list[dict[str, Any]]:
     if all(len(one) == 1 for one in groups.values()):
         return []
     return [
-        {**json.loads(place), "criterion": criterion, **margins.share(sum(map(fails, own)), len(own)), **differing}
+        {
+            **json.loads(place),
+            "criterion": criterion,
+            **margins.failed_fraction(sum(map(fails, own)), len(own)),
+            **differing,
+        }
         for criterion, fails in FAILED.items()
         for place, own in groups.items()
         for differing in [_differing(own, criterion)]

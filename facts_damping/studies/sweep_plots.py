@@ -11,7 +11,7 @@ from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plots import COLOURS
 from facts_damping.studies.batch import QUANTILES
 from facts_damping.studies.margin_plots import draw_margins
-from facts_damping.studies.margins import share
+from facts_damping.studies.margins import failed_fraction
 from facts_damping.studies.pages import save
 from facts_damping.studies.results import by_scenario, label, varying
 from facts_damping.studies.sweep import FAILED, differ
@@ -186,7 +186,7 @@ def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[st
             # Bisection brings values that few seeds were run at, those whose margin is near.
             kept = [i for i, part in enumerate(parts) if part.sum() > most / 2 or len(parts) == BINS]
             middles, parts = [middles[i] for i in kept], [parts[i] for i in kept]
-            shares = [share(int(failed[part].sum()), int(part.sum())) for part in parts]
+            shares = [failed_fraction(int(failed[part].sum()), int(part.sum())) for part in parts]
             (panel,) = panels[scenario]
             panel.plot(middles, [one["share"] for one in shares], label=group, lw=1.3, marker=".", **looks[group])
             ends = [[one[end] for one in shares] for end in ("low", "high")]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from facts_damping.compiling import entry_point
 from facts_damping.compiling.structs import Array, Bool2, Complex2, Float1, Float3, Float4, Int2, Struct
-from facts_damping.control.inputs import TURN, UNSET, Held, Inputs, inputs
-from facts_damping.monitors import CONSEQUENCES, CYCLES, MONITORS, NO_CAUSE, OFF, PLAUSIBLE, SHADOW
+from facts_damping.control.inputs import TURN, UNSET, Inputs, LatestSamples, inputs
+from facts_damping.monitor_table import CONSEQUENCES, CYCLES, MONITORS, NO_CAUSE, OFF, PLAUSIBLE, SHADOW
 from facts_damping.parameters.supervision import watches
 from facts_damping.signals import CHANNELS, NANOSECONDS, to_ns
 
@@ -154,7 +154,7 @@ class SupervisorState(Struct):
     """State of all supervisors; the first axis is the supervisor."""
 
     rows: SupervisorRows  # (supervisors,) of SUPERVISOR
-    held: Held
+    held: LatestSamples
     stations: Annotated[NDArray[Any], Array(STATION, 2)]  # (supervisors, stations) of STATION
     commanded: Annotated[NDArray[Any], Array(COMMANDED, 2)]  # (supervisors, most devices) of COMMANDED
     past: Float3  # (supervisors, ticks, 4): first signal, largest output that acts, which limit, reversals

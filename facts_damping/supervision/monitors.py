@@ -1,4 +1,4 @@
-"""What a supervisor's monitors see: their values after a tick; compiled. `facts_damping.monitors` says what each is."""
+"""Values of a supervisor's monitors after a tick; compiled. What each monitor is: `facts_damping/monitor_table.py`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from facts_damping.compiling import compiled
 from facts_damping.control.compensation import phasor
 from facts_damping.control.inputs import TURN, UNSET
 from facts_damping.elementary import exp, log, magnitude
-from facts_damping.monitors import ARMED, BAD, FALL_BACK, FALLBACK
+from facts_damping.monitor_table import ARMED, BAD, FALL_BACK, FALLBACK
 from facts_damping.signals import CHANNELS
 from facts_damping.supervision.model import CONTROLLER, CYCLES_KEPT
 from facts_damping.supervision.probe import gain_of
@@ -42,7 +42,7 @@ PHASOR = 0.25  # rate of the phasors, beside the mode's rad/s
 
 
 @compiled
-def look(made: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
+def check_entry(made: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
     """What a newer frame says of its station; of those that arrive together all are looked at, then the newest held."""
     station = state.stations[s, entry.station]
     before_ns = station.measured_ns
@@ -74,7 +74,7 @@ def look(made: Supervisors, state: SupervisorState, s: int, entry: Any) -> None:
 
 
 @compiled
-def sense(made: Supervisors, state: SupervisorState, s: int, since_ns: int, arrival_ns: int) -> None:
+def update_signals(made: Supervisors, state: SupervisorState, s: int, since_ns: int, arrival_ns: int) -> None:
     """What new signals say: their latency, and the oscillation."""
     row, dt = state.rows[s], since_ns * 1e-9
     latency = (arrival_ns - state.held.newest_ns[s]) * 1e-9
@@ -90,7 +90,7 @@ def sense(made: Supervisors, state: SupervisorState, s: int, since_ns: int, arri
 
 
 @compiled
-def follow(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
+def update_filters(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
     """Keep what a tick's signal and outputs were: of who acts, and of the controller while nobody does."""
     row, own, size = state.rows[s], made.settings[s], state.past.shape[1]
     place, before = state.past[s, tick % size], state.past[s, (tick - 1) % size]
@@ -125,7 +125,7 @@ def _turn(device: Any, u: float, least: float) -> float:
 
 
 @compiled
-def data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
+def check_data(made: Supervisors, state: SupervisorState, s: int, end_ns: int) -> None:
     """Values of the monitors of data."""
     row, own, held = state.rows[s], made.settings[s], state.held
     value = row.values
@@ -190,7 +190,7 @@ def _count(past: NDArray[np.float64], tick: int, window: int, side: float) -> in
 
 
 @compiled
-def grid(made: Supervisors, state: SupervisorState, s: int, devices: NDArray[Any]) -> None:
+def check_grid(made: Supervisors, state: SupervisorState, s: int, devices: NDArray[Any]) -> None:
     """Values of the monitors of the grid; of what frames say of it only while they are sound."""
     value, own = state.rows[s].values, made.settings[s]
     value[DEVICE] = 0.0

@@ -38,7 +38,7 @@ def tones(made: Supervisors, state: SupervisorState, s: int, d: int, at_ns: int)
 
 
 @compiled
-def expect(made: Supervisors, state: SupervisorState, s: int, tick: int, u: float) -> None:
+def write_regressors(made: Supervisors, state: SupervisorState, s: int, tick: int, u: float) -> None:
     """The modal state at the start of the tick after this one, under a setpoint that has stood for this tick."""
     row, own = state.rows[s], made.settings[s]
     size = state.expected.shape[1]
@@ -50,7 +50,7 @@ def expect(made: Supervisors, state: SupervisorState, s: int, tick: int, u: floa
 
 
 @compiled
-def hear(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
+def update_fit(made: Supervisors, state: SupervisorState, s: int, tick: int) -> None:
     """Take the newest signal into the fit, if it was measured while the probe went on, and not too long ago."""
     row, own, measured = state.rows[s], made.settings[s], state.held.newest_ns[s]
     at = (measured * own.frame_rate + NANOSECONDS // 2) // NANOSECONDS
@@ -99,7 +99,7 @@ def fit(sums: NDArray[np.float64], squares: float, work: NDArray[np.float64], fi
 
 
 @compiled
-def conclude(made: Supervisors, state: SupervisorState, s: int) -> None:
+def store_result(made: Supervisors, state: SupervisorState, s: int) -> None:
     """What the probe of a device has found; the next device's begins, if there is one."""
     row, d = state.rows[s], state.rows[s].probed
     sums, work, found = state.sums[s, 0], state.sums[s, 1], state.commanded[s, d]
@@ -109,12 +109,12 @@ def conclude(made: Supervisors, state: SupervisorState, s: int) -> None:
     found.gain, found.phase = magnitude(g), phase(g)
     found.coherence = max(0.0, 1.0 - left / without) if without > 0.0 else 0.0
     found.added = made.devices[s, d].residue * g * gain_of(made, state, s, d)
-    forget(state, s)
+    reset_fit(state, s)
     row.probed += 1
 
 
 @compiled
-def forget(state: SupervisorState, s: int) -> None:
+def reset_fit(state: SupervisorState, s: int) -> None:
     """Begin a fit anew."""
     state.sums[s], state.expected[s], state.rows[s].squares = 0.0, 0.0, 0.0
 

@@ -5,7 +5,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.monitors import MONITORS, NOT_PROBED, PROBE_GAIN, PROBE_HARM, PROBE_PHASE, PROBE_WEAK, cause_name
+from facts_damping.monitor_table import (
+    MONITORS,
+    NOT_PROBED,
+    PROBE_GAIN,
+    PROBE_HARM,
+    PROBE_PHASE,
+    PROBE_WEAK,
+    cause_name,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

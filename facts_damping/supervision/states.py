@@ -6,7 +6,7 @@ import math
 
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.control.inputs import UNSET
-from facts_damping.monitors import (
+from facts_damping.monitor_table import (
     ARM,
     ARMED,
     BY_OPERATOR,
@@ -34,7 +34,7 @@ from facts_damping.supervision.model import Supervisors, SupervisorState
 
 
 @compiled
-def obey(made: Supervisors, state: SupervisorState, s: int, start_ns: int) -> None:
+def handle_commands(made: Supervisors, state: SupervisorState, s: int, start_ns: int) -> None:
     """What the schedule or an operator asks for."""
     row, own = state.rows[s], made.settings[s]
     if row.start_ns < own.probe_ns <= start_ns:
@@ -69,16 +69,16 @@ def begin_probe(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -
         row.refused = NOT_IN_SHADOW
         return
     row.probe_ns, row.probed = at_ns, 0
-    probe.forget(state, s)
+    probe.reset_fit(state, s)
     for d in range(state.commanded.shape[1]):
         state.commanded[s, d].gain = math.nan
 
 
 @compiled
-def conclude(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -> None:
+def finish_probe(made: Supervisors, state: SupervisorState, s: int, at_ns: int) -> None:
     """The end of a device's probe; then the next one's."""
     row = state.rows[s]
-    probe.conclude(made, state, s)
+    probe.store_result(made, state, s)
     more = row.probed < made.devices.shape[1] and made.devices[s, row.probed].place != UNSET
     row.probe_ns = at_ns if more else UNSET
 

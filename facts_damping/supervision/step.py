@@ -10,14 +10,14 @@ from __future__ import annotations
 import math
 
 from facts_damping.compiling import entry_point
-from facts_damping.control.inputs import UNSET, form, take
+from facts_damping.control.inputs import UNSET, compute_signals, ingest
 from facts_damping.elementary import log, magnitude, phase
-from facts_damping.monitors import ARMED, FALLBACK
+from facts_damping.monitor_table import ARMED, FALLBACK
 from facts_damping.signals import Deliveries, DeviceTruths, Setpoints, Supervisions
 from facts_damping.supervision import monitors, probe
 from facts_damping.supervision.model import Supervisors, SupervisorState, begin
-from facts_damping.supervision.passing import pass_on, say, share
-from facts_damping.supervision.states import conclude, judge, obey
+from facts_damping.supervision.output import emit_zero, forward_setpoints, share
+from facts_damping.supervision.states import finish_probe, handle_commands, judge
 
 
 @entry_point
@@ -39,9 +39,9 @@ def supervise(
     """A tick of supervisor s: setpoints that act into `out` from index `first` on; the index after the last.
 
     `delivered`: the `count` entries of its link; `issued`: `many` setpoints, its controller's and its fallback's among
-    them; `devices`: DEVICE_TRUTH at the start of the tick. What it is to know of its controller's inner life stands in
-    its row (`inner_life.py`). A supervisor that has failed says nothing; what the schedule asked for before it began,
-    or began again, it does not know.
+    them; `devices`: DEVICE_TRUTH at the start of the tick. Its row holds what it knows of its controller's health
+    (`controller_health.py`). A supervisor that has failed publishes nothing. It does not know what the schedule asked
+    for before it began, or began again.
     """
     row, own = state.rows[s], made.settings[s]
     if own.dead_ns <= start_ns < own.back_ns:
@@ -50,20 +50,20 @@ def supervise(
         begin(state, s)
     if row.tick < 0 and tick > 0:
         row.start_ns = start_ns  # it began later than the run
-    obey(made, state, s, start_ns)
+    handle_commands(made, state, s, start_ns)
     row.tick, row.start_ns, row.now_ns = tick, start_ns, end_ns
-    first, lapses, answered = pass_on(made, state, s, tick, issued, many, out, first)
+    first, lapses, answered = forward_setpoints(made, state, s, tick, issued, many, out, first)
     if row.probe_ns != UNSET:  # what it says in this tick stands from its end on
-        probe.expect(made, state, s, tick, state.commanded[s, row.probed].output)
+        probe.write_regressors(made, state, s, tick, state.commanded[s, row.probed].output)
     if row.state not in (ARMED, FALLBACK):
-        first = say(made, state, s, tick, end_ns - 1, out, first)
-    _hear(made, state, s, tick, delivered, count, answered)
+        first = emit_zero(made, state, s, tick, end_ns - 1, out, first)
+    _take_frames(made, state, s, tick, delivered, count, answered)
     _judge(made, state, s, tick, end_ns, devices, lapses)
     return first
 
 
 @entry_point
-def _hear(
+def _take_frames(
     made: Supervisors, state: SupervisorState, s: int, tick: int, delivered: Deliveries, count: int, answered: bool
 ) -> None:
     """Take the frames of a tick, arrival by arrival, as the controller does."""
@@ -72,16 +72,16 @@ def _hear(
     while i < count:
         arrival, j = delivered[i].arrival_ns, i
         while j < count and delivered[j].arrival_ns == arrival:
-            monitors.look(made, state, s, delivered[j])
+            monitors.check_entry(made, state, s, delivered[j])
             j += 1
-        i = take(state.held, s, delivered, i, count)
-        since = form(made.inputs, state.held, s)
+        i = ingest(state.held, s, delivered, i, count)
+        since = compute_signals(made.inputs, state.held, s)
         if since < 0:
             continue
-        monitors.sense(made, state, s, since, arrival)
+        monitors.update_signals(made, state, s, since, arrival)
         owed = arrival if owed == UNSET else owed
         if row.probe_ns != UNSET:
-            probe.hear(made, state, s, tick)
+            probe.update_fit(made, state, s, tick)
     if answered:
         row.owed_ns = UNSET
     elif row.owed_ns == UNSET:
@@ -94,17 +94,17 @@ def _judge(
 ) -> None:
     """What the monitors say at the end of a tick, and what follows from it."""
     row = state.rows[s]
-    monitors.follow(made, state, s, tick)
+    monitors.update_filters(made, state, s, tick)
     if row.probe_ns != UNSET and (end_ns - row.probe_ns) * 1e-9 >= made.settings[s].probe_s:
-        conclude(made, state, s, end_ns)
-    monitors.data(made, state, s, end_ns)
+        finish_probe(made, state, s, end_ns)
+    monitors.check_data(made, state, s, end_ns)
     monitors.controller(made, state, s, end_ns, lapses)
-    monitors.grid(made, state, s, devices)
+    monitors.check_grid(made, state, s, devices)
     judge(made, state, s, end_ns)
 
 
 @entry_point
-def tell(made: Supervisors, state: SupervisorState, s: int, tick: int, out: Supervisions, at: int) -> bool:
+def write_status(made: Supervisors, state: SupervisorState, s: int, tick: int, out: Supervisions, at: int) -> bool:
     """What a supervisor tells of itself after a tick, into `out[at]`; False: it has failed."""
     told = out[at]
     row, own = state.rows[s], made.settings[s]

@@ -13,7 +13,7 @@ from facts_damping.case.names import (
 )
 from facts_damping.case.supervision import reserves
 from facts_damping.control.bank import controller_network
-from facts_damping.monitors import MONITORS
+from facts_damping.monitor_table import MONITORS
 from facts_damping.neurofuzzy.start import groups
 from facts_damping.parameters.devices import Series as SeriesDevice
 from facts_damping.parameters.devices import Transmission

@@ -12,7 +12,7 @@ from facts_damping.analysis.latency import hops_ms, latency, left_out
 from facts_damping.analysis.summary import summarise, table
 from facts_damping.analysis.supervision import history_text, limits, rows, supervision, tripped_texts
 from facts_damping.case.loading import load_case
-from facts_damping.monitors import (
+from facts_damping.monitor_table import (
     ARMED,
     BY_OPERATOR,
     BY_SCHEDULE,

@@ -12,7 +12,7 @@ from facts_damping.analysis import details, summarise
 from facts_damping.analysis.pictures import PICTURES
 from facts_damping.analysis.plots import plot_record
 from facts_damping.case.loading import load_case
-from facts_damping.monitors import STATES
+from facts_damping.monitor_table import STATES
 from facts_damping.report.build import build
 from facts_damping.report.contents import ReportedRun
 from facts_damping.simulation import loop

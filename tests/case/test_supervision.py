@@ -10,7 +10,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.case.supervision import local_signals
 from facts_damping.errors import InputError
-from facts_damping.monitors import MONITORS
+from facts_damping.monitor_table import MONITORS
 from facts_damping.parameters.files import shipped
 from facts_damping.simulation.build import build_control, build_supervisors
 

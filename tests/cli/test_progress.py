@@ -11,7 +11,7 @@ import pytest
 
 from facts_damping.terminal import duration
 
-SILENT = "import time, facts_damping.terminal as t; t.SILENCE_S = 1.0\nwith t.at_work('modes'): "
+SILENT = "import time, facts_damping.terminal as t; t.SILENCE_S = 1.0\nwith t.busy_line('modes'): "
 SLEEPS, SAYS = "time.sleep(2.5)", "time.sleep(2.5); t.clear_line(); print('done')"
 COUNTS = "p = t.Progress('mine', 'runs'); p(1, 2); time.sleep(2.5); p.close()"
 

@@ -1,9 +1,9 @@
 """Nothing of somebody else's acts: what lost the grid, or the run, before devices let go and messages were checked.
 
-Elsewhere: what a guard lets in, and odd messages in the name of a known publisher (`test_guard.py`), nodes that are
-killed (`test_kills.py`), and started again (`test_joining.py`), a controller that stands still (`test_watchdog.py`),
-readers and recorders that stop reading (`test_outsiders.py`), a foreign message in a recording
-(`tests/recording/test_sifting.py`).
+Elsewhere: what a message filter lets in, and odd messages in the name of a known publisher
+(`test_message_filter.py`), nodes that are killed (`test_kills.py`) and started again (`test_joining.py`), a controller
+that stands still (`test_watchdog.py`), readers and recorders that stop reading (`test_outsiders.py`), a foreign message
+in a recording (`tests/recording/test_validation.py`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import graph, recorder
-from facts_damping.nodes.node import HEARING, HEARING_LATE
+from facts_damping.nodes.node import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.nodes.graphs import LOADED_S, assert_same, odd_requests, quiet, somebody, wait_until
@@ -55,7 +55,9 @@ class Attacker:
         self.node, self.rng, self.forged = node, np.random.default_rng(7), forgeries(case)
         self.kinds = list(recorder.topics(case).items())
         self.publishers = {
-            topic: node.create_publisher(kind, topic, HEARING_LATE if topic in recorder.LATE else HEARING)
+            topic: node.create_publisher(
+                kind, topic, LATCHED_SUBSCRIBER_QOS if topic in recorder.LATE else SUBSCRIBER_QOS
+            )
             for topic, kind in self.kinds
         }
         self.sent: Counter[str] = Counter()
@@ -105,7 +107,7 @@ def test_nothing_that_is_forged_or_odd_acts(loopback: Any, tmp_path: Path, start
 
     def attack() -> None:
         rclpy.init()
-        node = rclpy.create_node("forger")
+        node = rclpy.create_node("attacker")
         ticks = itertools.count()
         attackers: list[Attacker] = []
         plant: list[bytes] = []
@@ -129,10 +131,10 @@ def test_nothing_that_is_forged_or_odd_acts(loopback: Any, tmp_path: Path, start
                 said.update(attackers[0].sent)
                 attackers[0].sent.clear()
 
-        node.create_subscription(PmuDataFrame, "pmu/frames", on_frame, HEARING, raw=True)
+        node.create_subscription(PmuDataFrame, "pmu/frames", on_frame, SUBSCRIBER_QOS, raw=True)
         rclpy.spin(node)
 
-    loopback.start("forger", attack)
+    loopback.start("attacker", attack)
     outcome = graph.run(case, mode, tmp_path, quiet, LOADED_S)
     recorded = load(outcome.recording)
     assert said.total() >= HOSTILE
@@ -177,7 +179,7 @@ def test_nothing_of_another_participant_acts(
             assert publisher.wait_for_all_acked(Duration(seconds=LOADED_S)), publisher.topic_name
         asked.append(client(Trigger, "/plant_sim/resume", Trigger.Request()).success)
 
-    with somebody("forger") as (node, _):
+    with somebody("attacker") as (node, _):
         outcome = graph.run(case, "lockstep", tmp_path, quiet, LOADED_S, look=look)
     recorded = load(outcome.recording)
     assert asked == [True] * 3
@@ -192,7 +194,7 @@ def test_a_flood_costs_time_and_is_told_and_nothing_else(domain: int, tmp_path: 
     How much time it costs is the machine's: a device may let go, and a recorder may lack something. Both are told.
     """
     case = load_case(None, [*SETS, "duration=5"])
-    with somebody("forger") as (node, _):
+    with somebody("attacker") as (node, _):
         attackers: list[Attacker] = []
 
         def flood(done: int, _of: int) -> None:

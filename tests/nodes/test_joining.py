@@ -17,7 +17,7 @@ from facts_damping.parameters.files import read_table
 from facts_damping.parameters.security import add_key
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.reader import load
-from facts_damping.simulation import learnt_weights, loop, replay
+from facts_damping.simulation import adapted_weights, loop, replay
 from tests.nodes.graphs import PATIENCE_S, ticks
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def test_saved_weights_are_begun_with(tmp_path: Path) -> None:
     case = load_case(None, ["controllers.0.name=HBsWC", "duration=1"])
     built = loop.build_loop(case)
     loop.finish(case, built)
-    (weights,) = learnt_weights.all_adapted(case, built).values()
+    (weights,) = adapted_weights.all_adapted(case, built).values()
     file = tmp_path / "weights.yaml"
     file.write_text(dump(weights.model_dump()))
     assert with_weights(case.controllers[0], file).weights == weights

@@ -25,7 +25,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import graph, live_view
 from facts_damping.nodes.live_view import LISTENING
-from facts_damping.nodes.node import HEARING, SAYING, TOPIC, wait_for_peers
+from facts_damping.nodes.node import PUBLISHER_QOS, SUBSCRIBER_QOS, TOPIC, wait_for_peers
 from facts_damping.nodes.parameters import Options
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
@@ -254,7 +254,7 @@ def test_nodes_do_not_take_a_view_for_a_peer(loopback: Any) -> None:
         wait_for_peers(node, {publisher: 1}, [], f"/{TOPIC}", own, lambda: None)
 
     try:
-        publisher = node.create_publisher(GridEvent, "events", SAYING)
+        publisher = node.create_publisher(GridEvent, "events", PUBLISHER_QOS)
         other.create_subscription(GridEvent, "events", lambda _: None, LISTENING)
         deadline = time.monotonic() + PATIENCE_S
         while publisher.get_subscription_count() < 1:
@@ -263,15 +263,15 @@ def test_nodes_do_not_take_a_view_for_a_peer(loopback: Any) -> None:
         with pytest.raises(RunError, match=r"missing after 0.5 s: a subscriber of /events"):
             wait(0.5)
         outsider = rclpy.create_node("outsider", context=elsewhere)
-        outsider.create_subscription(GridEvent, "events", lambda _: None, HEARING)  # `ros2 topic echo`, a bag
+        outsider.create_subscription(GridEvent, "events", lambda _: None, SUBSCRIBER_QOS)  # `ros2 topic echo`, a bag
         with pytest.raises(RunError, match=r"missing after 0.5 s: a subscriber of /events"):
             wait(0.5)
         bag = rclpy.create_node("rosbag2_recorder", context=elsewhere)
-        bag.create_subscription(GridEvent, "events", lambda _: None, HEARING)
+        bag.create_subscription(GridEvent, "events", lambda _: None, SUBSCRIBER_QOS)
         wait(PATIENCE_S, recorder=True)
         with pytest.raises(RunError, match=r"missing after 0.5 s: a subscriber of /events"):
             wait(0.5)
-        outsider.create_publisher(RefusedMessages, TOPIC, SAYING)  # as nodes of a graph have it
+        outsider.create_publisher(RefusedMessages, TOPIC, PUBLISHER_QOS)  # as nodes of a graph have it
         wait(PATIENCE_S)
     finally:
         other.destroy_node()

@@ -20,7 +20,7 @@ from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.nodes import graph
 from facts_damping.parameters.files import read_table
 from facts_damping.recording.reader import load
-from facts_damping.simulation import learnt_weights, loop
+from facts_damping.simulation import adapted_weights, loop
 from tests.nodes.graphs import LOADED_S, as_in_process, assert_named, assert_same, payloads, quiet
 from tests.two_devices import centralised
 
@@ -110,7 +110,7 @@ def test_weights_are_saved_and_a_run_goes_on_from_them(tmp_path: Path) -> None:
     loop.finish(case, built)
     graph.run(case, "lockstep", tmp_path / "first", quiet, LOADED_S)
     (file,) = (tmp_path / "first").glob("*.weights.yaml")
-    (learnt,) = learnt_weights.all_adapted(case, built).values()
+    (learnt,) = adapted_weights.all_adapted(case, built).values()
     assert read_table(file) == learnt.model_dump()
     warm = load_case(None, [*HBSWC, "duration=2", f"controllers.0.weights={file}"])
     graph.run(warm, "lockstep", tmp_path / "second", quiet, LOADED_S)

@@ -21,7 +21,7 @@ from rclpy.qos import QoSHistoryPolicy
 from facts_damping.case.loading import load_case
 from facts_damping.nodes import graph
 from facts_damping.nodes.loopback.domain import domain as of_loopback
-from facts_damping.nodes.node import DEPTH, HEARING
+from facts_damping.nodes.node import DEPTH, SUBSCRIBER_QOS
 from facts_damping.recording.reader import load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import loop
@@ -38,7 +38,7 @@ from facts_damping.nodes import node
 node._set_up_middleware()
 rclpy.init()
 own = rclpy.create_node("writer")
-publisher = own.create_publisher(String, "topic", node.SAYING)
+publisher = own.create_publisher(String, "topic", node.PUBLISHER_QOS)
 while publisher.get_subscription_count() < 1:
     time.sleep(0.01)
 print("found", flush=True)
@@ -58,7 +58,7 @@ rclpy.init()
 own, came = rclpy.create_node("reader"), []
 def hear(message, information):
     came.append((int(message.data.split()[0]), information["publication_sequence_number"]))
-own.create_subscription(String, "topic", hear, node.HEARING)
+own.create_subscription(String, "topic", hear, node.SUBSCRIBER_QOS)
 while not came or came[-1][0] < int(sys.argv[1]) - 1:
     rclpy.spin_once(own)
 print(*(k for k, _ in came))
@@ -113,7 +113,7 @@ def test_all_publishers_keep_so_much_and_a_recorder_says_what_it_lost(loopback: 
                     if one.node.get_node_name() == "recorder" and one.topic == "/pmu/frames":
                         one.waiting.clear()
 
-        node.create_subscription(PmuDataFrame, "pmu/frames", steal, HEARING, raw=True)
+        node.create_subscription(PmuDataFrame, "pmu/frames", steal, SUBSCRIBER_QOS, raw=True)
         rclpy.spin(node)
 
     loopback.start("thief", lose)

@@ -28,7 +28,7 @@ from facts_damping.errors import RecordingError, RunError
 from facts_damping.nodes import graph
 from facts_damping.nodes.controller import ControllerNode
 from facts_damping.nodes.loopback.opening import opened
-from facts_damping.nodes.node import SAYING
+from facts_damping.nodes.node import PUBLISHER_QOS
 from facts_damping.recording import RecordingWriter
 from facts_damping.recording.reader import KINDS, UNTIMED, load
 from facts_damping.recording.scan import scan
@@ -402,7 +402,7 @@ def _play(topic: str, messages: list[tuple[int, bytes]], listeners: int, then: C
     context = Context()
     rclpy.init(context=context)
     node = rclpy.create_node("player", context=context)
-    publisher = node.create_publisher(PmuDataFrame, topic, SAYING)
+    publisher = node.create_publisher(PmuDataFrame, topic, PUBLISHER_QOS)
     try:
         wait_until(lambda: publisher.get_subscription_count() >= listeners)
         began = time.monotonic()

@@ -114,7 +114,7 @@ def test_setpoints_are_signed_too() -> None:
 
 
 def test_a_signed_graph_gives_the_bits_of_the_in_process_run(domain: int, tmp_path: Path) -> None:
-    """Over a link of its own, in a namespace; over that of the graph: `test_striking.py`."""
+    """Over a link of its own, in a namespace; over that of the graph: `test_fault_injection.py`."""
     keys = tmp_path / "keys.yaml"
     add_key(keys)
     add_key(keys)

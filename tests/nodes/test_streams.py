@@ -18,9 +18,9 @@ import pytest
 from facts_damping.c37118 import stations
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
-from facts_damping.monitors import SHADOW
+from facts_damping.monitor_table import SHADOW
 from facts_damping.nodes import graph
-from facts_damping.nodes.beside import Beside
+from facts_damping.nodes.asyncio_thread import AsyncioThread
 from facts_damping.recording.reader import load
 from facts_damping.signals import LOST, NANOSECONDS
 from facts_damping.simulation import loop
@@ -187,7 +187,7 @@ class Played:
         case, asked = load_case(RUN, ["duration=8"]), Serving(HERE, port, [], 1, None, each=False)
         self.servers = serving.servers(case, asked, lambda: (epoch_s, 0))
         timed = recorded.instants(loop.run(case), Concentrator(case, epoch_s))
-        self.beside = Beside()
+        self.beside = AsyncioThread()
         self.beside.wait(serving.begin(self.servers, asked))
         self.beside.begin(recorded.play(self.servers, timed, each=False))
 

@@ -9,7 +9,7 @@ import pytest
 from facts_damping.case.loading import make_case
 from facts_damping.errors import InputError
 from facts_damping.parameters.run import Event
-from facts_damping.plant.events import stages, timeline
+from facts_damping.plant.events import timeline, topology_intervals
 from tests.plant.running import changed, events, follow, frame_times, plant, shipped, slopes
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def test_every_kind_acts_from_its_instant_on(kind: str) -> None:
 
 def test_a_line_that_goes_out_and_comes_in_leaves_no_trace() -> None:
     rows = [at(1.0, "line_out", line="line_2"), at(2.0, "line_in", line="line_2")]
-    found = stages(shipped("two_area"), events(*rows))
+    found = topology_intervals(shipped("two_area"), events(*rows))
     assert [s.start_ns for s in found] == [0, SECOND, 2 * SECOND]
     assert [s.topology.lines_out for s in found] == [frozenset(), {"line_2"}, frozenset()]
 
@@ -84,7 +84,7 @@ def test_steps_are_relative_to_the_start() -> None:
         at(6.0, "mechanical_power_step", machine="G1", change=0.5),
     ]
     built = plant("two_area", *rows)
-    found = stages(shipped("two_area"), events(*rows))
+    found = topology_intervals(shipped("two_area"), events(*rows))
     assert [s.topology.load_scale.get("load_2", 1.0) for s in found] == pytest.approx([1, 0.9, 1.2, 1.2, 1.2, 1.2, 1.2])
     assert [s.topology.load_scale.get("load_1", 1.0) for s in found] == pytest.approx([1, 1, 1, 1, 1, 1.3, 1.3])
     power = built.plant.mechanical_power
@@ -95,7 +95,7 @@ def test_steps_are_relative_to_the_start() -> None:
 
 def test_order_in_the_list_is_of_no_account() -> None:
     rows = [at(t, "load_step", load="load_1", change=c) for t, c in ((3.0, 0.3), (1.0, 0.1), (2.0, 0.2))]
-    found = stages(shipped("two_area"), events(*rows))
+    found = topology_intervals(shipped("two_area"), events(*rows))
     assert [s.topology.load_scale.get("load_1", 1.0) for s in found] == pytest.approx([1, 1.1, 1.2, 1.3])
 
 
@@ -105,11 +105,11 @@ def test_events_at_one_instant_are_one_stage() -> None:
         at(1.0, "line_out", line="line_2"),
         at(0.0, "line_out", line="line_1"),
     ]
-    found = stages(shipped("two_area"), events(*rows[:2]))
+    found = topology_intervals(shipped("two_area"), events(*rows[:2]))
     assert [s.start_ns for s in found] == [0, SECOND]
     assert dict(found[1].topology.load_scale) == {"load_1": 1.1}
     assert found[1].topology.lines_out == {"line_2"}
-    (only,) = stages(shipped("two_area"), events(rows[2]))
+    (only,) = topology_intervals(shipped("two_area"), events(rows[2]))
     assert only.topology.lines_out == {"line_1"}
 
 

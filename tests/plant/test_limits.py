@@ -16,7 +16,7 @@ from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.model import PlantState, workspace
 from facts_damping.plant.network import series_devices
 from facts_damping.plant.site import DEVICE, PORT, Site
-from facts_damping.plant.watchdog import watching
+from facts_damping.plant.watchdog import initial_watch
 from tests.independent import reference_devices
 from tests.independent.reference_devices import Series
 from tests.plant.running import changed, follow, frame_times, moved, plant, shipped, slopes, with_device
@@ -94,7 +94,7 @@ def at_a_port(made: Any, x: Sequence[float], u: float, voltage: complex, impedan
         ports=np.array([(DEVICE, 0, made["I_min"], np.inf)], PORT),
     )
     lines = line([0.0])
-    state = PlantState(np.array(x), np.array([-u]), np.zeros(1), watching(1), np.zeros(1, complex), *lines)
+    state = PlantState(np.array(x), np.array([-u]), np.zeros(1), initial_watch(1), np.zeros(1, complex), *lines)
     work = workspace(model, state)
     solve_network(model, state.x, state.reference, state.source, 0, work)
     return Port(complex(work.response[0]), complex(state.source[0]), bool(work.blocked[0]), made, state.x)

@@ -67,7 +67,7 @@ GOOD: dict[str, dict[str, Any]] = {
 
 
 def judged(fields: dict[str, Any]) -> tuple[bool, Any]:
-    row, watch = own(max_age=0.5), watchdog.watching(1)
+    row, watch = own(max_age=0.5), watchdog.initial_watch(1)
     first = setpoint(900 * MS, measured_ns=800 * MS)
     assert watchdog.accepts(row[0], watch[0], first[0], LIMIT, 900 * MS)
     return watchdog.accepts(row[0], watch[0], setpoint(1000 * MS, **fields)[0], LIMIT, 1000 * MS), watch[0]
@@ -91,11 +91,11 @@ def test_a_good_setpoint_is_accepted(name: str) -> None:
 
 
 def test_a_watchdog_that_is_off_refuses_only_what_is_no_number() -> None:
-    row, watch = np.array([watchdog.settings(None, RATE)]), watchdog.watching(1)
+    row, watch = np.array([watchdog.settings(None, RATE)]), watchdog.initial_watch(1)
     for name, (fields, _) in ODD.items():
         taken = watchdog.accepts(row[0], watch[0], setpoint(1000 * MS, **fields)[0], LIMIT, 1000 * MS)
         assert taken == (name not in ("not a number", "infinite"))
-    assert watch.tobytes() == watchdog.watching(1).tobytes()
+    assert watch.tobytes() == watchdog.initial_watch(1).tobytes()
 
 
 def test_nothing_refused_changes_no_bit() -> None:
@@ -153,8 +153,8 @@ def test_a_released_device_is_latched_or_comes_back_after_good_setpoints() -> No
 
 
 def test_the_wall_clock_releases_who_heard_nothing_and_only_they_are_re_armed() -> None:
-    watch = watchdog.watching(3)
-    heard = watchdog.listening(3)
+    watch = watchdog.initial_watch(3)
+    heard = watchdog.initial_clock_state(3)
     watch["accepted_ns"] = [watchdog.NEVER, 5, 6]
     assert watchdog.late_by_clock(watch, heard, 10.0, 0.2) == []
     assert watch["released"].tolist() == [0, 0, 0]

@@ -11,7 +11,7 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
-from facts_damping.monitors import CODES, MONITORS
+from facts_damping.monitor_table import CODES, MONITORS
 from facts_damping.recording import load
 from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop

@@ -27,12 +27,12 @@ from facts_damping.reproduction.agreement import (
     statements,
 )
 from facts_damping.reproduction.agreement import value_text as text_of
-from facts_damping.reproduction.printed import DIRECT, LLC, Cell, Who, cells
+from facts_damping.reproduction.printed import DIRECT, LLC, Cell, ControllerId, cells
 from facts_damping.reproduction.ranking import correlation, mean_ranks, rankings, totals
 
 CELLS = cells()
 Found = dict[ComparedRun, dict[str, float]]
-INDIRECT = Who("MISO", "ANFLeC", "indirect")
+INDIRECT = ControllerId("MISO", "ANFLeC", "indirect")
 
 
 def as_printed() -> Found:
@@ -227,7 +227,7 @@ def test_best_and_second_by_hand() -> None:
 
 def test_a_controller_far_from_its_place_is_named_and_ties_share_it() -> None:
     figures = as_printed()
-    figures[ComparedRun("two_area", "large", Who("MISO", "HBsWC", "direct"))]["ITAE"] = 0.99
+    figures[ComparedRun("two_area", "large", ControllerId("MISO", "HBsWC", "direct"))]["ITAE"] = 0.99
     changed = [r for r in rankings(compare(CELLS, figures)) if r.rho != pytest.approx(1.0)]
     (r,) = changed
     assert (r.table, r.scenario, r.quantity) == ("4.2", "large", "ITAE")

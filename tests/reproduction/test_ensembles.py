@@ -8,11 +8,11 @@ from scipy import stats
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.reproduction import ensembles
 from facts_damping.reproduction.agreement import ComparedRun, name
-from facts_damping.reproduction.printed import DIRECT, LLC, SCENARIOS, Who, cells
+from facts_damping.reproduction.printed import DIRECT, LLC, SCENARIOS, ControllerId, cells
 from facts_damping.reproduction.ranking import rho
 from facts_damping.reproduction.runs import BASELINES, FIGURES
 
-NETWORKS = [Who("MISO", one, "direct") for one in VARIANTS]
+NETWORKS = [ControllerId("MISO", one, "direct") for one in VARIANTS]
 EVERYBODY = [*BASELINES, *NETWORKS]
 
 

@@ -15,7 +15,17 @@ from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import VARIANTS
 from facts_damping.parameters.files import shipped
 from facts_damping.reproduction import printed
-from facts_damping.reproduction.printed import DIRECT, LLC, TABLES, Cell, Who, cells, folder, inconsistent, operations
+from facts_damping.reproduction.printed import (
+    DIRECT,
+    LLC,
+    TABLES,
+    Cell,
+    ControllerId,
+    cells,
+    folder,
+    inconsistent,
+    operations,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,7 +39,7 @@ def pair(cell: Cell) -> Key:
     return cell.table, cell.scenario, cell.controller, cell.quantity
 
 
-def one(table: str, scenario: str, who: Who, quantity: str, against: Who | None = None) -> Cell:
+def one(table: str, scenario: str, who: ControllerId, quantity: str, against: ControllerId | None = None) -> Cell:
     """The only cell of a place."""
     (found,) = [
         c for c in cells((table,)) if (c.scenario, c.who, c.quantity, c.against) == (scenario, who, quantity, against)
@@ -51,17 +61,17 @@ def test_every_cell_has_a_place_of_its_own_and_names_that_are_known() -> None:
 
 
 def test_figures_stand_where_they_are_printed() -> None:
-    direct, hbs = Who("MISO", "ANFBsC", "direct"), Who("MIMO", "HBsWC", "indirect")
+    direct, hbs = ControllerId("MISO", "ANFBsC", "direct"), ControllerId("MIMO", "HBsWC", "indirect")
     assert one("4.1", "light", direct, "ITAE", DIRECT).printed == 26.56
     assert one("4.1", "light", DIRECT, "ISE", LLC).printed == -3.296
     assert one("4.1", "light", DIRECT, "IAE", LLC).decimals == 3
-    assert one("5.1", "multiple", Who("MISO", "HBsWC", "indirect"), "ISE", LLC).printed == 46.48
-    assert one("5.2", "multiple", Who("MISO", "ANFGuMeC", "indirect"), "smoothness").printed == 11704
+    assert one("5.1", "multiple", ControllerId("MISO", "HBsWC", "indirect"), "ISE", LLC).printed == 46.48
+    assert one("5.2", "multiple", ControllerId("MISO", "ANFGuMeC", "indirect"), "smoothness").printed == 11704
     assert one("5.4", "large", LLC, "smoothness").printed == 10829
     assert one("6.1", "multiple", hbs, "smoothness").printed == 26.24
-    assert one("6.1", "large", Who("MIMO", "LLC", None), "smoothness").printed == 275.66
+    assert one("6.1", "large", ControllerId("MIMO", "LLC", None), "smoothness").printed == 275.66
     assert one("6.2", "large", hbs, "IAE", DIRECT).printed == 53.56
-    assert one("6.2", "small", Who("MIMO", "LLC", None), "ISE", LLC).printed == 1.826
+    assert one("6.2", "small", ControllerId("MIMO", "LLC", None), "ISE", LLC).printed == 1.826
 
 
 def test_miso_columns_of_6_1_repeat_5_4() -> None:
@@ -77,10 +87,10 @@ def test_what_the_text_says_of_smoothness_is_what_the_tables_give() -> None:
     def reduced(a: Cell, b: Cell) -> float:
         return round(100 * (a.printed - b.printed) / a.printed, 2)
 
-    mimo = [one("6.1", "small", Who("MIMO", name, "indirect"), "smoothness") for name in ("ANFLeWC", "HBsWC")]
+    mimo = [one("6.1", "small", ControllerId("MIMO", name, "indirect"), "smoothness") for name in ("ANFLeWC", "HBsWC")]
     assert reduced(*mimo) == 11.48
     for name, percent in (("ANFGuMeC", 99.64), ("HBsWC", 99.61)):
-        both = [one("5.4", "small", Who("MISO", name, s), "smoothness") for s in ("direct", "indirect")]
+        both = [one("5.4", "small", ControllerId("MISO", name, s), "smoothness") for s in ("direct", "indirect")]
         assert reduced(*both) == percent
 
 

@@ -9,7 +9,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.parameters.stages import Noise
 from facts_damping.reproduction import explanations
 from facts_damping.reproduction.agreement import ComparedRun, name
-from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, Who, cells
+from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, ControllerId, cells
 from facts_damping.reproduction.results import FOUND
 from facts_damping.reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
 from facts_damping.simulation import loop
@@ -21,7 +21,7 @@ Made = dict[ComparedRun, dict[str, float] | None]
 
 
 def test_a_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tmp_path: Path) -> None:
-    asked = [LLC, Who("MISO", "HBsWC", "direct"), Who("MIMO", "ANFTSC", "indirect")]
+    asked = [LLC, ControllerId("MISO", "HBsWC", "direct"), ControllerId("MIMO", "ANFTSC", "indirect")]
     rows = carry_out(nominal("two_area", asked, duration=4), "some", tmp_path, 1)
     found = figures(rows, asked)
     plan = sweep.plan("comparison", ["duration=4"], ["kind=LLC,HBsWC*"])
@@ -44,7 +44,7 @@ def test_the_baselines_are_beside_every_table() -> None:
         assert found[: len(BASELINES)] == list(BASELINES)
         assert {cell.who for cell in cells([table])} <= set(found)
         assert len(found) == len(set(found))
-        assert (Who("MIMO", "LQG", None) in found) == (table in ("6.1", "6.2"))
+        assert (ControllerId("MIMO", "LQG", None) in found) == (table in ("6.1", "6.2"))
 
 
 @pytest.mark.parametrize("system", SCENARIOS)
@@ -105,13 +105,13 @@ def test_the_way_to_the_bound() -> None:
     made: Made = {
         ComparedRun(*place, who): {"ITAE": value} for who, value in zip(BASELINES, (9.0, 5.0, 2.0, 1.0), strict=True)
     }
-    made[ComparedRun(*place, Who("MISO", "HBsWC", "direct"))] = None
+    made[ComparedRun(*place, ControllerId("MISO", "HBsWC", "direct"))] = None
     assert [reached(made, ComparedRun(*place, who), "ITAE") for who in BASELINES] == [-100.0, 0.0, 75.0, 100.0]
-    assert reached(made, ComparedRun(*place, Who("MISO", "HBsWC", "direct")), "ITAE") is None
+    assert reached(made, ComparedRun(*place, ControllerId("MISO", "HBsWC", "direct")), "ITAE") is None
 
 
 @pytest.mark.parametrize("who", [one for found in FOUND.values() for one in found], ids=name)
-def test_what_the_search_found_is_a_run_that_anybody_can_start(who: Who) -> None:
+def test_what_the_search_found_is_a_run_that_anybody_can_start(who: ControllerId) -> None:
     case = load_case(who.controller, ["duration=1"])
     assert json.loads(json.dumps(changes(who)["devices"])) == case.run.devices
     assert [c.name for c in case.controllers] == [c["name"] for c in changes(who)["controllers"]]

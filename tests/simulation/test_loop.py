@@ -15,7 +15,7 @@ from facts_damping.link.transfer import downlink, merge, uplink
 from facts_damping.neurofuzzy.table import ANTECEDENTS, CONSEQUENTS
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
-from facts_damping.simulation.measured_plant import go_on, observe, tick_ns
+from facts_damping.simulation.measured_plant import advance_with_pmus, measure_with_pmus, tick_ns
 
 ARRAYS = ("time_ns", "frames", "delivered", "issued", "applied", "machines", "devices", "in_synchronism")
 
@@ -37,7 +37,7 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
         start, end = tick_ns(k, rate), tick_ns(k + 1, rate)
         plant = parts.plant, parts.plant_state, parts.pmus, parts.pmu_state
         reported = kept.frames[k], kept.measured_ns[k], kept.status[k]
-        observe(*plant, k, *reported, kept.machines[k], kept.devices[k], parts.work)
+        measure_with_pmus(*plant, k, *reported, kept.machines[k], kept.devices[k], parts.work)
         delivered = uplink(parts.links, 0, k, start, end, *reported)
         issued = act(
             parts.control.bank,
@@ -51,7 +51,7 @@ def test_tick_by_tick_calls_equal_the_compiled_loop() -> None:
         )
         arrived = downlink(parts.links, 0, k, end, parts.control.issued, issued)
         applied = merge(parts.applied, 0, parts.links.down.out[0], arrived)
-        go_on(*plant, k, parts.applied, applied, parts.work)
+        advance_with_pmus(*plant, k, parts.applied, applied, parts.work)
     assert kept.frames.tobytes() == whole.frames.tobytes()
     assert kept.machines.tobytes() == whole.machines.tobytes()
     assert kept.devices.tobytes() == whole.devices.tobytes()

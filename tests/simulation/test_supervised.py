@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.monitors import STATES, cause_name
+from facts_damping.monitor_table import STATES, cause_name
 from facts_damping.parameters.faults import ControllerFault
 from facts_damping.simulation import loop, replay
 from facts_damping.simulation.changes import rerun

@@ -17,9 +17,9 @@ from facts_damping.parameters.streams import Streams
 from facts_damping.signals import CHANNELS
 from facts_damping.streaming.client import Lost
 from facts_damping.streaming.concentrator import grid_stations
-from facts_damping.streaming.following import JUMP_S
 from facts_damping.streaming.server import Server
 from facts_damping.streaming.sources import Sources
+from facts_damping.streaming.stream_clock import JUMP_S
 
 CASE = load_case("two_area_large", [])
 GRID = grid_stations(CASE)  # G1 to G4, TIE

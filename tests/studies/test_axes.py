@@ -206,7 +206,7 @@ def test_seeds_of_which_some_never_fail_have_a_median() -> None:
 
 
 def test_shares_have_wilson_s_interval() -> None:
-    told = margins.share(3, 20)
+    told = margins.failed_fraction(3, 20)
     z, p, n = 1.959964, 0.15, 20
     middle, half = (p + z**2 / 2 / n) / (1 + z**2 / n), z * np.sqrt(p * (1 - p) / n + z**2 / 4 / n**2) / (1 + z**2 / n)
     assert (told["runs"], told["failed"], told["share"]) == (20, 3, 0.15)

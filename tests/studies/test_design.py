@@ -16,7 +16,7 @@ from facts_damping.parameters.placement import place
 from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.small_signal import linearisation, places
-from facts_damping.studies import design, design_pages, every, lead_lag, linear_margin, scoring
+from facts_damping.studies import design, design_pages, enumerated_axes, lead_lag, linear_margin, scoring
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -129,7 +129,7 @@ def test_the_files_run(found: design.Design, tmp_path: Path) -> None:
     """The run as written is the loop that was designed, and its scenarios keep the grid together."""
     written = design_pages.write(found, tmp_path)
     assert [path.name for path in written][-2:] == ["run.yaml", "training_cases.yaml"]
-    assert every.scenarios(str(tmp_path / "system.yaml")) == [
+    assert enumerated_axes.scenarios(str(tmp_path / "system.yaml")) == [
         str(tmp_path / f"{name}.yaml") for name in found.scenarios
     ]
     known = scoring.draws(

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from facts_damping.monitors import COMMANDS, MONITORS, STATES, cause_name
+from facts_damping.monitor_table import COMMANDS, MONITORS, STATES, cause_name
 from facts_damping.parameters.run import Controller
 from facts_damping.parameters.stations import Signal
 from facts_damping.parameters.supervision import Supervision
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, SETPOINT, SUPERVISION
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.supervision.model import Watched, supervisors
-from facts_damping.supervision.step import supervise, tell
+from facts_damping.supervision.step import supervise, write_status
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -109,7 +109,7 @@ class Guarded:
         told = self.made, self.state, 0, self.tick
         frames = int(speed is not None)
         end_of = supervise(*told, start, end, self._entry, frames, issued, len(issued), self.truth, self._out, 0)
-        assert tell(*told, self._told, 0)
+        assert write_status(*told, self._told, 0)
         self.tick += 1
         row = self._told[0]
         values = dict(zip(MONITORS, row["values"].tolist(), strict=True))

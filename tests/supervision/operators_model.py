@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from facts_damping.monitors import MONITORS
+from facts_damping.monitor_table import MONITORS
 
 SEVERE = {"warn": 1, "fall_back": 2, "trip": 3}
 

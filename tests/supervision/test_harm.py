@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.monitors import MONITORS, STATES
+from facts_damping.monitor_table import MONITORS, STATES
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import plant_residues
 from facts_damping.studies.linear_closed_loop import delayed_loop, link_delays, sampled

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.monitors import MONITORS, STATES, cause_name
+from facts_damping.monitor_table import MONITORS, STATES, cause_name
 from facts_damping.simulation import loop
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from facts_damping.case.loading import load_case
-from facts_damping.monitors import STATES, cause_name
+from facts_damping.monitor_table import STATES, cause_name
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import plant_residues
 from facts_damping.studies.linear_closed_loop import delayed_loop, eigen, sampled

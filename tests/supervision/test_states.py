@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facts_damping.monitors import MONITORS
+from facts_damping.monitor_table import MONITORS
 from facts_damping.simulation.measured_plant import tick_ns
 from tests.supervision.guarded import LIMITS, RATE, TICK, Guarded, Told, watching
 from tests.supervision.operators_model import Model, Settings

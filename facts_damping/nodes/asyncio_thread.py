@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-class Beside:
+class AsyncioThread:
     """The loop and its thread, until `close`."""
 
     def __init__(self) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facts_damping.recording.absences import Absence, absences, first_missing, notes
 from facts_damping.recording.decode import Series
+from facts_damping.recording.gaps import Absence, find_absences, first_missing, gap_notes
 
 LEFT, FOUND = 10, 14  # the first tick without them; the first at which the recorder heard the link again
 
@@ -25,10 +25,10 @@ def test_what_a_link_delivered_unheard_is_missing_where_it_was_answered(began: i
         "applied": [series("/setpoints/delivered", FOUND)],
         "issued": [series("/controller_0_LLC/setpoints", answered)],
     }
-    away = absences(found, late, 0, 20)
+    away = find_absences(found, late, 0, 20)
     heard_late = began < FOUND
     assert Absence("link", 0, LEFT, 12 if heard_late else FOUND) in away
     assert Absence("controller", 0, LEFT, answered) in away
     assert first_missing(found, away, np.arange(20)) == (12 if heard_late else None)
     told = [f"{topic}: 2 of 20 ticks are missing (12, 13)" for topic in ("/pmu/delivered", "/setpoints/delivered")]
-    assert notes(found, away, 19) == (told if heard_late else [])
+    assert gap_notes(found, away, 19) == (told if heard_late else [])

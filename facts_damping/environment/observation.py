@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled
 from facts_damping.compiling.structs import Struct
-from facts_damping.control.inputs import Held, Inputs
+from facts_damping.control.inputs import Inputs, LatestSamples
 from facts_damping.control.sensing import Sensed, sense
 
 if TYPE_CHECKING:
@@ -18,16 +18,18 @@ SIGNAL, AGE, MISSING = range(3)  # of a window's last axis
 MOST_SIGNAL, MOST_AGE = 100.0, 10.0  # in scales, and s: values beyond count as these
 
 
-class Eyes(Struct):
+class AgentInputs(Struct):
     """What an agent sees with: the signals of its controller, received."""
 
     inputs: Inputs
-    held: Held
+    held: LatestSamples
     sensed: Sensed
 
 
 @compiled
-def put(window: NDArray[Any], y: NDArray[Any], age: NDArray[Any], fresh: NDArray[Any], scale: NDArray[Any]) -> None:
+def append_to_window(
+    window: NDArray[Any], y: NDArray[Any], age: NDArray[Any], fresh: NDArray[Any], scale: NDArray[Any]
+) -> None:
     """Put the signals of a tick, (signals,), last into a window, (ticks, signals, 3)."""
     for k in range(window.shape[0] - 1):
         for i in range(window.shape[1]):
@@ -42,8 +44,8 @@ def put(window: NDArray[Any], y: NDArray[Any], age: NDArray[Any], fresh: NDArray
 
 
 @compiled
-def watch(
-    eyes: Eyes,
+def observe(
+    eyes: AgentInputs,
     delivered: NDArray[Any],
     count: int,
     end_ns: int,
@@ -58,7 +60,7 @@ def watch(
     `weights`: (differences, machines); `machines`: (machines,) of MACHINE_TRUTH.
     """
     sense(eyes.inputs, eyes.held, eyes.sensed, 0, delivered, count, end_ns)
-    put(window, eyes.held.signal[0], eyes.sensed.age[0], eyes.sensed.fresh[0], scale)
+    append_to_window(window, eyes.held.signal[0], eyes.sensed.age[0], eyes.sensed.fresh[0], scale)
     for d in range(weights.shape[0]):
         deviations[d] = 0.0
         for m in range(weights.shape[1]):

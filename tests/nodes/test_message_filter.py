@@ -17,9 +17,9 @@ from rclpy.serialization import serialize_message
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import DEGRADED, main
 from facts_damping.nodes.cdr import Refused
-from facts_damping.nodes.guard import Guard
+from facts_damping.nodes.message_filter import MessageFilter
 from facts_damping.nodes.messages import Estimates, state_message
-from facts_damping.nodes.node import HEARING
+from facts_damping.nodes.node import SUBSCRIBER_QOS
 from facts_damping.nodes.parameters import Options
 from facts_damping.nodes.publishers import KNOW_S
 from facts_damping.nodes.refusals import MOST, TELL_S
@@ -58,25 +58,25 @@ def options(realtime: bool, join: bool = False) -> Options:
 
 
 class Listener:
-    """A guard with a topic whose publisher it knows, and what it let through."""
+    """A message filter with a topic whose publisher it knows, and what it let through."""
 
     def __init__(
         self, node: Node, read: Callable[[bytes], Any], realtime: bool = False, newest: Callable[[], int] | None = None
     ) -> None:
         self.came: list[Any] = []
         self.told: list[bytes] = []
-        self.guard = Guard(node, CASE, options(realtime), say=self.told.append)
-        self.guard.subscribe(PmuDataFrame, "topic", lambda *message: self.came.append(message), read, newest)
-        (self.heard,) = self.guard.who.topics
+        self.message_filter = MessageFilter(node, CASE, options(realtime), say=self.told.append)
+        self.message_filter.subscribe(PmuDataFrame, "topic", lambda *message: self.came.append(message), read, newest)
+        (self.heard,) = self.message_filter.who.topics
         self.heard.publisher = OWN
         self.sent = 0
 
     def send(self, data: bytes, publisher: bytes = OWN, sequence: int | None = None) -> bool:
         self.sent += 1
-        return self.guard.take(self.heard, data, information(publisher, sequence or self.sent))
+        return self.message_filter.take(self.heard, data, information(publisher, sequence or self.sent))
 
     def causes(self) -> list[str]:
-        return [cause for (_, cause, _), count in self.guard.refusals._refused.items() for _ in range(count)]
+        return [cause for (_, cause, _), count in self.message_filter.refusals._refused.items() for _ in range(count)]
 
 
 def ticks(data: bytes) -> tuple[int]:
@@ -123,8 +123,8 @@ def test_who_publishes_is_known_and_counts_up(node: Node) -> None:
     assert sorted(one.causes()) == ["publisher", "sequence"]
     for i in range(2 * MOST):
         one.send(b"2", i.to_bytes(16, "big"))
-    assert len(one.guard.refusals._refused) <= MOST + 1
-    assert one.guard.refusals._refused.total() == 2 * MOST + 2
+    assert len(one.message_filter.refusals._refused) <= MOST + 1
+    assert one.message_filter.refusals._refused.total() == 2 * MOST + 2
 
 
 def sound(data: bytes) -> tuple[int]:
@@ -148,9 +148,9 @@ def test_the_place_of_one_that_has_left_is_free_in_real_time(
     node: Node, realtime: bool, there: list[bytes], plant: list[bytes], succeeds: bool
 ) -> None:
     one = Listener(node, sound, realtime)
-    one.guard.hear_run()
-    one.guard.who.topics[1].publisher = PLANT
-    one.guard.who.of = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
+    one.message_filter.hear_run()
+    one.message_filter.who.topics[1].publisher = PLANT
+    one.message_filter.who.of = lambda topic: plant if topic == "/plant/state" else there  # type: ignore[method-assign]
     assert one.send(b"0")
     assert not one.send(b"odd", FOREIGN)
     time.sleep(2 * KNOW_S)
@@ -164,33 +164,33 @@ def test_who_joins_is_heard_where_all_speak_before_it_speaks_elsewhere(node: Nod
     """As a disarmed identifier does, of which the recording must know."""
     one = Listener(node, ticks, realtime=True)
     said: list[bytes] = []
-    one.guard.subscribe(DiagnosticArray, "/diagnostics", lambda data, _: said.append(data), common=True)
-    heard = one.guard.who.topics[1]
+    one.message_filter.subscribe(DiagnosticArray, "/diagnostics", lambda data, _: said.append(data), common=True)
+    heard = one.message_filter.who.topics[1]
     for there, data in (([OWN], b"a"), ([FOREIGN], b"b")):
-        one.guard.who.of = lambda _, there=there: there  # type: ignore[method-assign, misc]
-        one.guard.take(heard, data, information(FOREIGN[:12] + bytes(4), len(said) + 1))
+        one.message_filter.who.of = lambda _, there=there: there  # type: ignore[method-assign, misc]
+        one.message_filter.take(heard, data, information(FOREIGN[:12] + bytes(4), len(said) + 1))
         time.sleep(2 * KNOW_S)
     assert said == [b"b"]
 
 
 def test_nobody_succeeds_the_plant(node: Node) -> None:
     one = Listener(node, ticks, realtime=True)
-    one.guard.hear_run()
-    one.guard.who.topics[1].publisher = OWN[:12] + bytes(4)
-    one.guard.who.of = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
+    one.message_filter.hear_run()
+    one.message_filter.who.topics[1].publisher = OWN[:12] + bytes(4)
+    one.message_filter.who.of = lambda topic: [OWN[:12] + bytes(4)] if topic == "/plant/state" else [FOREIGN]  # type: ignore[method-assign]
     assert one.send(b"0")
     assert not one.send(b"1", FOREIGN)
 
 
 def test_what_others_than_the_plant_say_of_errors_is_passed_over(node: Node, capsys: Any) -> None:
     one = Listener(node, ticks)
-    one.guard.hear_run()
-    _, plant, heard = one.guard.who.topics
+    one.message_filter.hear_run()
+    _, plant, heard = one.message_filter.who.topics
     plant.publisher = PLANT
     said = serialize_message(state_message(RunState.ENDED, 300, 5 * 10**9, "synchronism lost at 5.000 s", False))
     for publisher, let in ((FOREIGN, False), (PLANT[:12] + bytes(4), True)):
-        assert one.guard.take(heard, said, information(publisher, 1)) == let
-        assert one.guard.over == let
+        assert one.message_filter.take(heard, said, information(publisher, 1)) == let
+        assert one.message_filter.over == let
     assert capsys.readouterr().out == "synchronism lost at 5.000 s\n"
     assert one.causes() == []
 
@@ -198,18 +198,18 @@ def test_what_others_than_the_plant_say_of_errors_is_passed_over(node: Node, cap
 def test_reports_come_at_most_once_a_second(node: Node, capsys: Any) -> None:
     one = Listener(node, ticks)
     one.send(b"0")
-    one.guard.tell()
+    one.message_filter.tell()
     one.send(b"9999999")
-    one.guard.tell()
+    one.message_filter.tell()
     assert one.told == []
-    one.guard.refusals._told_at -= TELL_S
+    one.message_filter.refusals._told_at -= TELL_S
     for _ in range(3):
-        one.guard.tell()
+        one.message_filter.tell()
     one.send(b"9999999")
-    one.guard.tell()
+    one.message_filter.tell()
     assert len(one.told) == 1
     assert capsys.readouterr().out == f"refused 1 tick /topic {OWN.hex()}\n"
-    one.guard.tell(last=True)
+    one.message_filter.tell(last=True)
     assert len(one.told) == 2
     assert capsys.readouterr().out == f"refused 2 tick /topic {OWN.hex()}\n"
 
@@ -237,12 +237,12 @@ def test_a_forged_message_is_told_at_the_end_of_a_command(loopback: Any, tmp_pat
     def forge() -> None:
         rclpy.init()
         time.sleep(1.0)  # the graph is under way
-        publisher = rclpy.create_node("forger").create_publisher(PmuDataFrame, "pmu/frames", HEARING)
+        publisher = rclpy.create_node("attacker").create_publisher(PmuDataFrame, "pmu/frames", SUBSCRIBER_QOS)
         assert publisher.get_subscription_count() == 2
         publisher.publish(PmuDataFrame(tick=10**9))
         time.sleep(9.0)
 
-    loopback.start("forger", forge)
+    loopback.start("attacker", forge)
     status = main(["run", "--mode", "realtime", "--set", "duration=3", "--out", str(tmp_path), "--json", "-"])
     output, errors = capsys.readouterr()
     assert status == DEGRADED

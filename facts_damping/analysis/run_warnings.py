@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.analysis.supervision import cause_text
-from facts_damping.monitors import ARMED, STATES
+from facts_damping.monitor_table import ARMED, STATES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +16,7 @@ LATE_S = 2.0  # a longer mean latency is taken for a mistake of units
 MOSTLY = 0.5  # share of the frames
 
 
-def oddities(
+def odd_findings(
     record: Record, supervision: Sequence[Mapping[str, Any]], latency: Mapping[str, Any], duty: Mapping[str, float]
 ) -> list[str]:
     """Lines for what a reader of the figures must know first; none: the controllers could do what they are for.

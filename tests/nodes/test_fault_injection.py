@@ -14,8 +14,8 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli import campaign_graphs
 from facts_damping.errors import RunError
-from facts_damping.nodes import graph, striking
-from facts_damping.nodes.striking import LOCKSTEP, REALTIME, Blow, strike
+from facts_damping.nodes import fault_injection, graph
+from facts_damping.nodes.fault_injection import LOCKSTEP, REALTIME, GraphFault, run_with_fault
 from facts_damping.parameters.security import add_key
 from facts_damping.simulation import loop
 from facts_damping.studies.invariants import alone, late_ticks
@@ -26,23 +26,23 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 RUN = "two_area_supervised"
-NOTHING = Blow("", 0.0, None)
+NOTHING = GraphFault("", 0.0, None)
 
 
 def test_a_simulated_fault_gives_the_bits_of_the_in_process_run(loopback: Any, tmp_path: Path) -> None:
     case = load_case(RUN, ["duration=3", "controllers.0.faults=[{kind: wrong_sign, start: 1.5}]"])
-    struck = strike(case, LOCKSTEP, tmp_path, NOTHING, 0)
+    struck = run_with_fault(case, LOCKSTEP, tmp_path, NOTHING, 0)
     computed = loop.run(case)
     assert campaign_graphs.as_computed(case, struck, computed, False, "")
     assert campaign_graphs.recorded(case, struck, computed, False, "")
-    assert (struck.struck_s, struck.forged) == (None, {})
+    assert (struck.begun_s, struck.forged) == (None, {})
 
 
 def test_without_its_supervisor_the_device_lets_go(loopback: Any, tmp_path: Path) -> None:
     case = load_case(RUN, ["duration=3"])
-    struck = strike(case, REALTIME, tmp_path, Blow("kill supervisor", 1.5, None), 0)
+    struck = run_with_fault(case, REALTIME, tmp_path, GraphFault("kill supervisor", 1.5, None), 0)
     assert struck.outcome.fallen == ["supervisor_0_LLC was killed by SIGKILL"]
-    assert struck.struck_s == pytest.approx(1.5, abs=0.3)
+    assert struck.begun_s == pytest.approx(1.5, abs=0.3)
     misses = struck.outcome.deadline_misses
     assert_let_go(case, struck.record, misses)
     assert all(alone(case, struck.record, late_ticks(struck.record, misses)).values())
@@ -54,7 +54,7 @@ def test_what_is_forged_with_the_graphs_key_changes_no_bit(loopback: Any, tmp_pa
     keys = tmp_path / "keys.yaml"
     add_key(keys)
     case = load_case(RUN, ["duration=3", f"security.keys={keys}", "controllers.0.name=ANFLeC"])
-    struck = strike(case, LOCKSTEP, tmp_path / "out", Blow("forge signed", 1.5, None), 0)
+    struck = run_with_fault(case, LOCKSTEP, tmp_path / "out", GraphFault("forge signed", 1.5, None), 0)
     computed = loop.run(case)
     assert campaign_graphs.as_computed(case, struck, computed, False, "forge")
     assert campaign_graphs.nothing_forged_acts(case, struck, computed, False, "forge")
@@ -67,13 +67,13 @@ def test_a_graph_ends_when_it_is_not_wanted_any_more(
     """Its nodes are only just starting, and obey; they need not be killed, however slow the machine is."""
     monkeypatch.setattr(graph, "STOP_S", PATIENCE_S)
     with pytest.raises(RunError, match="interrupted"):
-        strike(load_case(RUN, ["duration=1000"]), LOCKSTEP, tmp_path, NOTHING, domain, lambda: False)
+        run_with_fault(load_case(RUN, ["duration=1000"]), LOCKSTEP, tmp_path, NOTHING, domain, lambda: False)
     assert {node.process.exitcode for node in started.values()} == {0}
     assert nodes_left(tmp_path) == []
 
 
 def test_each_graph_has_a_domain_of_its_own() -> None:
     with ExitStack() as taken:
-        found = [taken.enter_context(striking.own_domain()) for _ in range(2)]
+        found = [taken.enter_context(fault_injection.own_domain()) for _ in range(2)]
         assert len(set(found)) == 2
-        assert set(found) <= set(striking.DOMAINS)
+        assert set(found) <= set(fault_injection.DOMAINS)

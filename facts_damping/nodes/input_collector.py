@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from facts_damping.nodes.parameters import Options
-    from facts_damping.nodes.spinning import Spinner
+    from facts_damping.nodes.spinner import Spinner
 
 AWAITED = 3  # ticks: by the clock, who has said nothing for longer is not waited for until it speaks again
 PATIENCE = 0.9  # share of the time-out: after those who wait for others, before those who wait for this node
 
 
-class Gathering:
+class InputCollector:
     """Ticks in turn: in lockstep when all have spoken; by the clock at the latest when the next frames come.
 
     That is a tick late. By the clock nobody waits for who is silent by now: what stands in for it is in time.

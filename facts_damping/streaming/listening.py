@@ -20,7 +20,7 @@ TITLES = ("PMU", "IDCODE", "format", "channel", "value")
 
 
 @dataclass
-class Heard:
+class ServerState:
     """What one server has sent."""
 
     server: Server
@@ -109,9 +109,9 @@ def _format(pmu: Pmu) -> str:
     return f"{'polar' if pmu.polar else 'rectangular'}, floats: {', '.join(floats) or 'none'}"
 
 
-async def listen(servers: Sequence[Server], seconds: float) -> list[Heard]:
+async def listen(servers: Sequence[Server], seconds: float) -> list[ServerState]:
     """What servers send in some time."""
-    found = [Heard(one) for one in servers]
+    found = [ServerState(one) for one in servers]
     clients = [Client(one.server, one.take) for one in found]
     tasks = {asyncio.ensure_future(client.run()) for client in clients}
     await asyncio.wait(tasks, timeout=seconds)

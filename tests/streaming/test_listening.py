@@ -11,7 +11,7 @@ from facts_damping.c37118 import stations
 from facts_damping.cli.main import main
 from facts_damping.parameters.streams import server as address
 from facts_damping.streaming.client import Lost
-from facts_damping.streaming.heard import Heard
+from facts_damping.streaming.listening import ServerState
 from tests.commands import assert_one_line
 from tests.streaming.test_server import GRID, HERE, instant, run, served, until
 
@@ -26,7 +26,7 @@ SERVER = "tcp://pdc:4712/11"
 
 
 def test_what_is_not_there_is_said() -> None:
-    one = Heard(address(SERVER))
+    one = ServerState(address(SERVER))
     assert str(one) == f"{SERVER}: no configuration: no answer; is the IDCODE right?"
     one.take(Lost("refused"))
     assert str(one) == f"{SERVER}: no configuration: refused"
@@ -35,7 +35,7 @@ def test_what_is_not_there_is_said() -> None:
 
 
 def test_a_configuration_and_the_newest_values() -> None:
-    one = Heard(address(SERVER))
+    one = ServerState(address(SERVER))
     one.take(served().configuration)
     assert {row[-1] for row in one.rows()} == {"-"}
     one.take(instant(0))

@@ -10,21 +10,21 @@ import rclpy
 from facts_damping_msgs.msg import GridEvent
 
 from facts_damping.nodes import node as nodes
-from facts_damping.nodes import taking
+from facts_damping.nodes import raw_take
 from tests.nodes.graphs import PATIENCE_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-@pytest.mark.parametrize("take", [taking.take, taking._Rcl().take], ids=["default", "rcl"])
+@pytest.mark.parametrize("take", [raw_take.take, raw_take._Rcl().take], ids=["default", "rcl"])
 def test_a_message_comes_with_its_publisher_and_sequence(domain: int, take: Callable[[Any], Any]) -> None:
     context = rclpy.context.Context()
     rclpy.init(context=context)
     node = rclpy.create_node("both", context=context)
     try:
-        subscription = node.create_subscription(GridEvent, "events", print, nodes.HEARING, raw=True)
-        publisher = node.create_publisher(GridEvent, "events", nodes.SAYING)
+        subscription = node.create_subscription(GridEvent, "events", print, nodes.SUBSCRIBER_QOS, raw=True)
+        publisher = node.create_publisher(GridEvent, "events", nodes.PUBLISHER_QOS)
         assert take(subscription) is None
         deadline = time.monotonic() + PATIENCE_S
         while publisher.get_subscription_count() < 1 and time.monotonic() < deadline:

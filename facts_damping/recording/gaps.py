@@ -23,7 +23,14 @@ ROLES = {
     **dict.fromkeys(("supervised", "supervision"), "supervisor"),
     "estimates": "identifier",
 }
-HEARD = ("delivered", "issued", "learning", "supervised", "supervision", "estimates")  # what controllers hear and say
+NEEDED_FOR_REPLAY = (
+    "delivered",
+    "issued",
+    "learning",
+    "supervised",
+    "supervision",
+    "estimates",
+)  # what controllers hear and say
 LISTED = 5  # so many lost ticks are named one by one
 
 
@@ -36,18 +43,20 @@ class Absence(NamedTuple):
     end: int
 
 
-def starts(changes: Sequence[dict[str, Any]]) -> set[tuple[str, int, int]]:
+def late_starts(changes: Sequence[dict[str, Any]]) -> set[tuple[str, int, int]]:
     """Role, index and first tick of nodes that began later than the run."""
     return {(change["role"], change["index"], change["tick"]) for change in changes if change["kind"] == "start"}
 
 
-def began(found: dict[str, list[Series]], late: set[tuple[str, int, int]]) -> int:
+def first_complete_tick(found: dict[str, list[Series]], late: set[tuple[str, int, int]]) -> int:
     """The first tick by which a recorder that came late had heard everybody that was there then."""
     firsts = [(_owner(kind, i, one), int(one.ticks[0])) for kind, i, one in _of_nodes(found) if len(one.ticks)]
     return max([tick for owner, tick in firsts if not list(_came(late, owner, 0, tick))], default=0)
 
 
-def absences(found: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int) -> list[Absence]:
+def find_absences(
+    found: dict[str, list[Series]], late: set[tuple[str, int, int]], first: int, end: int
+) -> list[Absence]:
     """Ticks from `first` to before `end` that nodes lack as they began, or began again, after them, or within them.
 
     A recorder may miss what a node says before it has found it; what a link delivered meanwhile is missing, where a
@@ -66,7 +75,7 @@ def absences(found: dict[str, list[Series]], late: set[tuple[str, int, int]], fi
     return list(dict.fromkeys(away))
 
 
-def missing(
+def missing_ticks(
     found: dict[str, list[Series]], away: Sequence[Absence], first: int, end: int
 ) -> Iterator[tuple[str, Series, list[tuple[int, int]]]]:
     """Kind, series, and its gaps from `first` to before `end` that are nobody's absence."""
@@ -79,10 +88,10 @@ def missing(
             yield kind, one, [(a, b) for a, b in gaps if a < b]
 
 
-def notes(found: dict[str, list[Series]], away: Sequence[Absence], last: int) -> list[str]:
+def gap_notes(found: dict[str, list[Series]], away: Sequence[Absence], last: int) -> list[str]:
     """A note for each topic that lacks ticks before the last one (which nobody need answer)."""
     told = []
-    for _, one, gaps in missing(found, away, 0, last):
+    for _, one, gaps in missing_ticks(found, away, 0, last):
         count = sum(b - a for a, b in gaps)
         if count:
             listed = list(islice((tick for a, b in gaps for tick in range(a, b)), LISTED + 1))
@@ -94,7 +103,9 @@ def notes(found: dict[str, list[Series]], away: Sequence[Absence], last: int) ->
 def first_missing(found: dict[str, list[Series]], away: Sequence[Absence], ticks: NDArray[np.int64]) -> int | None:
     """The first tick, from that of the first frames on, that lacks one of these, or what controllers hear and say."""
     first, end = int(ticks[0]), int(ticks[-1]) + 1
-    lacking = [gaps[0][0] for kind, _, gaps in missing(found, away, first, end) if kind in HEARD and gaps]
+    lacking = [
+        gaps[0][0] for kind, _, gaps in missing_ticks(found, away, first, end) if kind in NEEDED_FOR_REPLAY and gaps
+    ]
     lacking += [a for a, _ in _between(ticks, first, end)][:1]
     return min(lacking, default=None)
 

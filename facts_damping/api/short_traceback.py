@@ -14,7 +14,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def brief(function: Callable[P, R]) -> Callable[P, R]:
+def short_traceback(function: Callable[P, R]) -> Callable[P, R]:
     """Have what a function raises on purpose begin at the script's own line; a `RunError` keeps what caused it."""
 
     @wraps(function)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.errors import FactsDampingError
 from facts_damping.studies import jacobians, portraits
 from facts_damping.studies.batch import Base, make, names
-from facts_damping.studies.every import contenders
+from facts_damping.studies.enumerated_axes import candidates
 from facts_damping.studies.pool import run_all
 from facts_damping.terminal import Progress
 
@@ -54,7 +54,7 @@ def _jacobian(base: Base, changes: dict[str, Any], path: Path) -> None:
 def _portrait(base: Base, changes: dict[str, Any], path: Path) -> None:
     """Beside the run without control and the lead-lags, those that there are."""
     case = make(base, changes)
-    others = contenders(names(base, changes)["system"], case)
+    others = candidates(names(base, changes)["system"], case)
     own: dict[str, Any] = {"controllers.*.scheme": None, "controllers.*.parameters": {}}
     beside = {name: make(base, {**changes, **own, **others[name]}) for name in portraits.BASELINES if name in others}
     portraits.draw(case, beside, path)

@@ -24,7 +24,7 @@ AT_S, CLEARED_S, DURATION_S = 1.0, 0.1, 20.0
 TRIED = 6  # places of each kind
 
 
-def made(
+def training_cases(
     run: dict[str, Any], tried: Sequence[Tried], taken: Place, mode: int, progress: Callable[[int, int], None]
 ) -> dict[str, dict[str, Any]]:
     """The content of scenario files by name: `fault` and `line_out`, those that were found.

@@ -13,7 +13,7 @@ from facts_damping.supervision.model import SupervisorRows
 
 
 @compiled
-def look_inside(bank: Bank, state: BankState, c: int, found: Any) -> None:
+def read_health(bank: Bank, state: BankState, c: int, found: Any) -> None:
     """Whether the outputs of controller c are finite, what its network's parameters are in all, how it learns."""
     found.finite = 1
     for d in range(bank.device.shape[1]):
@@ -34,6 +34,6 @@ def look_inside(bank: Bank, state: BankState, c: int, found: Any) -> None:
 
 
 @entry_point
-def inner_life(bank: Bank, state: BankState, c: int, found: SupervisorRows, at: int) -> None:
+def controller_health(bank: Bank, state: BankState, c: int, found: SupervisorRows, at: int) -> None:
     """The same into a row of SUPERVISOR."""
-    look_inside(bank, state, c, found[at])
+    read_health(bank, state, c, found[at])

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled
 from facts_damping.control.inputs import UNSET
-from facts_damping.monitors import ARMED, FALLBACK
+from facts_damping.monitor_table import ARMED, FALLBACK
 from facts_damping.supervision import probe
 from facts_damping.supervision.model import CONTROLLER, NOBODY, RESERVE
 
@@ -31,7 +31,7 @@ def source_of(state: int) -> int:
 
 
 @compiled
-def pass_on(
+def forward_setpoints(
     made: Supervisors,
     state: SupervisorState,
     s: int,
@@ -87,7 +87,9 @@ def _place(made: Supervisors, s: int, device: int) -> int:
 
 
 @compiled
-def say(made: Supervisors, state: SupervisorState, s: int, tick: int, at_ns: int, out: NDArray[Any], first: int) -> int:
+def emit_zero(
+    made: Supervisors, state: SupervisorState, s: int, tick: int, at_ns: int, out: NDArray[Any], first: int
+) -> int:
     """Zero, or what is left of a ramp, or a probe's tones; they rest on no measurement but that of the time."""
     for d in range(made.devices.shape[1]):
         if made.devices[s, d].place != UNSET:

@@ -6,15 +6,15 @@ from typing import Any
 
 import pytest
 
-from facts_damping.nodes.gathering import AWAITED, Gathering
+from facts_damping.nodes.input_collector import AWAITED, InputCollector
 from facts_damping.nodes.parameters import Options
 
 
-def gathering(mode: str) -> tuple[Gathering, list[tuple[int, dict[str, Any]]]]:
+def gathering(mode: str) -> tuple[InputCollector, list[tuple[int, dict[str, Any]]]]:
     """One of two senders, and the ticks that it has called for."""
     done: list[tuple[int, dict[str, Any]]] = []
     options = Options(mode, 5.0, 30.0, recorder=False, view=False)
-    return Gathering(options, {"a": "node_a", "b": "node_b"}, lambda tick, parts: done.append((tick, parts))), done
+    return InputCollector(options, {"a": "node_a", "b": "node_b"}, lambda tick, parts: done.append((tick, parts))), done
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])

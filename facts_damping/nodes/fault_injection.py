@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 DOMAINS = range(215, 233)  # of such graphs: DDS's ports for them are free on Linux, and 0 to 101 are for others
 DOMAIN = "ROS_DOMAIN_ID"
 LOCKSTEP, REALTIME = "lockstep", "realtime"
-FORGER = "forger"
+ATTACKER = "attacker"
 PATIENCE_S = 20.0  # with a node in lockstep: two graphs may be on two cores
 GONE_S = 2.0  # with readers that do not answer, at the end of a run by the clock
 
@@ -37,10 +37,10 @@ TARGETS: dict[str, Callable[[Case], str]] = {
     "wan_link": lambda case: str(link_addresses(case)[case.used_links[0]]),
     "controller": lambda case: str(controller_addresses(case)[0]),
     "supervisor": lambda case: str(supervisor_addresses(case)[0]),
-}  # whom a blow hits: of the run's first controller
+}  # whom a fault hits: of the run's first controller
 
 
-class Blow(NamedTuple):
+class GraphFault(NamedTuple):
     """What is done: nothing (empty), `kill NODE`, `stop NODE`, `forge`; from when, for how long (None: to the end).
 
     Who is killed stays dead: DDS misses it after some 20 s alone, and before that nobody can take its place.
@@ -56,50 +56,52 @@ class Blow(NamedTuple):
         return self.real.partition(" ")[0]
 
 
-class Struck(NamedTuple):
-    """A graph that was struck: how it ended, what it recorded, when it was done, what a forger said by topic."""
+class FaultedRun(NamedTuple):
+    """A graph that was struck: how it ended, what it recorded, when it was done, what a attacker said by topic."""
 
     outcome: Outcome
     record: Record
-    struck_s: float | None  # simulated time; None: the run was over before
+    begun_s: float | None  # simulated time; None: the run was over before
     back_s: float | None  # when who stood still went on
     forged: dict[str, int]
 
 
-class Striker:
+class FaultInjector:
     """Looks at a graph that runs, and strikes when it is time."""
 
-    def __init__(self, case: Case, mode: str, blow: Blow, run_file: Path, environment: Mapping[str, str]) -> None:
+    def __init__(
+        self, case: Case, mode: str, fault: GraphFault, run_file: Path, environment: Mapping[str, str]
+    ) -> None:
         """`mode`: of the graph; in real time simulated time goes on between two lines of the plant.
 
-        `run_file`, `environment`: those of its nodes, for a forger.
+        `run_file`, `environment`: those of its nodes, for a attacker.
         """
-        self._rate, self._paced, self._blow, self._run_file = case.run.frame_rate, mode == REALTIME, blow, run_file
+        self._rate, self._paced, self._fault, self._run_file = case.run.frame_rate, mode == REALTIME, fault, run_file
         self._environment = environment
-        target = blow.real.partition(" ")[2]
-        self._target = TARGETS[target](case) if blow.kind in ("kill", "stop") else None
+        target = fault.real.partition(" ")[2]
+        self._target = TARGETS[target](case) if fault.kind in ("kill", "stop") else None
         self._newest, self._at = 0, 0.0
-        self.struck_s: float | None = None
+        self.begun_s: float | None = None
         self.back_s: float | None = None
-        self.forger: Process | None = None
+        self.attacker: Process | None = None
 
     def __call__(self, tick: int, running: Mapping[str, Process]) -> None:
         """Do what is due."""
-        if self._blow.kind == "forge" and self.forger is None:
-            parameters = {"run": self._run_file, "first": round(self._blow.start_s * self._rate)}
-            self.forger = graph.start(FORGER, FORGER, parameters, None, self._environment)
+        if self._fault.kind == "forge" and self.attacker is None:
+            parameters = {"run": self._run_file, "first": round(self._fault.start_s * self._rate)}
+            self.attacker = graph.start(ATTACKER, ATTACKER, parameters, None, self._environment)
         if tick != self._newest:
             self._newest, self._at = tick, time.monotonic()
-        if tick == 0 or not self._blow.kind:
+        if tick == 0 or not self._fault.kind:
             return
         now = tick / self._rate + (time.monotonic() - self._at if self._paced else 0.0)
-        if self.struck_s is None and now >= self._blow.start_s:
-            self.struck_s = now
-            self._signal(running, signal.SIGKILL if self._blow.kind == "kill" else signal.SIGSTOP)
-        lasts = self._blow.duration_s
-        if self.struck_s is None or self._blow.kind != "stop" or self.back_s is not None or lasts is None:
+        if self.begun_s is None and now >= self._fault.start_s:
+            self.begun_s = now
+            self._signal(running, signal.SIGKILL if self._fault.kind == "kill" else signal.SIGSTOP)
+        lasts = self._fault.duration_s
+        if self.begun_s is None or self._fault.kind != "stop" or self.back_s is not None or lasts is None:
             return
-        if now >= self.struck_s + lasts:
+        if now >= self.begun_s + lasts:
             self.back_s = now
             self._signal(running, signal.SIGCONT)
 
@@ -109,28 +111,28 @@ class Striker:
                 os.kill(running[self._target].process.pid or 0, number)
 
     def end(self) -> dict[str, int]:
-        """End the forger; what it has said, by topic."""
-        if self.forger is None:
+        """End the attacker; what it has said, by topic."""
+        if self.attacker is None:
             return {}
-        graph.end([self.forger], signal.SIGINT)
-        said, failed, reason = self.forger.said(), self.forger.failed(), self.forger.reason()
-        self.forger.output.close()
-        self.forger.errors.close()
+        graph.end([self.attacker], signal.SIGINT)
+        said, failed, reason = self.attacker.said(), self.attacker.failed(), self.attacker.reason()
+        self.attacker.output.close()
+        self.attacker.errors.close()
         if failed:
             raise RunError(reason)
         return {topic: int(count) for count, topic in re.findall(r"^sent (\d+) (\S+)$", said, re.MULTILINE)}
 
 
-def strike(
-    case: Case, mode: str, out: Path, blow: Blow, domain: int, wanted: Callable[[], bool] = lambda: True
-) -> Struck:
+def run_with_fault(
+    case: Case, mode: str, out: Path, fault: GraphFault, domain: int, wanted: Callable[[], bool] = lambda: True
+) -> FaultedRun:
     """Run a case as a graph, in a ROS domain, to which something is done; the recording is `out / "recording"`.
 
     It may run in a thread beside others; it ends when it is not `wanted` any more. Raises `RunError` then, and where
-    the graph, or a forger, does not go on as it should.
+    the graph, or a attacker, does not go on as it should.
     """
     environment = {**os.environ, DOMAIN: str(domain)}
-    striker = Striker(case, mode, blow, out / graph.RUN_FILE, environment)
+    striker = FaultInjector(case, mode, fault, out / graph.RUN_FILE, environment)
     timeout = GONE_S if mode == REALTIME else PATIENCE_S
 
     def look(tick: int, running: Mapping[str, Process]) -> None:
@@ -142,7 +144,7 @@ def strike(
         outcome = graph.run(case, mode, out, _quiet, timeout, look=look, environment=environment)
     finally:
         forged = striker.end()
-    return Struck(outcome, seal(outcome.recording), striker.struck_s, striker.back_s, forged)
+    return FaultedRun(outcome, seal(outcome.recording), striker.begun_s, striker.back_s, forged)
 
 
 def _quiet(_done: int, _of: int) -> None:

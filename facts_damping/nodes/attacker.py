@@ -1,8 +1,8 @@
-"""forger: somebody else in the ROS domain, who says at each tick what would act, if it were let in.
+"""attacker: somebody else in the ROS domain, who says at each tick what would act, if it were let in.
 
 It hears what anybody hears, and publishes as if it were the plant, links, controllers and supervisors of a run: frames,
 setpoints at the limit, one way and the other, states that a supervisor judges by, and estimates. Where the run has keys
-it has them, too. A fault campaign starts it beside a graph (striking.py); nothing of what it says may act
+it has them, too. A fault campaign starts it beside a graph (fault_injection.py); nothing of what it says may act
 (docs/refusals.md).
 """
 
@@ -26,12 +26,12 @@ from facts_damping.case.names import (
     served,
     supervisor_addresses,
 )
-from facts_damping.nodes.node import HEARING, SAYING, Voice, run_node
+from facts_damping.nodes.node import PUBLISHER_QOS, SUBSCRIBER_QOS, NodeLog, run_node
 from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.publishers import PLANT
 from facts_damping.nodes.recorder import TICK_END
 from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.spinning import Spinner
+from facts_damping.nodes.spinner import Spinner
 from facts_damping.nodes.tables import FramesMessage, SetpointsMessage, start_of
 from facts_damping.signals import DELIVERY, SETPOINT
 
@@ -48,7 +48,7 @@ BEFORE_END_S = 1.0  # simulated time before the end in which it is silent: who l
 SWING = 0.02  # p.u. of speed and the like, in forged frames
 
 
-class Forger:
+class Attacker:
     """Says what others would say, a tick at a time."""
 
     def __init__(self, node: Node) -> None:
@@ -57,7 +57,7 @@ class Forger:
         ticks = descriptor("first tick of which it says something", "", 0, self.case.ticks)
         self.first = max(BEGUN, int(declare(node, "first", 0, ticks)))
         self.last = self.case.ticks - int(BEFORE_END_S * self.case.run.frame_rate)
-        self.node, self.voice = node, Voice(node)
+        self.node, self.log = node, NodeLog(node)
         self.tick, self.told, self.sent = -1, Counter[str](), Counter[str]()
         self.forged = forgeries(self.case, options.start_timeout)
         self.states: dict[str, tuple[type[Any], Callable[[Any], None]]] = {PLANT: (PlantState, of_plant)} | {
@@ -66,9 +66,9 @@ class Forger:
         for address in identifier_addresses(self.case).values():
             self.states[f"{address}/estimate"] = JacobianEstimate, of_identifier
         self.publishers: dict[str, Any] = {}
-        node.create_subscription(PmuDataFrame, FRAMES, self.on_frames, HEARING, raw=True)
+        node.create_subscription(PmuDataFrame, FRAMES, self.on_frames, SUBSCRIBER_QOS, raw=True)
         for topic, (kind, change) in self.states.items():
-            node.create_subscription(kind, topic, partial(self.on_state, topic, kind, change), HEARING, raw=True)
+            node.create_subscription(kind, topic, partial(self.on_state, topic, kind, change), SUBSCRIBER_QOS, raw=True)
         self.spinner = Spinner(node)
 
     def ready(self) -> None:
@@ -81,7 +81,7 @@ class Forger:
                 self.spinner.spin_once(0.1)
         finally:
             for topic, count in self.sent.items():
-                self.voice.line(f"sent {count} {topic}")
+                self.log.line(f"sent {count} {topic}")
 
     def on_frames(self, data: bytes) -> None:
         """Say what would act in a tick that begins."""
@@ -92,7 +92,7 @@ class Forger:
         if tick >= BEGUN and not self.publishers:
             kinds = {topic: PmuDataFrame if "pmu/" in topic else VoltageSetpoints for topic in self.forged}
             kinds |= {topic: kind for topic, (kind, _) in self.states.items()}
-            self.publishers = {t: self.node.create_publisher(kind, t, SAYING) for t, kind in kinds.items()}
+            self.publishers = {t: self.node.create_publisher(kind, t, PUBLISHER_QOS) for t, kind in kinds.items()}
         for topic, make in self.forged.items():
             self.say(topic, tick, partial(make, tick))
 
@@ -170,8 +170,8 @@ def of_identifier(message: Any) -> None:
 
 
 def main() -> None:
-    """Entry point of `python -m facts_damping.nodes.forger`."""
-    run_node("forger", Forger, "Somebody else in a graph's domain, who says what would act: for tests of refusals.")
+    """Entry point of `python -m facts_damping.nodes.attacker`."""
+    run_node("attacker", Attacker, "Somebody else in a graph's domain, who says what would act: for tests of refusals.")
 
 
 if __name__ == "__main__":

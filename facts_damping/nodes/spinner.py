@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import get_default_context
 
-from facts_damping.nodes.taking import take
+from facts_damping.nodes.raw_take import take
 from facts_damping.terminal import heeded
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-    from facts_damping.nodes.guard import Guard
+    from facts_damping.nodes.message_filter import MessageFilter
 
 REQUESTS_S = 0.05  # wall time between two looks for requests, and for whether the node was told to stop
 HEARD_S = 2.0  # wall time that a node that was stopped waits at most for its last messages to arrive
@@ -62,10 +62,10 @@ def check_wanted() -> None:
         raise Stopped
 
 
-class Guarded(Protocol):
+class Filtered(Protocol):
     """What a node is that lets in only what may act, as Member is."""
 
-    guard: Guard
+    message_filter: MessageFilter
 
     def look(self, last: bool = False) -> None:
         """Now and then: report what there is to be told."""
@@ -74,7 +74,7 @@ class Guarded(Protocol):
 class Spinner:
     """Waits for messages and requests of one node and calls their callbacks."""
 
-    def __init__(self, node: Node, member: Guarded | None = None) -> None:
+    def __init__(self, node: Node, member: Filtered | None = None) -> None:
         """Take over the node's subscriptions and services; none may be added later. `member`: of a graph, if any."""
         self._member = member
         self._subscriptions = [(s.handle.pointer, s) for s in node.subscriptions]
@@ -97,7 +97,7 @@ class Spinner:
         Requests are looked for now and then: waiting for them too would make every turn dearer.
         """
         self.serve()
-        if self._member is not None and self._member.guard.done():
+        if self._member is not None and self._member.message_filter.done():
             raise Stopped
         wait_set = self._messages
         wait_set.clear_entities()
@@ -141,13 +141,13 @@ class Spinner:
         ready = wait_set.get_ready_entities("service")
         for pointer, service in self._services if ready else ():
             if pointer in ready and not _answer(service) and self._member is not None:
-                self._member.guard.refuse(service.srv_name, "request")
+                self._member.message_filter.refuse(service.srv_name, "request")
         if self._member is not None:
             self._member.look()
 
     def remark(self) -> str:
-        """What the node's guard has to add to an error."""
-        return "" if self._member is None else self._member.guard.remark()
+        """What the node's message filter has to add to an error."""
+        return "" if self._member is None else self._member.message_filter.remark()
 
     def close(self) -> None:
         """Let go of all entities, with a last report."""

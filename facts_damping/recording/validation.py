@@ -57,7 +57,9 @@ def expected(configuration: Mapping[str, Any]) -> Expected:
     return Expected(names, rate, ticks)
 
 
-def sift(messages: dict[str, list[Block]], topics: Mapping[str, Sequence[str]], of: Expected, notes: list[str]) -> None:
+def drop_foreign(
+    messages: dict[str, list[Block]], topics: Mapping[str, Sequence[str]], of: Expected, notes: list[str]
+) -> None:
     """Leave out messages that are not of the run, which is told in `notes`; `topics`: by kind.
 
     Those of the plant come first: what they name, the others may name.

@@ -22,7 +22,7 @@ RESTS_ON = ("system", "devices", "profile")  # fields of a run that say which sc
 COLUMNS = {"scenario": "scenario", "controller": "kind", "network": "kind"}  # of the table, where it has no name
 
 
-def unfolded(study: Study, base: Base) -> Study:
+def expand_axis(study: Study, base: Base) -> Study:
     """The study with each axis over `every` as rows. Raises `InputError` where another axis sets what these rest on."""
     asked = [axis.every for axis in study.sweep if axis.every is not None]
     if not asked:
@@ -44,7 +44,7 @@ def _rows(axis: Axis, system: str, case: Case) -> Axis:
     if axis.every == "scenario":
         rows = {name: {"scenario": name} for name in scenarios(system)}
     else:
-        rows = contenders(system, case) if axis.every == "controller" else networks()
+        rows = candidates(system, case) if axis.every == "controller" else networks()
     return Axis(name=axis.name or COLUMNS[axis.every], labels=list(rows), rows=list(rows.values()))
 
 
@@ -72,7 +72,7 @@ def _is_scenario(path: Path) -> bool:
         return False
 
 
-def contenders(system: str, case: Case) -> dict[str, dict[str, Any]]:
+def candidates(system: str, case: Case) -> dict[str, dict[str, Any]]:
     """What makes a run one of no control, of each controller of the table and scheme: fields of the run, by name.
 
     Each takes as many of a controller's signals as it can. LLC-tuned is left out where it is not tuned for them.

@@ -18,19 +18,19 @@ from facts_damping.nodes.cdr import Refused
 from facts_damping.nodes.messages import run_state
 from facts_damping.nodes.node import (
     DEPTH,
-    HEARING,
-    HEARING_LATE,
+    LATCHED_SUBSCRIBER_QOS,
     STATE,
+    SUBSCRIBER_QOS,
     TOPIC,
-    Voice,
-    rest,
+    NodeLog,
+    pause_briefly,
     wait_for_peers,
 )
-from facts_damping.nodes.publishers import PLANT, SILENT_S, Heard, Publishers
+from facts_damping.nodes.publishers import PLANT, SILENT_S, Publishers, TopicState
+from facts_damping.nodes.raw_take import take
 from facts_damping.nodes.refusals import Refusals
-from facts_damping.nodes.spinning import BeginAgain
+from facts_damping.nodes.spinner import BeginAgain
 from facts_damping.nodes.tables import start_of
-from facts_damping.nodes.taking import take
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,7 +49,7 @@ LOOK_S = 0.5  # wall time between two looks at who is there
 QUIET_S = 0.5  # wall time without a message after which nothing more comes of a run that has ended
 
 
-class Guard:
+class MessageFilter:
     """Subscribes for a node, and lets through what may act."""
 
     def __init__(
@@ -68,7 +68,7 @@ class Guard:
         `peer`: the node is one of its graph; else it only listens, and nobody waits for it. `leads`: it begins the run.
         """
         self.node, self.heard = node, time.monotonic()  # when something was last let through
-        self.voice, self._leads = Voice(node), leads
+        self.log, self._leads = NodeLog(node), leads
         self.over = False  # whether the plant has said that the run has ended
         self._rate, self._options = case.run.frame_rate, options
         self._last = sys.maxsize if options.free else case.ticks - 1  # tick that the run has at most
@@ -90,7 +90,7 @@ class Guard:
         common: bool = False,
         plant: bool = False,
         leads: bool = False,
-        qos: QoSProfile = HEARING,
+        qos: QoSProfile = SUBSCRIBER_QOS,
     ) -> None:
         """Listen to a topic; `common`: all nodes of the graph may speak there; `plant`: it alone is heard.
 
@@ -99,7 +99,7 @@ class Guard:
         tick that it may be of. `begins`: whether a message is the first of a run: its publisher is this graph's.
         `leads`: its ticks are the run's.
         """
-        heard = Heard(self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads)
+        heard = TopicState(self.node.resolve_topic_name(topic), read, newest, use, begins, common, plant, leads)
         self.who.topics.append(heard)
 
         def take(data: bytes, information: Any) -> bool:
@@ -115,7 +115,13 @@ class Guard:
         """
         self.who.know_plant(topic)
         self.subscribe(
-            RunState, f"{self._graph}{STATE}", self.on_run, run_state, common=True, plant=True, qos=HEARING_LATE
+            RunState,
+            f"{self._graph}{STATE}",
+            self.on_run,
+            run_state,
+            common=True,
+            plant=True,
+            qos=LATCHED_SUBSCRIBER_QOS,
         )
 
     def on_run(self, state: int, in_synchronism: bool, reason: str) -> None:
@@ -124,13 +130,13 @@ class Guard:
             return
         self.over, text = True, " ".join(reason.split())
         if in_synchronism:
-            self.voice.info(f"the run has ended: {text}")
+            self.log.info(f"the run has ended: {text}")
         else:
-            self.voice.alarm(text)
+            self.log.error(text)
 
     def done(self) -> bool:
         """Whether the run has ended and nothing more comes: then a node ends, if nobody supervises it."""
-        if self._options.free or self.voice.lines or not self.over:
+        if self._options.free or self.log.lines or not self.over:
             return False
         return time.monotonic() - self.heard > QUIET_S
 
@@ -140,7 +146,7 @@ class Guard:
         if self.over or now - self._looked_at < LOOK_S:
             return
         self._looked_at = now
-        newest: dict[str, Heard] = {}  # topic of each node by which something has come last
+        newest: dict[str, TopicState] = {}  # topic of each node by which something has come last
         for heard in sorted(self.who.topics, key=lambda one: one.at):
             if heard.publisher is not None and not heard.common and heard.tick >= 0:
                 newest[self.who.name(heard.topic, heard.publisher)] = heard
@@ -149,11 +155,11 @@ class Guard:
             gone = silent and self.node.count_publishers(heard.topic) == 0
             if not silent and not self._there.get(name):
                 self._there[name] = True
-                self.voice.info(f"{name} has joined: tick {heard.tick} of {heard.topic}")
+                self.log.info(f"{name} has joined: tick {heard.tick} of {heard.topic}")
             elif self._there.get(name) and (gone or (silent and others)):
                 self._there[name] = False
                 what = "has left" if gone else "is silent"
-                self.voice.warn(f"{name} {what}: nothing of {heard.topic} after tick {heard.tick}")
+                self.log.warning(f"{name} {what}: nothing of {heard.topic} after tick {heard.tick}")
 
     def wait_for_peers(self, expected: dict[Publisher[Any], int], serve: Callable[[], None]) -> None:
         """Wait until the graph is there (node.py); whose its topics are is known from then on.
@@ -169,7 +175,7 @@ class Guard:
         if self._options.late or (self._options.paced and self._leads):
             until = time.monotonic() + (NOTICED_S if self._options.join else FOUND_S)
             while time.monotonic() < until:
-                rest(serve)
+                pause_briefly(serve)
         self.who.know()
         if self._options.late:
             self._skip()
@@ -202,7 +208,7 @@ class Guard:
             for publisher in heard.sequences
         }
 
-    def take(self, heard: Heard, data: bytes, information: dict[str, Any]) -> bool:
+    def take(self, heard: TopicState, data: bytes, information: dict[str, Any]) -> bool:
         """Take a message; whether it was let through."""
         publisher: bytes = information["publisher_gid"]["data"]
         if heard.plant and not self.who.is_plant(publisher):
@@ -229,7 +235,7 @@ class Guard:
         heard.use(*message)
         return True
 
-    def _count(self, heard: Heard, publisher: bytes, sequence: int | None) -> None:
+    def _count(self, heard: TopicState, publisher: bytes, sequence: int | None) -> None:
         """Refuse a message that its publisher sent before one that has come; count those that did not come."""
         if sequence is None:  # not every middleware counts
             return
@@ -242,7 +248,7 @@ class Guard:
             heard.lost[publisher] += sequence - newest - 1
         heard.sequences[publisher] = sequence
 
-    def _check_tick(self, heard: Heard, tick: int, publisher: bytes) -> None:
+    def _check_tick(self, heard: TopicState, tick: int, publisher: bytes) -> None:
         """Refuse a tick that is not the next one; by the clock as many may be missing as that allows.
 
         Who does not begin with tick 0 is of another graph, that was there before: then the publisher is unknown again.

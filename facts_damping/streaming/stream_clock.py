@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from facts_damping.streaming.alignment import Aligned, Alignment, Said
+from facts_damping.streaming.alignment import AlignedFrame, Alignment, StationReport
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ class Tick(NamedTuple):
     """A tick that is over."""
 
     number: int
-    said: Aligned | None  # none: nothing has come
+    said: AlignedFrame | None  # none: nothing has come
 
 
 class Following:
@@ -41,7 +41,7 @@ class Following:
         self._least_s = -math.inf  # it was not due before
         self._off_s = math.inf  # since when all instants have been out of time
 
-    def put(self, instant: int, said: Said, now_s: float) -> None:
+    def put(self, instant: int, said: StationReport, now_s: float) -> None:
         """Take what is said of an instant."""
         if self.first is None:
             self._begin(instant, now_s)

@@ -9,7 +9,7 @@ from facts_damping.errors import InputError
 from facts_damping.parameters.blocks import MODELS, TABLES
 from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check
-from facts_damping.plant.build import strains
+from facts_damping.plant.build import limit_violations
 
 WIDER = 0.1  # of the value at the start, by which a limit is moved beyond it
 MOST = 5  # times, as one limit may follow from another
@@ -22,7 +22,7 @@ def widened(content: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
     """
     made, notes = deepcopy(content), list[str]()
     for _ in range(MOST):
-        found = strains(check(System, made, "import"))
+        found = limit_violations(check(System, made, "import"))
         if not found:
             return made, notes
         for strain in found:
