@@ -112,7 +112,7 @@ pages: demo
 # Both are for this Python, this kind of processor and this distribution of ROS 2. `make demo` takes the messages' wheel
 # where it fits, and then needs no compiler.
 wheel: setup
-	@$(BIN)/python -m facts_damping.nodes.warmup --ship
+	@$(BIN)/python -m facts_damping.nodes.base.warmup --ship
 	@rm -rf dist build && mkdir dist
 	@$(INSTALL:install=wheel) --no-deps --wheel-dir dist . ; status=$$?; rm -rf facts_damping/compiling/objects build; exit $$status
 	@$(INSTALL:install=wheel) --no-build-isolation --no-deps --wheel-dir dist ./msg_defs
@@ -166,7 +166,7 @@ $(VENV)/.messages: $(MESSAGES) setup.py | $(VENV)/.package
 
 $(VENV)/.warm: $(SOURCES) $(VENV)/.package
 	$(SAY) "set-up: compiling the numerical kernels"
-	@$(BIN)/python -m facts_damping.nodes.warmup
+	@$(BIN)/python -m facts_damping.nodes.base.warmup
 	@touch $@
 
 $(VENV)/.tools: $(METADATA) $(VENV)/.messages

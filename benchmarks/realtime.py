@@ -12,7 +12,7 @@ import psutil
 from facts_damping.analysis import releases
 from facts_damping.analysis.latency import frames_lost
 from facts_damping.case.loading import load_case
-from facts_damping.nodes import graph
+from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 
 SECONDS = float(os.environ.get("REALTIME_S", "60"))

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes.signing import Seal, Signing
-from facts_damping.nodes.tables import FramesMessage
+from facts_damping.nodes.transport.signing import Seal, Signing
+from facts_damping.nodes.transport.tables import FramesMessage
 from facts_damping.signals import DELIVERY
 
 if TYPE_CHECKING:

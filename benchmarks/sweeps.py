@@ -25,8 +25,8 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.analysis.verdict import judge
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
-from facts_damping.studies import batch, sweep
-from facts_damping.studies.pool import workers
+from facts_damping.studies.sweeps import batch, sweep
+from facts_damping.studies.sweeps.pool import workers
 from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import pytest
 
 from facts_damping.api.cases import case_of
 from facts_damping.api.results import Result, load_recording
-from facts_damping.nodes import graph
+from facts_damping.nodes.launching import graph
 from facts_damping.nodes.loopback import opening
 
 if TYPE_CHECKING:

@@ -25,8 +25,8 @@ from facts_damping.case.names import (
 )
 from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
-from facts_damping.nodes.commands import command
-from facts_damping.nodes.warmup import compile_once
+from facts_damping.nodes.base.warmup import compile_once
+from facts_damping.nodes.launching.commands import command
 from facts_damping.parameters.files import read_value
 from launch import LaunchContext, LaunchDescription
 

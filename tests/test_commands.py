@@ -25,7 +25,8 @@ import pytest
 from facts_damping.cli.commands import parser
 from facts_damping.cli.main import DEGRADED, main
 from facts_damping.nodes.loopback.opening import opened
-from facts_damping.studies import search, sweep, tune
+from facts_damping.studies.search import search, tune
+from facts_damping.studies.sweeps import sweep
 from tests.andes_cases import WHEEL
 
 if TYPE_CHECKING:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("facts_damping.nodes.packing", "facts_damping.environment.many", "facts_damping.simulation.loop")
+ROOMS = ("facts_damping.nodes.transport.packing", "facts_damping.environment.many", "facts_damping.simulation.loop")
 # What the C library may do for kernels: one IEEE operation, or moving memory.
 EXACT = {"ceil", "floor", "memcpy", "memmove", "memset", "rint", "trunc"}
 # Compiled for more than one combination of types, on purpose: real and complex matrices, frames and setpoints.
@@ -126,7 +126,7 @@ def test_a_struct_takes_its_types_alone() -> None:
         Points(Bare(np.zeros(1)), Table([]), True)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="Point: x, weight given; allowed: x, weight, count"):
         Point(np.zeros(1), 1.0)  # type: ignore[call-arg]
-    with pytest.raises(TypeError, match=r"halves: .* given; allowed: a Loop"):
+    with pytest.raises(TypeError, match=r"run_half_ticks: .* given; allowed: a Loop"):
         run_half_ticks(point, 0, 1)
     with pytest.raises(TypeError, match="3 arguments"):
         run_half_ticks(point, 0)
@@ -196,7 +196,7 @@ def test_of_an_entry_point_that_is_called_types_count_alone() -> None:
         ("facts_damping.plant.governor", {"derivatives", "measure"}),
         ("facts_damping.link.chain", {"uplink", "downlink"}),
         ("facts_damping.neurofuzzy.consequent", {"forward", "by_inputs"}),
-        ("facts_damping.supervision.monitors", {"_hear", "_judge"}),
+        ("facts_damping.supervision.monitors", {"_take_frames", "_judge"}),
     ],
 )
 def test_a_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]) -> None:
@@ -206,7 +206,7 @@ def test_a_change_in_a_room_compiles_that_room(changed: str, concerned: set[str]
         if any(name.startswith(f"{changed}.") for name in keys._walk(entry).functions):
             found.add(symbol.rpartition(".")[2])
     assert concerned <= found
-    assert not found & {"halves", "control_step", "advance", "observe", "go_on"}
+    assert not found & {"run_half_ticks", "control_step", "advance", "measure_with_pmus", "advance_with_pmus"}
 
 
 def test_nothing_is_compiled_twice_for_types_that_differ_by_accident() -> None:

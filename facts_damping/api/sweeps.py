@@ -15,16 +15,16 @@ from facts_damping.extras import library
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
-from facts_damping.studies import sweep as studies
-from facts_damping.studies import sweep_plots
-from facts_damping.studies.pool import refuse_within
-from facts_damping.studies.results import cell, sweep_tables
+from facts_damping.studies.sweeps import sweep as studies
+from facts_damping.studies.sweeps import sweep_plots
+from facts_damping.studies.sweeps.pool import refuse_within
+from facts_damping.studies.sweeps.results import cell, sweep_tables
 from facts_damping.terminal import Progress, table
 
 if TYPE_CHECKING:
     from os import PathLike
 
-    from facts_damping.studies.sweep import Plan
+    from facts_damping.studies.sweeps.sweep import Plan
 
 SHOWN = 20  # runs, in a notebook
 

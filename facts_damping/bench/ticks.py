@@ -44,7 +44,7 @@ class Rate(NamedTuple):
 
 def ours(run: str | None = None, seconds: float = SECONDS) -> float:
     """Ticks a second of a run, by default the lightest, between first and last frame: start and end not counted."""
-    from facts_damping.nodes import graph  # noqa: PLC0415 (it needs ROS, the other programs do not)
+    from facts_damping.nodes.launching import graph  # noqa: PLC0415 (it needs ROS, the other programs do not)
 
     with TemporaryDirectory() as folder:
         outcome = graph.run(load_case(run, [f"duration={seconds}"]), "lockstep", Path(folder), lambda *_: None)

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from facts_damping.case.model import Case
-    from facts_damping.nodes.fault_injection import FaultedRun
+    from facts_damping.nodes.launching.fault_injection import FaultedRun
     from facts_damping.signals import Record
-    from facts_damping.studies.campaign import Draw, Plan
+    from facts_damping.studies.campaigns.campaign import Draw, Plan
     from facts_damping.terminal import Progress
 
 JOURNAL, FOLDER = "graphs.jsonl", "graphs"
@@ -39,8 +39,8 @@ def graphs(made: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict
     Graphs for which something does not hold are kept below `folder`, and their runs written as files. Raises
     `InputError` where the folder is another campaign's, `RunError` where the graphs cannot go on.
     """
-    from facts_damping.studies import campaign
-    from facts_damping.studies.journal import Journal
+    from facts_damping.studies.campaigns import campaign
+    from facts_damping.studies.sweeps.journal import Journal
 
     clean_up_first()
     count, place, ended = made.campaign.graphs, new_folder(folder), Event()
@@ -66,7 +66,7 @@ def graphs(made: Plan, folder: Path, jobs: int, progress: Progress) -> list[dict
 
 def holds(row: dict[str, Any]) -> bool:
     """Whether all holds for a graph that must."""
-    from facts_damping.studies import campaign_pages
+    from facts_damping.studies.campaigns import campaign_pages
 
     return campaign_pages.holds(row)
 
@@ -76,7 +76,7 @@ def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool])
 
     Each in a thread: graphs run in processes of their own, and share the one that nodes are copies of.
     """
-    from facts_damping.studies import campaign
+    from facts_damping.studies.campaigns import campaign
 
     row: dict[str, Any] = {"number": number, "graph": True, "error": None}
     own = folder / FOLDER / str(number)
@@ -96,9 +96,10 @@ def one_graph(made: Plan, folder: Path, number: int, wanted: Callable[[], bool])
 
 def _struck(made: Plan, drawn: Draw, folder: Path, wanted: Callable[[], bool]) -> dict[str, Any]:
     """A graph of a draw in a domain of its own, beside the same in process and beside no control."""
-    from facts_damping.nodes import fault_injection
-    from facts_damping.studies import batch, campaign, faults
-    from facts_damping.studies.invariants import late_ticks
+    from facts_damping.nodes.launching import fault_injection
+    from facts_damping.studies.campaigns import campaign, faults
+    from facts_damping.studies.campaigns.invariants import late_ticks
+    from facts_damping.studies.sweeps import batch
 
     real, lasts = faults.FAULTS[drawn.fault].real, drawn.chosen["lasts"]
     fault = fault_injection.GraphFault(real, drawn.start, float(lasts) if lasts else None)

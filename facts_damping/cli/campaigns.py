@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 def campaign(arguments: argparse.Namespace) -> None:
     """Draws of what may fail in a deployment: what holds for each; those for which it does not are run files."""
-    from facts_damping.studies import campaign as study
-    from facts_damping.studies import campaign_pages as pages
-    from facts_damping.studies import results
+    from facts_damping.studies.campaigns import campaign as study
+    from facts_damping.studies.campaigns import campaign_pages as pages
+    from facts_damping.studies.sweeps import results
 
     made = study.plan(arguments.campaign, arguments.set, arguments.draws, arguments.graphs)
     folder = Path(arguments.out) if arguments.out is not None else Path("results") / made.name

@@ -12,7 +12,7 @@ from facts_damping.analysis.summary import table
 from facts_damping.case import loading
 from facts_damping.cli import runs
 from facts_damping.errors import FactsDampingError, one_line
-from facts_damping.nodes import graph
+from facts_damping.nodes.launching import graph
 from facts_damping.recording import seal
 from facts_damping.terminal import Progress, note, show
 

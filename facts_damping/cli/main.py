@@ -105,7 +105,7 @@ def _do(arguments: argparse.Namespace) -> None:
         os.environ[VERBOSE] = "1"  # of nodes and workers, too
     files.check_writable(arguments.json)
     if getattr(arguments, "nodes", False):
-        from facts_damping.nodes import forked
+        from facts_damping.nodes.launching import forked
 
         forked.load()  # what nodes need, while this process loads what it needs itself
     draws = hasattr(arguments, "width")

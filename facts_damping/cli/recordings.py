@@ -119,7 +119,7 @@ def _in_process(
 
 def _by_nodes(arguments: argparse.Namespace, case: Case, played: Record, folder: Path | None) -> tuple[Played, str]:
     """What the nodes say, and the recording of the graph."""
-    from facts_damping.nodes import graph
+    from facts_damping.nodes.launching import graph
     from facts_damping.recording import seal
 
     if played.ticks[0] > 0:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Mapping, Sequence
 
-    from facts_damping.nodes.graph import Outcome
+    from facts_damping.nodes.launching.graph import Outcome
     from facts_damping.signals import Record
     from facts_damping.simulation.policies import StepTimes
 
@@ -157,7 +157,7 @@ def simulate(arguments: argparse.Namespace) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """The same loop as a ROS 2 graph."""
     from facts_damping.analysis import plots, summary  # noqa: F401 (while what nodes need is loaded, too)
-    from facts_damping.nodes import graph
+    from facts_damping.nodes.launching import graph
 
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     loop.build_loop(case, outside=True)  # bad input is refused before anything starts

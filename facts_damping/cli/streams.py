@@ -87,7 +87,7 @@ def pmu_listen(arguments: argparse.Namespace) -> None:
 
 def _in_shadow(arguments: argparse.Namespace) -> None:
     """The nodes of a run but for its plant, for which streams stand; they are recorded."""
-    from facts_damping.nodes import graph
+    from facts_damping.nodes.launching import graph
 
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
     if case.supervision is not None:  # its supervisors stay in shadow

@@ -13,18 +13,18 @@ from facts_damping.parameters import files
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
-from facts_damping.studies.batch import make
+from facts_damping.studies.sweeps.batch import make
 from facts_damping.terminal import Progress, clean_up_first, write_json, write_whole
 
 if TYPE_CHECKING:
     import argparse
 
-    from facts_damping.studies.sweep import Plan
+    from facts_damping.studies.sweeps.sweep import Plan
 
 
 def tune(arguments: argparse.Namespace) -> None:
     """Choose the controllers' parameters on a system's training scenario, all by the same search and budget."""
-    from facts_damping.studies import tune as study
+    from facts_damping.studies.search import tune as study
 
     files.check_writable(arguments.out, "--out")
     progress = Progress("tune", "controllers")
@@ -47,8 +47,8 @@ def tune(arguments: argparse.Namespace) -> None:
 
 def design(arguments: argparse.Namespace) -> None:
     """Rank places of devices and signals by residue, and design a lead-lag controller for a mode."""
-    from facts_damping.studies import design as study
-    from facts_damping.studies import design_pages as pages
+    from facts_damping.studies.design import design as study
+    from facts_damping.studies.design import design_pages as pages
 
     task = study.Task(
         arguments.system,
@@ -87,9 +87,9 @@ def design(arguments: argparse.Namespace) -> None:
 
 def search(arguments: argparse.Namespace) -> None:
     """Choose a controller and its parameters on training cases alone: all pairs, schemes, devices, compensations."""
-    from facts_damping.studies import search as study
-    from facts_damping.studies import search_pages as pages
-    from facts_damping.studies.tune import document
+    from facts_damping.studies.search import search as study
+    from facts_damping.studies.search import search_pages as pages
+    from facts_damping.studies.search.tune import document
 
     files.check_writable(arguments.out, "--out")
     files.check_writable(arguments.lead_lag, "--lead-lag")
@@ -125,8 +125,8 @@ def search(arguments: argparse.Namespace) -> None:
 
 def sweep(arguments: argparse.Namespace) -> None:
     """Many runs of a study in parallel: a table, delay margins, pictures; goes on where it was interrupted."""
-    from facts_damping.studies import point_figures, results, sweep_plots, tables
-    from facts_damping.studies import sweep as study
+    from facts_damping.studies.sweeps import point_figures, results, sweep_plots, tables
+    from facts_damping.studies.sweeps import sweep as study
 
     sets = [*([f"profile={arguments.profile}"] if arguments.profile else []), *arguments.set]
     plan = study.plan(arguments.study, sets, arguments.only, check_step=arguments.check_step)
@@ -193,9 +193,9 @@ def _report(arguments: argparse.Namespace, plan: Plan) -> None:
 
 def margin(arguments: argparse.Namespace) -> None:
     """The delay margin of a loop with linear controllers, and its modes over the delay."""
-    from facts_damping.studies import linear_margin as study
-    from facts_damping.studies import linear_margin_pages as pages
-    from facts_damping.studies.linear_margin_runs import beside
+    from facts_damping.studies.margins import linear_margin as study
+    from facts_damping.studies.margins import linear_margin_pages as pages
+    from facts_damping.studies.margins.linear_margin_runs import beside
 
     case, runs = loading.load_case(arguments.run, arguments.set), None
     progress = Progress("margin", "delays")

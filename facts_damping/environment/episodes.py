@@ -21,8 +21,8 @@ from facts_damping.parameters.run import Controller, Run
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation import loop
 from facts_damping.simulation.policies import check
-from facts_damping.studies import sweep
-from facts_damping.studies.batch import fresh_loop
+from facts_damping.studies.sweeps import sweep
+from facts_damping.studies.sweeps.batch import fresh_loop
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

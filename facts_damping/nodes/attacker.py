@@ -26,13 +26,13 @@ from facts_damping.case.names import (
     served,
     supervisor_addresses,
 )
+from facts_damping.nodes.admission.publishers import PLANT
+from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.base.spinner import Spinner
 from facts_damping.nodes.node import PUBLISHER_QOS, SUBSCRIBER_QOS, NodeLog, run_node
-from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
-from facts_damping.nodes.publishers import PLANT
 from facts_damping.nodes.recorder import TICK_END
-from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.spinner import Spinner
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage, start_of
+from facts_damping.nodes.transport.signing import seal, signing
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage, start_of
 from facts_damping.signals import DELIVERY, SETPOINT
 
 if TYPE_CHECKING:

@@ -15,16 +15,16 @@ from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState
 
 from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import InputError, RunError
-from facts_damping.nodes import stamps
-from facts_damping.nodes.asyncio_thread import AsyncioThread
-from facts_damping.nodes.clock import SimulatedClock
-from facts_damping.nodes.member import PLANT, Member
-from facts_damping.nodes.messages import Health, PlantStateMessage, run_done, run_stopped, state_message
+from facts_damping.nodes.base.asyncio_thread import AsyncioThread
+from facts_damping.nodes.base.clock import SimulatedClock
+from facts_damping.nodes.base.member import PLANT, Member
+from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options, read_stamp
+from facts_damping.nodes.base.spinner import Stopped, check_wanted
 from facts_damping.nodes.node import LATCHED, PUBLISHER_QOS, STATE, finish, run_node
-from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options, read_stamp
-from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.spinner import Stopped, check_wanted
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.nodes.transport import stamps
+from facts_damping.nodes.transport.messages import Health, PlantStateMessage, run_done, run_stopped, state_message
+from facts_damping.nodes.transport.signing import seal, signing
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.parameters.streams import read_streams
 from facts_damping.signals import DEVICE_TRUTH, FLAGS, MACHINE_TRUTH, NANOSECONDS, REFUSED
 from facts_damping.simulation.measured_plant import tick_ns

@@ -10,14 +10,14 @@ from facts_damping_msgs.msg import PmuDataFrame
 
 from facts_damping.case.names import link_addresses
 from facts_damping.errors import InputError
-from facts_damping.nodes import stamps
-from facts_damping.nodes.asyncio_thread import AsyncioThread
-from facts_damping.nodes.message_filter import MessageFilter
+from facts_damping.nodes.admission.message_filter import MessageFilter
+from facts_damping.nodes.base.asyncio_thread import AsyncioThread
+from facts_damping.nodes.base.parameters import Options, declare, descriptor, read_case
+from facts_damping.nodes.base.spinner import Spinner
 from facts_damping.nodes.node import run_node
-from facts_damping.nodes.parameters import Options, declare, descriptor, read_case
-from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.spinner import Spinner
-from facts_damping.nodes.tables import FramesMessage
+from facts_damping.nodes.transport import stamps
+from facts_damping.nodes.transport.signing import seal, signing
+from facts_damping.nodes.transport.tables import FramesMessage
 from facts_damping.signals import NANOSECONDS
 from facts_damping.streaming import serving
 from facts_damping.streaming.concentrator import WAIT_S, Concentrator

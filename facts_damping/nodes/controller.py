@@ -15,15 +15,15 @@ from facts_damping.case.names import (
 )
 from facts_damping.control.bank import act, set_estimate
 from facts_damping.control.table import kind_of
-from facts_damping.nodes.live_parameters import declare_settings
-from facts_damping.nodes.member import CONTROLLER, Member
-from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates, Health
+from facts_damping.nodes.base.live_parameters import declare_settings
+from facts_damping.nodes.base.member import CONTROLLER, Member
+from facts_damping.nodes.base.parameters import read_case, read_index, read_options
+from facts_damping.nodes.base.weights_file import WeightsFile
 from facts_damping.nodes.node import PUBLISHER_QOS, graph_prefix, run_node
-from facts_damping.nodes.parameters import read_case, read_index, read_options
-from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.nodes.transport.messages import ControllerStateMessage, Estimate, Estimates, Health
+from facts_damping.nodes.transport.signing import seal, signing
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
-from facts_damping.nodes.weights_file import WeightsFile
 from facts_damping.simulation.adapted_weights import adapted
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.loop import setpoint_buffer

@@ -15,7 +15,7 @@ def _start(node: str, *, computes: bool = True) -> None:
         signal.signal(number, lambda *_: os._exit(0))  # until the node takes them: nothing is there to clean up
     signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTIONS)  # a launch has them wait until here
     if computes:
-        importlib.import_module("facts_damping.nodes.warmup").compile_once()
+        importlib.import_module("facts_damping.nodes.base.warmup").compile_once()
     importlib.import_module(f"facts_damping.nodes.{node}").main()
 
 

@@ -9,15 +9,15 @@ from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoi
 
 from facts_damping.case.names import acting, identifier_addresses, link_addresses, speakers
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
-from facts_damping.nodes.live_parameters import declare_settings
-from facts_damping.nodes.member import IDENTIFIER, Member
-from facts_damping.nodes.messages import Estimates
+from facts_damping.nodes.base.live_parameters import declare_settings
+from facts_damping.nodes.base.member import IDENTIFIER, Member
+from facts_damping.nodes.base.parameters import read_case, read_index, read_options
+from facts_damping.nodes.base.weights_file import WeightsFile
 from facts_damping.nodes.node import PUBLISHER_QOS, graph_prefix, run_node
-from facts_damping.nodes.parameters import read_case, read_index, read_options
-from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.nodes.transport.messages import Estimates
+from facts_damping.nodes.transport.signing import seal, signing
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.nodes.unit_delay import UnitDelay
-from facts_damping.nodes.weights_file import WeightsFile
 from facts_damping.signals import ESTIMATE
 from facts_damping.simulation.adapted_weights import adapted
 from facts_damping.simulation.build import build_control

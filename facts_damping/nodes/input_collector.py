@@ -11,8 +11,8 @@ from facts_damping.errors import RunError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from facts_damping.nodes.parameters import Options
-    from facts_damping.nodes.spinner import Spinner
+    from facts_damping.nodes.base.parameters import Options
+    from facts_damping.nodes.base.spinner import Spinner
 
 AWAITED = 3  # ticks: by the clock, who has said nothing for longer is not waited for until it speaks again
 PATIENCE = 0.9  # share of the time-out: after those who wait for others, before those who wait for this node

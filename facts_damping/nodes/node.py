@@ -20,9 +20,9 @@ from rclpy.signals import SignalHandlerOptions
 from facts_damping.errors import FactsDampingError, InputError, RunError, one_line, traced
 from facts_damping.escaping import escaped
 from facts_damping.input_files import naming_no_files
-from facts_damping.nodes.exit_watchdog import end_after
-from facts_damping.nodes.parameters import accept_whole_numbers, check_declared, declare, descriptor, usage
-from facts_damping.nodes.spinner import HEARD_S, BeginAgain, Stopped, check_wanted, stop_by_signals
+from facts_damping.nodes.base.exit_watchdog import end_after
+from facts_damping.nodes.base.parameters import accept_whole_numbers, check_declared, declare, descriptor, usage
+from facts_damping.nodes.base.spinner import HEARD_S, BeginAgain, Stopped, check_wanted, stop_by_signals
 from facts_damping.terminal import INTERRUPTIONS
 
 if TYPE_CHECKING:
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
     from facts_damping.case.names import Address
-    from facts_damping.nodes.parameters import Options
-    from facts_damping.nodes.spinner import Spinner
+    from facts_damping.nodes.base.parameters import Options
+    from facts_damping.nodes.base.spinner import Spinner
 
 # Only the emulated link loses data: reliable, and a reader keeps all that it has not taken. A publisher keeps so many
 # messages for readers that are late: who stops reading for longer misses some, and holds nobody up.

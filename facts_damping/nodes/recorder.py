@@ -18,14 +18,14 @@ from facts_damping.case.names import (
     supervisor_addresses,
 )
 from facts_damping.control.table import kind_of
-from facts_damping.nodes.cdr import Refused
-from facts_damping.nodes.member import RECORDER, Member
-from facts_damping.nodes.messages import Health, run_state
+from facts_damping.nodes.admission.publishers import PLANT
+from facts_damping.nodes.base.member import RECORDER, Member
+from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.base.spinner import HEARD_S, BeginAgain, told_to_stop
 from facts_damping.nodes.node import CHANGES, LATCHED_SUBSCRIBER_QOS, STATE, SUBSCRIBER_QOS, run_node
 from facts_damping.nodes.node import TOPIC as REFUSED
-from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
-from facts_damping.nodes.publishers import PLANT
-from facts_damping.nodes.spinner import HEARD_S, BeginAgain, told_to_stop
+from facts_damping.nodes.transport.cdr import Refused
+from facts_damping.nodes.transport.messages import Health, run_state
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.simulated import stamp_ns
 from facts_damping.recording.writer import RecordingWriter

@@ -19,12 +19,18 @@ from facts_damping.case.names import (
     supervisor_names,
 )
 from facts_damping.errors import RunError
-from facts_damping.nodes.member import PLANT, Member
-from facts_damping.nodes.messages import PlantStateMessage, grid_event, run_done, state_message, synchronism_lost
+from facts_damping.nodes.base.member import PLANT, Member
+from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.base.spinner import check_wanted
 from facts_damping.nodes.node import LATCHED, PUBLISHER_QOS, STATE, finish, run_node
-from facts_damping.nodes.parameters import declare, descriptor, read_case, read_options
-from facts_damping.nodes.spinner import check_wanted
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.nodes.transport.messages import (
+    PlantStateMessage,
+    grid_event,
+    run_done,
+    state_message,
+    synchronism_lost,
+)
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.recording.reader import load
 from facts_damping.simulation.measured_plant import entries
 from facts_damping.simulation.replay import acted, fitted

@@ -11,9 +11,9 @@ from rcl_interfaces.msg import SetParametersResult
 from std_srvs.srv import Trigger
 
 from facts_damping.errors import InputError, one_line
-from facts_damping.nodes.messages import state_message
+from facts_damping.nodes.base.parameters import declare, descriptor
 from facts_damping.nodes.node import LATCHED, STATE
-from facts_damping.nodes.parameters import declare, descriptor
+from facts_damping.nodes.transport.messages import state_message
 from facts_damping.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.parameter import Parameter
 
+    from facts_damping.nodes.base.member import Member
+    from facts_damping.nodes.base.spinner import Spinner
     from facts_damping.nodes.live_plant import LivePlant
-    from facts_damping.nodes.member import Member
-    from facts_damping.nodes.spinner import Spinner
 
 REMIND_S = 0.4  # wall time between two reports of a pause: less than that after which others say that nothing comes
 

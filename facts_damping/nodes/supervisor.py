@@ -35,14 +35,19 @@ from facts_damping.monitor_table import (
     TRIPPED,
     cause_name,
 )
+from facts_damping.nodes.admission.publishers import PLANT as PLANT_STATE
+from facts_damping.nodes.base.member import SUPERVISOR, Member
+from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.input_collector import InputCollector
-from facts_damping.nodes.member import SUPERVISOR, Member
-from facts_damping.nodes.messages import ControllerStateMessage, Health, PlantStateMessage, SupervisorStateMessage
 from facts_damping.nodes.node import PUBLISHER_QOS, graph_prefix, run_node
-from facts_damping.nodes.parameters import read_case, read_index, read_options
-from facts_damping.nodes.publishers import PLANT as PLANT_STATE
-from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.nodes.transport.messages import (
+    ControllerStateMessage,
+    Health,
+    PlantStateMessage,
+    SupervisorStateMessage,
+)
+from facts_damping.nodes.transport.signing import seal, signing
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import DEVICE_TRUTH, NANOSECONDS, SETPOINT, SUPERVISION
 from facts_damping.simulation.build import build_supervisors
 from facts_damping.simulation.loop import setpoint_buffer
@@ -56,7 +61,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from facts_damping.nodes.signing import Signing
+    from facts_damping.nodes.transport.signing import Signing
 
 LEVELS = {ARMED: DiagnosticStatus.OK, TRIPPED: DiagnosticStatus.ERROR}  # of others: WARN
 FROM = {ARM: (SHADOW,), DISARM: (SHADOW, ARMED, FALLBACK, TRIPPED), RESET: (DISARMED, TRIPPED), PROBE: (SHADOW,)}

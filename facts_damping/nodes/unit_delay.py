@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from facts_damping.errors import RunError
-from facts_damping.nodes.messages import Health
+from facts_damping.nodes.transport.messages import Health
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.nodes.parameters import Options
-    from facts_damping.nodes.spinner import Spinner
+    from facts_damping.nodes.base.parameters import Options
+    from facts_damping.nodes.base.spinner import Spinner
 
 PATIENCE = 0.8  # share of the time-out: a node that waits names who is silent before others name it
 

@@ -15,13 +15,13 @@ from facts_damping_msgs.srv import Apply
 from facts_damping.case.names import link_addresses, listeners, served, speakers
 from facts_damping.errors import InputError, RunError, one_line
 from facts_damping.link.transfer import downlink, uplink
-from facts_damping.nodes.live_parameters import StageParameters
-from facts_damping.nodes.member import LINK, Member
-from facts_damping.nodes.messages import Health, link_statistics
+from facts_damping.nodes.base.live_parameters import StageParameters
+from facts_damping.nodes.base.member import LINK, Member
+from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.node import PUBLISHER_QOS, graph_prefix, run_node
-from facts_damping.nodes.parameters import read_case, read_index, read_options
-from facts_damping.nodes.signing import seal, signing
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.nodes.transport.messages import Health, link_statistics
+from facts_damping.nodes.transport.signing import seal, signing
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import CHANNELS, LOST, SETPOINT
 from facts_damping.simulation.build import build_links
 from facts_damping.simulation.changes import relinked, renumbered, with_link

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from facts_damping.case.controllers import chosen
-from facts_damping.studies.structures import Structure
+from facts_damping.studies.search.structures import Structure
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from facts_damping.parameters.run import Tuned, TunedController
-    from facts_damping.studies.tune import Scheme
+    from facts_damping.studies.search.tune import Scheme
 
 SYSTEM, PROFILE = "two_area", "deployment"
 NONE = "none"  # of control, as `compare` calls it; of compensation

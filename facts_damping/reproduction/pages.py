@@ -18,7 +18,7 @@ from facts_damping.reproduction.printed import LLC
 from facts_damping.reproduction.results import LINK, TITLES
 from facts_damping.reproduction.templates import render
 from facts_damping.studies.pages import save
-from facts_damping.studies.results import table
+from facts_damping.studies.sweeps.results import table
 from facts_damping.terminal import write_whole
 from facts_damping.version import __version__
 

@@ -15,8 +15,8 @@ from facts_damping.errors import InputError
 from facts_damping.reproduction.agreement import name
 from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, ControllerId
 from facts_damping.reproduction.runs import BASELINES, changes
-from facts_damping.studies.batch import Base, closed_loop, make
 from facts_damping.studies.pages import save
+from facts_damping.studies.sweeps.batch import Base, closed_loop, make
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

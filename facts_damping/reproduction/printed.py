@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from facts_damping.studies.tune import Scheme
+    from facts_damping.studies.search.tune import Scheme
 
 SMOOTHNESS = "smoothness"
 SCENARIOS = {  # as the thesis numbers them, and their names here

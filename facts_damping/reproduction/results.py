@@ -10,8 +10,8 @@ from facts_damping.parameters import files
 from facts_damping.reproduction import explanations, pictures, runs
 from facts_damping.reproduction.operations import complexity
 from facts_damping.reproduction.printed import COMPLEXITY, LLC, SCENARIOS, TABLES, ControllerId, cells
-from facts_damping.studies.pool import run_all
-from facts_damping.studies.tune import every_scheme
+from facts_damping.studies.search.tune import every_scheme
+from facts_damping.studies.sweeps.pool import run_all
 from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.reproduction.agreement import ComparedRun, name
 from facts_damping.reproduction.printed import LLC, SCENARIOS, SMOOTHNESS, ControllerId
-from facts_damping.studies import sweep
-from facts_damping.studies.enumerated_axes import NONE
-from facts_damping.studies.structures import PORTS
+from facts_damping.studies.search.structures import PORTS
+from facts_damping.studies.sweeps import sweep
+from facts_damping.studies.sweeps.enumerated_axes import NONE
 from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from facts_damping.analysis.plots import COLOURS
 from facts_damping.reproduction.templates import render
 from facts_damping.reproduction.what_holds import UNCONVERGED, has_place
 from facts_damping.studies.pages import save
-from facts_damping.studies.paired import Effect
-from facts_damping.studies.results import table
+from facts_damping.studies.sweeps.paired import Effect
+from facts_damping.studies.sweeps.results import table
 from facts_damping.terminal import write_whole
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.cli import campaign_graphs
-from facts_damping.studies import campaign
-from facts_damping.studies.invariants import INVARIANTS
+from facts_damping.studies.campaigns import campaign
+from facts_damping.studies.campaigns.invariants import INVARIANTS
 from facts_damping.terminal import Progress
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from facts_damping.cli.main import main
 from facts_damping.cli.runs import check_ended_well, out_folder
 from facts_damping.errors import DegradedError
 from facts_damping.input_files import share_folder
-from facts_damping.nodes.graph import Outcome
+from facts_damping.nodes.launching.graph import Outcome
 from facts_damping.parameters.files import new_folder
 from facts_damping.simulation import loop
 from tests.commands import assert_one_line

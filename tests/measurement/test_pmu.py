@@ -21,7 +21,7 @@ from facts_damping.parameters.measurement import Measurement
 from facts_damping.signals import LOST, NANOSECONDS
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linear_model
-from facts_damping.studies.linear_closed_loop import delayed_loop, eigen, sampled
+from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from facts_damping.validation.pmus import CLASSES, reported
 
 if TYPE_CHECKING:

@@ -15,7 +15,8 @@ from typing import IO, TYPE_CHECKING, Any
 
 import pytest
 
-from facts_damping.nodes import forked, graph, plant_sim
+from facts_damping.nodes import plant_sim
+from facts_damping.nodes.launching import forked, graph
 from facts_damping.testing import loopback
 from tests.nodes.graphs import PATIENCE_S, somebody
 

@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from facts_damping.case.loading import load_case
 from facts_damping.digest import digest
 from facts_damping.errors import RunError
-from facts_damping.nodes import graph
+from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 

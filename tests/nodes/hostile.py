@@ -9,7 +9,7 @@ from facts_damping_msgs.msg import PmuDataFrame, VoltageSetpoint, VoltageSetpoin
 from rclpy.serialization import serialize_message
 from rosidl_parser.definition import AbstractSequence, Array, BasicType, NamespacedType
 
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage, start_of
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage, start_of
 from facts_damping.signals import DELIVERY, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.signals import NANOSECONDS
-from facts_damping.studies.invariants import late_ticks
+from facts_damping.studies.campaigns.invariants import late_ticks
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case

@@ -27,7 +27,8 @@ from std_srvs.srv import Trigger
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
-from facts_damping.nodes import graph, recorder
+from facts_damping.nodes import recorder
+from facts_damping.nodes.launching import graph
 from facts_damping.nodes.node import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from facts_damping.case.model import Case
-    from facts_damping.nodes.graph import Outcome
+    from facts_damping.nodes.launching.graph import Outcome
 
 HOSTILE = int(os.environ.get("HOSTILE_MESSAGES", "4000")) // 2  # to each of two graphs on the loopback
 FLOOD = 3000  # messages

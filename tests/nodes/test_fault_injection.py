@@ -14,11 +14,11 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli import campaign_graphs
 from facts_damping.errors import RunError
-from facts_damping.nodes import fault_injection, graph
-from facts_damping.nodes.fault_injection import LOCKSTEP, REALTIME, GraphFault, run_with_fault
+from facts_damping.nodes.launching import fault_injection, graph
+from facts_damping.nodes.launching.fault_injection import LOCKSTEP, REALTIME, GraphFault, run_with_fault
 from facts_damping.parameters.security import add_key
 from facts_damping.simulation import loop
-from facts_damping.studies.invariants import alone, late_ticks
+from facts_damping.studies.campaigns.invariants import alone, late_ticks
 from tests.nodes.graphs import PATIENCE_S, nodes_left
 from tests.nodes.letting_go import assert_let_go
 

@@ -24,8 +24,9 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_rosout_default
 
 from facts_damping.compiling.store import home
-from facts_damping.nodes import executables, forked
-from facts_damping.nodes.warmup import compile_once
+from facts_damping.nodes import executables
+from facts_damping.nodes.base.warmup import compile_once
+from facts_damping.nodes.launching import forked
 from tests.nodes.graphs import PATIENCE_S, somebody, wait_until
 
 if TYPE_CHECKING:
@@ -289,7 +290,7 @@ def test_a_first_node_says_that_it_compiles(tmp_path: Path) -> None:
     """And does not when that has been done; here it is told of, and not done."""
     code = """
 import subprocess, sys
-from facts_damping.nodes import warmup
+from facts_damping.nodes.base import warmup
 from facts_damping.compiling import store
 class Compiler:
     def __init__(self, command, **_):

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes.tap_relay import interface
+from facts_damping.nodes.launching.tap_relay import interface
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.nodes.graphs import PATIENCE_S, assert_same
@@ -147,7 +147,7 @@ def test_the_cable_delays_what_passes_it(shell: Callable[[str], subprocess.Compl
     ],
 )
 def test_a_cable_that_cannot_be_is_refused(arguments: list[str], said: str) -> None:
-    command = [sys.executable, "-m", "facts_damping.nodes.tap_relay", *arguments]
+    command = [sys.executable, "-m", "facts_damping.nodes.launching.tap_relay", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode != 0
     assert said in done.stderr.splitlines()[-1]

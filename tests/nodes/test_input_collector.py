@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.input_collector import AWAITED, InputCollector
-from facts_damping.nodes.parameters import Options
 
 
 def gathering(mode: str) -> tuple[InputCollector, list[tuple[int, dict[str, Any]]]]:

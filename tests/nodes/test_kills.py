@@ -14,7 +14,7 @@ import pytest
 
 from facts_damping.case.loading import load_case
 from facts_damping.errors import RunError
-from facts_damping.nodes import forked, graph
+from facts_damping.nodes.launching import forked, graph
 from facts_damping.recording.reader import load
 from tests.nodes.graphs import nodes_left
 from tests.nodes.letting_go import assert_let_go

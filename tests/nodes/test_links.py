@@ -21,7 +21,7 @@ from rcl_interfaces.srv import SetParameters
 
 from facts_damping.case.loading import load_case
 from facts_damping.control.compensation import COMPENSATIONS
-from facts_damping.nodes import graph
+from facts_damping.nodes.launching import graph
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop

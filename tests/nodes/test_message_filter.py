@@ -16,14 +16,14 @@ from rclpy.serialization import serialize_message
 
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import DEGRADED, main
-from facts_damping.nodes.cdr import Refused
-from facts_damping.nodes.message_filter import MessageFilter
-from facts_damping.nodes.messages import Estimates, state_message
+from facts_damping.nodes.admission.message_filter import MessageFilter
+from facts_damping.nodes.admission.publishers import KNOW_S
+from facts_damping.nodes.admission.refusals import MOST, TELL_S
+from facts_damping.nodes.base.parameters import Options
 from facts_damping.nodes.node import SUBSCRIBER_QOS
-from facts_damping.nodes.parameters import Options
-from facts_damping.nodes.publishers import KNOW_S
-from facts_damping.nodes.refusals import MOST, TELL_S
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.nodes.transport.cdr import Refused
+from facts_damping.nodes.transport.messages import Estimates, state_message
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import DELIVERY, SETPOINT
 from tests.nodes.hostile import hostile
 

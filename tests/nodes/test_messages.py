@@ -15,11 +15,11 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from facts_damping.case.loading import load_case
 from facts_damping.compiling import store
-from facts_damping.nodes import packing
-from facts_damping.nodes.cdr import Refused
-from facts_damping.nodes.messages import ControllerStateMessage, Estimate, Estimates, PlantStateMessage
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
-from facts_damping.nodes.warmup import load
+from facts_damping.nodes.base.warmup import load
+from facts_damping.nodes.transport import packing
+from facts_damping.nodes.transport.cdr import Refused
+from facts_damping.nodes.transport.messages import ControllerStateMessage, Estimate, Estimates, PlantStateMessage
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.signals import CHANNELS, DELIVERY, DEVICE_TRUTH, ESTIMATE, MACHINE_TRUTH, NANOSECONDS, SETPOINT
 from facts_damping.simulation.build import build_control
 

@@ -17,7 +17,7 @@ from rclpy.serialization import deserialize_message
 
 from facts_damping.case.loading import load_case
 from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.nodes import graph
+from facts_damping.nodes.launching import graph
 from facts_damping.parameters.files import read_table
 from facts_damping.recording.reader import load
 from facts_damping.simulation import adapted_weights, loop

@@ -19,7 +19,7 @@ from facts_damping_msgs.msg import PmuDataFrame
 from rclpy.qos import QoSHistoryPolicy
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes import graph
+from facts_damping.nodes.launching import graph
 from facts_damping.nodes.loopback.domain import domain as of_loopback
 from facts_damping.nodes.node import DEPTH, SUBSCRIBER_QOS
 from facts_damping.recording.reader import load

@@ -24,7 +24,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.errors import RunError
-from facts_damping.nodes import graph
+from facts_damping.nodes.launching import graph
 from facts_damping.parameters.files import read_table
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop

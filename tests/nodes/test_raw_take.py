@@ -10,7 +10,7 @@ import rclpy
 from facts_damping_msgs.msg import GridEvent
 
 from facts_damping.nodes import node as nodes
-from facts_damping.nodes import raw_take
+from facts_damping.nodes.transport import raw_take
 from tests.nodes.graphs import PATIENCE_S
 
 if TYPE_CHECKING:

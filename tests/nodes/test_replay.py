@@ -25,8 +25,8 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.digest import digest
 from facts_damping.errors import RecordingError, RunError
-from facts_damping.nodes import graph
 from facts_damping.nodes.controller import ControllerNode
+from facts_damping.nodes.launching import graph
 from facts_damping.nodes.loopback.opening import opened
 from facts_damping.nodes.node import PUBLISHER_QOS
 from facts_damping.recording import RecordingWriter

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message
 
 from facts_damping.case.loading import load_case
-from facts_damping.nodes import graph
-from facts_damping.nodes.cdr import Refused
-from facts_damping.nodes.signing import Seal, Signing
-from facts_damping.nodes.tables import FramesMessage, SetpointsMessage
+from facts_damping.nodes.launching import graph
+from facts_damping.nodes.transport.cdr import Refused
+from facts_damping.nodes.transport.signing import Seal, Signing
+from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage
 from facts_damping.parameters.security import add_key
 from facts_damping.recording.reader import load
 from facts_damping.signals import DELIVERY, SETPOINT

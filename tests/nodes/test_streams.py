@@ -19,8 +19,8 @@ from facts_damping.c37118 import stations
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.monitor_table import SHADOW
-from facts_damping.nodes import graph
-from facts_damping.nodes.asyncio_thread import AsyncioThread
+from facts_damping.nodes.base.asyncio_thread import AsyncioThread
+from facts_damping.nodes.launching import graph
 from facts_damping.recording.reader import load
 from facts_damping.signals import LOST, NANOSECONDS
 from facts_damping.simulation import loop

@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import MONITORS, STATES, cause_name
-from facts_damping.nodes import graph
+from facts_damping.nodes.launching import graph
 from facts_damping.parameters.security import add_key
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop, replay

@@ -22,7 +22,7 @@ from facts_damping.plant.model import workspace
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT
 from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_plant
-from facts_damping.studies.batch import closed_loop
+from facts_damping.studies.sweeps.batch import closed_loop
 from tests.plant.island import P, island
 
 if TYPE_CHECKING:

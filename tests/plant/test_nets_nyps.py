@@ -13,7 +13,7 @@ from facts_damping.parameters.placement import place
 from facts_damping.plant.power_flow import solve
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise, modes
-from facts_damping.studies import linear_margin
+from facts_damping.studies.margins import linear_margin
 from tests.plant.running import REFERENCES, figures, follow, plant, shipped
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, Controlle
 from facts_damping.reproduction.results import FOUND
 from facts_damping.reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
 from facts_damping.simulation import loop
-from facts_damping.studies import axes, sweep
-from facts_damping.studies.batch import Base, make
+from facts_damping.studies.sweeps import axes, sweep
+from facts_damping.studies.sweeps.batch import Base, make
 from facts_damping.terminal import Progress
 
 Made = dict[ComparedRun, dict[str, float] | None]

@@ -17,9 +17,10 @@ from facts_damping.parameters.study import Axis
 from facts_damping.reproduction import contenders as who
 from facts_damping.reproduction import held_out, what_holds
 from facts_damping.reproduction.runs import shipped as shipped_study
-from facts_damping.studies import scoring, sweep
-from facts_damping.studies.batch import make
-from facts_damping.studies.paired import Effect
+from facts_damping.studies.search import scoring
+from facts_damping.studies.sweeps import sweep
+from facts_damping.studies.sweeps.batch import make
+from facts_damping.studies.sweeps.paired import Effect
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

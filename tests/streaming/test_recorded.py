@@ -15,7 +15,7 @@ import pytest
 from facts_damping.c37118 import frame, stations
 from facts_damping.c37118.session import Instant, Receiver
 from facts_damping.case.loading import load_case
-from facts_damping.nodes import graph
+from facts_damping.nodes.launching import graph
 from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop

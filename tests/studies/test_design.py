@@ -16,7 +16,10 @@ from facts_damping.parameters.placement import place
 from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.small_signal import linearisation, places
-from facts_damping.studies import design, design_pages, enumerated_axes, lead_lag, linear_margin, scoring
+from facts_damping.studies.design import design, design_pages, lead_lag
+from facts_damping.studies.margins import linear_margin
+from facts_damping.studies.search import scoring
+from facts_damping.studies.sweeps import enumerated_axes
 
 if TYPE_CHECKING:
     from pathlib import Path

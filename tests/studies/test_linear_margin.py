@@ -16,8 +16,8 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import LinearModel
-from facts_damping.studies import linear_margin_runs
-from facts_damping.studies.linear_closed_loop import (
+from facts_damping.studies.margins import linear_margin_runs
+from facts_damping.studies.margins.linear_closed_loop import (
     DelayedLoop,
     Discrete,
     approximate,
@@ -26,9 +26,9 @@ from facts_damping.studies.linear_closed_loop import (
     holding,
     sampled,
 )
-from facts_damping.studies.linear_margin import Margin, first_limit, intervals, margin
-from facts_damping.studies.linear_margin_pages import document, draw, margin_text
-from facts_damping.studies.linear_margin_runs import bears, beside, bounds, pulse_margin, pulsed
+from facts_damping.studies.margins.linear_margin import Margin, first_limit, intervals, margin
+from facts_damping.studies.margins.linear_margin_pages import document, draw, margin_text
+from facts_damping.studies.margins.linear_margin_runs import bears, beside, bounds, pulse_margin, pulsed
 from tests.appendix_b import bilinear, lead_lag
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facts_damping.studies.paired import LEAST, Effect, agree, by_draw, effect
+from facts_damping.studies.sweeps.paired import LEAST, Effect, agree, by_draw, effect
 
 
 def rows(values: list[float | None], event: str = "a") -> list[dict[str, object]]:

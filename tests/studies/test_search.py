@@ -26,12 +26,12 @@ from facts_damping.parameters import files
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.run import Controller, Tuned
 from facts_damping.parameters.validation import check
-from facts_damping.studies import scoring
-from facts_damping.studies import search as study
-from facts_damping.studies.optimisers import METHODS, Found
-from facts_damping.studies.scoring import LOST, REFERENCE, Figures, Score, draws, score
-from facts_damping.studies.search import CHOICES, GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
-from facts_damping.studies.structures import Choice, Structure, started, structures
+from facts_damping.studies.search import scoring
+from facts_damping.studies.search import search as study
+from facts_damping.studies.search.optimisers import METHODS, Found
+from facts_damping.studies.search.scoring import LOST, REFERENCE, Figures, Score, draws, score
+from facts_damping.studies.search.search import CHOICES, GROWTH, KEPT, Entry, Rung, SearchTask, rungs, search
+from facts_damping.studies.search.structures import Choice, Structure, started, structures
 from tests.commands import assert_one_line
 from tests.passed import ALL
 
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.control.table import Value
-    from facts_damping.studies.scoring import Draw
-    from facts_damping.studies.tune import Scheme
+    from facts_damping.studies.search.scoring import Draw
+    from facts_damping.studies.search.tune import Scheme
 
 TINY = ["smib", "gaussian+sam", "--budget", "1", "--seed", "4", "--jobs", "1"]
 BEST = sorted(name for name in shipped("runs") if name.startswith(("best_", "lead_lag_", "search_")))

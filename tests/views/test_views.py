@@ -13,7 +13,7 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.input_files import share_folder
 from facts_damping.monitor_table import MONITORS
-from facts_damping.nodes import graph
+from facts_damping.nodes.launching import graph
 from facts_damping.nodes.loopback.opening import opened
 from facts_damping.recording import RecordingWriter, load
 from facts_damping.recording.scan import scan

@@ -22,7 +22,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
-from facts_damping.nodes import forked, node, preload  # noqa: F401 (all nodes, so that all see it)
+from facts_damping.nodes import node
+from facts_damping.nodes.launching import forked, preload  # noqa: F401 (all nodes, so that all see it)
 from facts_damping.nodes.loopback import implementation
 from facts_damping.nodes.loopback.processes import FIRST_PID, Process, World, current, never, process, wall_ns, world
 

@@ -1,0 +1,1 @@
+"""What all nodes share: parameters, log, QoS, discovery, waiting, start and end."""

@@ -1,0 +1,175 @@
+"""Parameters that may be changed while a run goes on: of controllers, identifiers, links, PMUs."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.msg import SetParametersResult
+
+from facts_damping.case.controllers import check_parameter, sizes
+from facts_damping.case.links import with_number
+from facts_damping.case.measurement import numbers
+from facts_damping.case.measurement import with_number as with_measured
+from facts_damping.control.bank import put
+from facts_damping.control.table import kind_of
+from facts_damping.errors import InputError
+from facts_damping.nodes.base.parameters import declare, descriptor, field_descriptor, plain
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
+
+    from facts_damping.parameters.link import Link
+    from facts_damping.parameters.measurement import Measurement
+    from facts_damping.parameters.run import Controller
+
+FIXED = ("window", "start", "duration")  # of a link's stage: not to be changed while it runs
+FREE = "other numbers of its stages; or another link, by the service ~/apply"
+
+
+def declare_settings(
+    node: Node,
+    controller: Controller,
+    names: list[str],
+    rows: NDArray[Any],
+    swing: NDArray[np.float64],
+    change: Callable[..., None],
+) -> None:
+    """Declare parameters of a controller or its identifier; those that are safe to change may, into `rows` (SETTINGS).
+
+    `swing` is that of the signals (control/bank.py); `change` has a change act in the next tick (member.py).
+    Raises `InputError` for a value that is not allowed, and where one that shapes the start differs from the run's:
+    other nodes would not know.
+    """
+    table = kind_of(controller).parameters
+    counts = sizes(controller)
+    for name in names:
+        p = table[name]
+        text = f"{p.description}: {', '.join(p.choices)}" if p.choices else p.description
+        low, high = (None, None) if p.choices else (p.low, p.high)
+        wanted = controller.parameters[name]
+        given = declare(node, name, wanted, descriptor(text, p.unit, low, high, not p.live))
+        if given != wanted and not p.live:
+            raise InputError(f"{name}: {given} given; allowed: the run's {wanted}, or set: controllers.<i>.parameters")
+        check_parameter(name, name, given, table, counts)
+        put(rows, name, p, given, swing)
+        if given != wanted:
+            change("parameter", name, given)
+
+    def changed(parameters: list[Parameter[Any]]) -> SetParametersResult:
+        own = [(one.name, plain(one.value)) for one in parameters if one.name in names]
+        try:
+            for name, value in own:
+                check_parameter(name, name, value, table, counts)
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        for name, value in own:
+            change("parameter", name, value, partial(_put, rows, name, table[name], value, swing))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(changed)
+
+
+def _put(rows: NDArray[Any], name: str, parameter: Any, value: Any, swing: NDArray[np.float64], _tick: int) -> None:
+    put(rows, name, parameter, value, swing)
+
+
+def _check_free(name: str) -> None:
+    if name.rpartition(".")[2] in FIXED:
+        raise InputError(f"{name}: cannot be changed while the run goes; allowed: {FREE}")
+
+
+class StageParameters:
+    """The numbers of a link's stages as a node's parameters, `up.0.delay`.
+
+    Windows of a replay and times of a start are the run's, the others may change while it runs.
+    """
+
+    def __init__(self, node: Node, link: Link, change: Callable[[str, float], None]) -> None:
+        """`change` is called with the name and value of each that is not the link's own."""
+        self._node, self._link, self._change = node, link, change
+        self._names: list[str] = []
+        self._declare(link)
+        node.add_on_set_parameters_callback(self._set)
+
+    def replace(self, link: Link) -> None:
+        """Have the parameters of another link."""
+        names, self._names = self._names, []
+        for name in names:
+            self._node.undeclare_parameter(name)
+        self._declare(link, ignore_given=True)
+
+    def _declare(self, link: Link, ignore_given: bool = False) -> None:
+        self._link = link
+        for way in ("up", "down"):
+            for i, stage in enumerate(getattr(link, way)):
+                for field, value in stage.model_dump().items():
+                    if isinstance(value, float):
+                        name, wanted = f"{way}.{i}.{field}", field_descriptor(type(stage).model_fields[field], False)
+                        if ignore_given:
+                            self._node.declare_parameter(name, value, wanted, ignore_override=True)
+                        elif (given := declare(self._node, name, value, wanted)) != value:
+                            self._take(name, given)
+                        self._names.append(name)
+
+    def _take(self, name: str, value: float) -> None:
+        _, _, self._link = with_number(self._link, name, value)
+        self._change(name, value)
+
+    def _set(self, parameters: list[Parameter[Any]]) -> SetParametersResult:
+        own = [one for one in parameters if one.name in self._names]
+        before, told = self._link, []
+        try:
+            for one in own:
+                _check_free(one.name)
+                _, _, self._link = with_number(self._link, one.name, one.value)
+                told.append((one.name, one.value))
+        except InputError as error:
+            self._link = before
+            return SetParametersResult(successful=False, reason=str(error))
+        for name, value in told:
+            self._change(name, value)
+        return SetParametersResult(successful=True)
+
+
+class MeasurementParameters:
+    """The numbers of a measurement as the plant's parameters, `noise.angle`, `stations.G1.clock.offset`."""
+
+    def __init__(self, node: Node, measurement: Measurement, change: Callable[[str, float], None]) -> None:
+        """`change` is called with the name and value of each that is not the measurement's own."""
+        self._measurement, self._change = measurement, change
+        self._names = list(numbers(measurement))
+        for name, wanted in numbers(measurement).items():
+            given = declare(node, name, wanted, field_descriptor(_field(measurement, name), False))
+            if given != wanted:
+                self._measurement = with_measured(self._measurement, name, given)
+                change(name, given)
+        node.add_on_set_parameters_callback(self._set)
+
+    def _set(self, parameters: list[Parameter[Any]]) -> SetParametersResult:
+        own, after = [one for one in parameters if one.name in self._names], self._measurement
+        try:
+            for one in own:
+                after = with_measured(after, one.name, one.value)
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self._measurement = after
+        for one in own:
+            self._change(one.name, one.value)
+        return SetParametersResult(successful=True)
+
+
+def _field(measurement: Any, path: str) -> Any:
+    """The declaration of the field at a path."""
+    *above, last = path.split(".")
+    for key in above:
+        if isinstance(measurement, list):
+            measurement = measurement[int(key)]
+        else:
+            measurement = measurement[key] if isinstance(measurement, dict) else getattr(measurement, key)
+    return type(measurement).model_fields[last]

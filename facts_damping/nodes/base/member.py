@@ -1,0 +1,143 @@
+"""What all nodes of a graph do alike: wait for others, let in what may act, tell how they are and what is changed."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from facts_damping_msgs.msg import RunChange
+
+from facts_damping.case.names import label
+from facts_damping.nodes.admission.joining import Joining
+from facts_damping.nodes.admission.message_filter import MessageFilter
+from facts_damping.nodes.base.spinner import Spinner
+from facts_damping.nodes.node import CHANGES, COMMON, LOGGED, PUBLISHER_QOS
+from facts_damping.nodes.transport import stamps
+from facts_damping.nodes.transport.messages import Health, diagnostics, run_change
+from facts_damping.parameters.run import Weights
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.recording.events import ROLES
+from facts_damping.simulation.measured_plant import tick_ns
+from facts_damping.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.node import Node
+    from rclpy.publisher import Publisher
+
+    from facts_damping.case.model import Case
+    from facts_damping.nodes.base.parameters import Options
+    from facts_damping.parameters.run import Controller
+
+(PLANT, LINK, CONTROLLER, IDENTIFIER, SUPERVISOR), RECORDER = ROLES, "recorder"  # a recorder changes nothing
+NUMBERED = (LINK, CONTROLLER, IDENTIFIER, SUPERVISOR)  # of which a run may have several
+IDLE_S = 1.0  # wall time without a message after which a node says so, and from then on between two such reports
+
+
+class Member:
+    """A node's part in the graph of a run."""
+
+    def __init__(
+        self,
+        node: Node,
+        case: Case,
+        options: Options,
+        role: str,
+        index: int = 0,
+        *,
+        graph: str = "",
+        hardware: str = "",
+        say: Callable[[bytes], None] | None = None,
+    ) -> None:
+        """`role`, `index`: what it is in the run; `hardware`: what it stands for, or commands.
+
+        `graph`: what leads to the graph's topics (node.py); `say`: as in Guard.
+        """
+        self._node, self._options, self._role, self._index, self._hardware = node, options, role, index, hardware
+        self._rate, self._name = case.run.frame_rate, node.get_fully_qualified_name()
+        stamps.begin(learns=options.paced and role not in (PLANT, RECORDER))
+        self.message_filter = MessageFilter(node, case, options, graph, say, leads=role == PLANT)
+        self.joining = Joining(
+            node, options, arms=role in (LINK, CONTROLLER, IDENTIFIER)
+        )  # a supervisor begins in shadow
+        self._changes: Publisher[Any] = node.create_publisher(RunChange, f"{graph}{CHANGES}", LOGGED)
+        self._diagnostics: Publisher[Any] = node.create_publisher(DiagnosticArray, COMMON, PUBLISHER_QOS)
+        self._pending: list[tuple[str, str, Any, Callable[[int], None] | None]] = []
+        self._tick, self._told_at = -1, time.monotonic()
+        self._what = f"{role} {index}" if role in NUMBERED else role
+        self._run = label(case.summary())
+        self.at_ns = 0  # start of the newest tick
+
+    def spin(self) -> Spinner:
+        """What waits for messages: to be made once the node has all its subscriptions and services."""
+        return Spinner(self._node, self)
+
+    def wait(self, expected: dict[Publisher[Any], int], spinner: Spinner) -> None:
+        """Wait for the others of the graph, those that hear each publisher, and the recorder that hears all nodes."""
+        self.say_started()
+        extra = int(self._options.recorder)
+        self.message_filter.wait_for_peers(expected | {self._changes: extra, self._diagnostics: extra}, spinner.serve)
+
+    def say_started(self) -> None:
+        """Say what has started: the version, the run, the mode."""
+        of = f"{self._what} of {self._run}, mode {self._options.mode}"
+        self.message_filter.log.info(f"started: facts_damping {__version__}, {of}")
+
+    def change(self, kind: str, name: str = "", value: Any = None, act: Callable[[int], None] | None = None) -> None:
+        """Have something changed from the next tick on, whose number `act` is called with; it is told then."""
+        self._pending.append((kind, name, value, act))
+
+    def change_weights(self, controller: Controller) -> None:
+        """Tell what a node begins with that has resumed what was learnt before."""
+        if isinstance(controller.weights, Weights):
+            self.change("weights", "", controller.weights.model_dump())
+
+    def begin(self, tick: int) -> None:
+        """Begin a tick: what was asked for since the last one acts from here on, and is told."""
+        start = tick_ns(tick, self._rate)
+        if self._tick < 0 < tick:
+            self._pending.insert(
+                0, ("start", "", "disarmed" if self._options.join and self._role != SUPERVISOR else None, None)
+            )
+        self._tick, self.at_ns = tick, start
+        while self._pending:
+            kind, name, value, act = self._pending.pop(0)
+            if act is not None:
+                act(tick)
+            self._tell_change(kind, name, value)
+        if self.joining.begin(start) and (joined := self.joining.health()) is not None:
+            if self.joining.acts:
+                self._tell_change("arm", "", None)
+            self.message_filter.log.line(joined.message)
+            self.message_filter.log.info(joined.message)
+            self.publish(joined)
+
+    def _tell_change(self, kind: str, name: str, value: Any) -> None:
+        told = (kind, name, "" if value is None else dump(value).strip(), self._tick, self.at_ns)
+        self._changes.publish(run_change(self._name, self._role, self._index, *told))
+
+    def tell(self, health: Callable[[], Health], last: bool = False) -> None:
+        """Tell how the node is, once a simulated second, and at the `last` tick."""
+        if not (last or self._tick % self._rate == 0):
+            return
+        own, joined = health(), self.joining.health()
+        if joined is not None:
+            level = max(own.level, joined.level)
+            own = Health(level, f"{own.message}; {joined.message}", {**own.values, **joined.values})
+        self.publish(own)
+
+    def publish(self, health: Health) -> None:
+        """Tell how the node is."""
+        self._told_at = time.monotonic()
+        self._diagnostics.publish(diagnostics(self._name.lstrip("/"), self._hardware, health, self.at_ns))
+
+    def look(self, last: bool = False) -> None:
+        """Now and then: report what was refused, and that nothing comes, where that is so."""
+        self.message_filter.tell(last)
+        self.message_filter.who_is_there()
+        now = time.monotonic()
+        if self._role != PLANT and not last and min(now - self.message_filter.heard, now - self._told_at) > IDLE_S:
+            silent = f"nothing has come for {now - self.message_filter.heard:.0f} s"
+            self.publish(Health(DiagnosticStatus.WARN, silent, {"mode": self._options.mode}))

@@ -1,0 +1,62 @@
+"""The file of what a node has learnt."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from facts_damping.case.controllers import with_weights
+from facts_damping.errors import InputError, RunError
+from facts_damping.nodes.base.parameters import declare, descriptor
+from facts_damping.parameters.files import check_writable
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.terminal import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.node import Node
+
+    from facts_damping.case.model import Case
+    from facts_damping.parameters.run import Weights
+
+SAVE_S = 10.0  # wall time between two writings of what was learnt
+
+
+class WeightsFile:
+    """The file of what a node has learnt: brought up to date now and then, so that a killed node leaves it, too."""
+
+    def __init__(self, node: Node) -> None:
+        """Declare and read the parameters."""
+        text = "file that the adapted weights go to, every 10 s and at the end; empty: none"
+        name = str(declare(node, "save", "", descriptor(text)))
+        text = "true: begin with the weights in the file of `save`, where it is there"
+        resume: bool = declare(node, "resume", False, descriptor(text))
+        check_writable(name or None, "save")
+        if resume and not name:
+            raise InputError("resume: true given; allowed: with save")
+        self._path, self._resume = Path(name) if name else None, bool(resume)
+        self._saved, self.resumed = time.monotonic(), False
+
+    def start(self, case: Case, index: int) -> Case:
+        """The case whose controller `index` begins with what was saved, if that is wanted and there."""
+        if self._path is None or not self._resume or not self._path.is_file():
+            return case
+        controllers = list(case.controllers)
+        controllers[index], self.resumed = with_weights(controllers[index], self._path), True
+        return replace(case, controllers=controllers)
+
+    def keep(self, learnt: Callable[[], Weights | None], last: bool = False) -> None:
+        """Write what was learnt, whole or not at all, if it is time for that."""
+        if self._path is None or not (last or time.monotonic() - self._saved > SAVE_S):
+            return
+        self._saved = time.monotonic()
+        if (weights := learnt()) is None:
+            return
+        try:
+            write_whole(self._path, dump(weights.model_dump()))
+        except OSError as error:  # a full disk, say: no reason to stop under way
+            if last:
+                raise RunError(f"save: {self._path}: cannot be written: {error.strerror}") from error

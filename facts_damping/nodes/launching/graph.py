@@ -1,0 +1,390 @@
+"""A run as a ROS 2 graph: starts the nodes as processes, watches them, stops them, leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import tempfile
+import time
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from facts_damping.case.names import (
+    acting,
+    controller_addresses,
+    controller_names,
+    identifier_addresses,
+    identifier_names,
+    link_addresses,
+    recorded_topic,
+    speakers,
+    supervisor_addresses,
+)
+from facts_damping.control.table import kind_of
+from facts_damping.errors import InputError, RunError
+from facts_damping.nodes.launching import forked
+from facts_damping.nodes.launching.commands import Command, command
+from facts_damping.parameters.files import new_folder, read_table
+from facts_damping.parameters.security import read_keys
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.simulation.policies import StepTimes
+from facts_damping.terminal import clean_up_first, write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from multiprocessing.process import BaseProcess
+
+    from facts_damping.case.model import Case
+
+POLL_S = 0.02
+PLANT, STREAMS, REPLAYED = "plant_sim", "c37118_client", "replay_source"
+SOURCES = (PLANT, STREAMS, REPLAYED)  # what a graph runs on; a recording also stands in for the links
+RECORDER = "recorder"  # stopped last: it has to hear all that the others have said
+VIEW = "live_view"  # who only listens
+RUN_FILE = "run.yaml"  # in the folder of a graph: what its nodes read
+START_S = 60.0  # patience with its start
+STOP_S = 15.0  # patience with a node that was told to stop
+MOST_DOMAIN = 232
+
+# What nodes say goes to /rosout, and as lines to this process; no files of ROS 2's logging are left behind.
+QUIET = ("--ros-args", "--disable-stdout-logs", "--disable-external-lib-logs")
+ENVIRONMENT = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}  # unless the user says otherwise
+
+
+Refusals = dict[tuple[str, str, str, str], int]  # how many, by node, cause, topic and source
+
+
+@dataclass
+class Outcome:
+    """What a graph left: its recording, how long it took, what it counted."""
+
+    recording: Path
+    wall_s: float
+    deadline_misses: int
+    messages_lost: int
+    messages_refused: Refusals
+    fallen: list[str]  # why nodes ended before the run did, in real time
+    step_times: dict[str, StepTimes]  # of controllers that are programs of the user's own
+
+
+@dataclass
+class Process:
+    """A node that runs, and the files that take its output."""
+
+    name: str
+    process: BaseProcess | Command
+    output: IO[bytes]
+    errors: IO[bytes]
+    told: int = field(default=0)  # bytes of its output that were read
+
+    def read(self) -> str:
+        """Its output since the last look."""
+        self.output.seek(self.told)
+        data = self.output.read()
+        self.told += len(data)
+        return data.decode(errors="replace")
+
+    def failed(self) -> bool:
+        """Whether it has ended otherwise than with its work done."""
+        return self.process.exitcode != 0
+
+    def progress(self) -> list[tuple[int, int, int]]:
+        """Lines of progress since the last look: tick, of how many, deadline misses."""
+        lines = re.findall(r"^tick (\d+) (\d+) (\d+)$", self.read(), re.MULTILINE)
+        return [(int(k), int(n), int(misses)) for k, n, misses in lines]
+
+    def said(self) -> str:
+        """All of its output."""
+        self.output.seek(0)
+        return self.output.read().decode(errors="replace")
+
+    def refused(self) -> Refusals:
+        """What its message filter has refused so far."""
+        lines = re.findall(r"^refused (\d+) (\S+) (\S+) (\S+)$", self.said(), re.MULTILINE)
+        return {(self.name, *how): int(count) for count, *how in lines}
+
+    def step_times(self) -> StepTimes | None:
+        """How long the steps of its program took; None: it runs none, or has not told."""
+        line = re.search(r"^steps (\d+) (\S+) (\S+) (\S+)$", self.said(), re.MULTILINE)
+        return StepTimes(int(line[1]), *map(float, line.groups()[1:])) if line else None
+
+    def failure(self) -> RunError:
+        """Its reason as an error, with what it said before."""
+        made = RunError(self.reason())
+        made.details = "\n".join(self._errors()[:-1])
+        return made
+
+    def _errors(self) -> list[str]:
+        self.errors.seek(0)
+        return self.errors.read().decode(errors="replace").strip().splitlines()
+
+    def reason(self) -> str:
+        """Why it ended, in one line."""
+        lines = self._errors()
+        code = self.process.exitcode
+        if code is not None and code < 0:
+            return f"{self.name} was killed by {signal.Signals(-code).name}"
+        if lines and isinstance(self.process, Command):
+            return f"{self.name} ended with exit status {code}: {lines[-1]}"
+        return lines[-1] if lines else f"{self.name} ended with exit status {code}"
+
+
+def start(
+    name: str,
+    module: str,
+    parameters: dict[str, Any],
+    remaps: Mapping[str, str] | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> Process:
+    """Start a node, named by its place in the graph, as a process of its own session.
+
+    `remaps`: of its topics; `environment`: None: that of this process.
+    """
+    namespace, _, own = name.rpartition("/")
+    arguments = [*QUIET, "-r", f"__node:={own}"]
+    arguments += ["-r", f"__ns:=/{namespace}"] if namespace else []
+    for topic, other in (remaps or {}).items():
+        arguments += ["-r", f"{topic}:={other}"]
+    for key, value in {**parameters, "progress": True}.items():
+        arguments += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
+    output, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in `graph`)
+    # Files without names, which no end of this process can leave behind.
+    names = (f"/proc/{os.getpid()}/fd/{file.fileno()}" for file in (output, errors))
+    process = forked.start(module, arguments, {**ENVIRONMENT, **(environment or os.environ)}, *names)
+    return Process(name, process, output, errors)
+
+
+def start_command(case: Case, c: int, out: Path, environment: Mapping[str, str] | None = None) -> Process:
+    """Start a node of the user's own by its command; what it says goes into a file beside the recording."""
+    name = str(controller_addresses(case)[c])
+    path = out / f"{controller_names(case)[c]}.log"
+    path.write_bytes(b"")
+    log = path.open("a+b")  # it writes at the end, wherever this process reads
+    asked = command(case, c)
+    try:
+        process = Command(asked, {**ENVIRONMENT, **(environment or os.environ)}, log)
+    except OSError as error:
+        log.close()
+        raise RunError(f"{name}: {asked[0]}: cannot be started: {error.strerror}") from error
+    return Process(name, process, log, log)
+
+
+def check_commands(case: Case) -> None:
+    """Refuse nodes of the user's own whose program is not there."""
+    for c, controller in enumerate(case.controllers):
+        if controller.command is not None and shutil.which(controller.command[0]) is None:
+            given = f"controllers.{c}.command: '{controller.command[0]}' given"
+            raise InputError(f"{given}; allowed: a program that is there, and may be run")
+
+
+def end(processes: Iterable[Process], number: int) -> None:
+    """Tell processes to stop, also those that stand still; kill those that do not.
+
+    `number`: of the signal that programs of the user's own get. Ours take either; but where this process was started
+    with SIGINT ignored (by `&` in a script), a copy that only just begins would miss that.
+    """
+    running = [one.process for one in processes if one.process.exitcode is None]
+    for process in running:
+        for each in (number if isinstance(process, Command) else signal.SIGTERM, signal.SIGCONT):
+            with suppress(ProcessLookupError):  # it may have ended meanwhile
+                os.kill(process.pid or 0, each)
+    for process in running:
+        process.join(STOP_S)
+        if process.exitcode is None:
+            process.kill()
+            process.join()
+
+
+def _stop(running: dict[str, Process]) -> None:
+    """Stop the source, then the others together, who leave when their last messages have arrived, then the recorder."""
+    first = [process for name, process in running.items() if name in SOURCES]
+    last = [process for name, process in running.items() if name == RECORDER]
+    for processes in (first, [one for one in running.values() if one not in (*first, *last)], last):
+        end(processes, signal.SIGINT)
+
+
+def _part(out: Path, name: str) -> Path:
+    """Where a node saves what it has learnt."""
+    return out / f"{name}.part.yaml"
+
+
+def save_weights(case: Case, out: Path) -> None:
+    """Put together what each controller and its identifier have saved, a file a controller."""
+    identifiers = identifier_names(case)
+    for i, name in enumerate(controller_names(case)):
+        nodes = [name, *([identifiers[i]] if i in identifiers else [])]
+        parts = [_part(out, node) for node in nodes if _part(out, node).is_file()]
+        found: dict[str, Any] = {}
+        for path in parts:
+            found.update({key: value for key, value in read_table(path).items() if value is not None})
+            path.unlink(missing_ok=True)
+        if found:
+            write_whole(out / f"{name}.weights.yaml", dump(found))
+
+
+def _wait_for_view(view: Process) -> None:
+    """Wait until a live view serves; it may end later and the graph goes on."""
+    deadline = time.monotonic() + START_S
+    while not view.read():
+        if view.process.exitcode is not None or time.monotonic() > deadline:
+            end([view], signal.SIGINT)
+            raise view.failure()
+        time.sleep(POLL_S)
+
+
+@contextmanager
+def graph(
+    case: Case,
+    mode: str,
+    out: Path,
+    timeout: float,
+    view_port: int | None = None,
+    replayed: Path | str | None = None,
+    streams: str | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> Iterator[dict[str, Process]]:
+    """The nodes of a case, started; on leaving, the source is stopped first and the recorder last.
+
+    `view_port`: of a live view; `replayed`: a recording that stands in for plant and links; identifiers then hear its
+    setpoints; `streams`: what stands in for the plant (parameters.streams.read_streams); `environment`: of the nodes.
+    """
+    run_file = out / RUN_FILE
+    unsigned = {} if replayed is None else {"security": None}  # a recording has no keys
+    run_file.write_text(dump(case.document() | unsigned), encoding="utf-8")
+    common = {"run": run_file, "mode": mode, "timeout": timeout, "recorder": True, "view": view_port is not None}
+    heard = speakers(case)
+    running: dict[str, Process] = {}
+
+    def begin(name: str, module: str, parameters: dict[str, Any], remaps: Mapping[str, str] | None = None) -> None:
+        running[name] = start(name, module, parameters, remaps, environment)
+
+    try:
+        if view_port is not None:
+            begin(VIEW, VIEW, {"run": run_file, "port": view_port})
+            _wait_for_view(running[VIEW])
+        begin(RECORDER, RECORDER, {**common, "output": out / "recording"})
+        controllers = dict(enumerate(controller_addresses(case)))
+        for c in [c for c in controllers if kind_of(case.controllers[c]).node]:
+            address = controllers.pop(c)
+            if case.controllers[c].command is not None:
+                running[str(address)] = start_command(case, c, out, environment)
+        for module, nodes in (
+            ("wan_link", dict(enumerate(link_addresses(case))) if replayed is None else {}),
+            ("controller", controllers),
+            ("identifier", identifier_addresses(case)),
+            ("supervisor", supervisor_addresses(case)),
+        ):
+            for i, node in nodes.items():
+                own = {"index": i} | ({"save": _part(out, node.name)} if module in ("controller", "identifier") else {})
+                remaps = {}
+                if replayed is not None and module == "identifier":
+                    topic = heard[acting(case, i)].topic
+                    remaps = {f"/{topic}": f"/{recorded_topic(topic)}"}
+                begin(str(node), module, {**common, **own}, remaps)
+        if replayed is not None:
+            begin(REPLAYED, REPLAYED, {**common, "recording": replayed})
+        elif streams is not None:
+            begin(STREAMS, STREAMS, {**common, "streams": streams})
+        else:
+            begin(PLANT, PLANT, common)
+        yield running
+    finally:
+        _stop(running)
+        for process in running.values():
+            process.output.close()
+            process.errors.close()
+        save_weights(case, out)
+
+
+def run(
+    case: Case,
+    mode: str,
+    out: Path,
+    progress: Callable[[int, int], None],
+    timeout: float = 5.0,
+    view_port: int | None = None,
+    replayed: Path | str | None = None,
+    streams: str | None = None,
+    look: Callable[[int, Mapping[str, Process]], None] | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> Outcome:
+    """Run a case as a graph of processes; the recording is `out / "recording"`.
+
+    `view_port`: of a live view for Foxglove; None: without. `replayed`: a recording that stands in for plant and links;
+    `streams`: what stands in for the plant, in real time (parameters.streams.read_streams).
+    `look`: called again and again while the plant runs, with the newest tick that it has told, and the nodes by name.
+    `environment`: of the nodes; None: that of this process.
+    In real time a run that is under way goes on without a link, a controller, a supervisor or an identifier that ends.
+
+    Raises `RunError` naming the node that died or stays silent, `InputError` where the folder is in use.
+    """
+    clean_up_first()
+    check_domain((environment or os.environ).get("ROS_DOMAIN_ID", "0"))
+    if (out / "recording").exists():
+        raise InputError(f"--out {out}: holds a recording already; allowed: a new folder")
+    check_commands(case)
+    if case.run.security is not None and replayed is None:
+        read_keys(Path(case.run.security.keys))
+    new_folder(out)
+    began = time.monotonic()
+    misses, fallen = 0, dict[str, str]()
+    with graph(case, mode, out, timeout, view_port, replayed, streams, environment) as running:
+        plant = next(running[name] for name in SOURCES if name in running)
+        heard, newest = time.monotonic() + 60.0, 0  # patience with the start, above the nodes' own
+        while plant.process.exitcode is None:
+            for newest, n, late in plant.progress():
+                misses = late
+                heard = time.monotonic() if newest > 1 else max(heard, time.monotonic())  # all heard by then
+                progress(newest, n)
+            if look is not None:
+                look(newest, running)
+            _check_others(running, fallen if newest > 1 and mode == "realtime" else None)
+            if time.monotonic() - heard > timeout + 5.0:
+                raise RunError(f"{plant.name} is silent: no progress within {timeout + 5.0:g} s")
+            time.sleep(POLL_S)
+        if plant.failed():
+            _check_others(running, fallen if newest > 1 and mode == "realtime" else None)
+            raise plant.failure()
+        for k, n, late in plant.progress():
+            misses = late
+            progress(k, n)
+        # Who ended first knows why: a second graph in the same domain, say.
+        _check_others(running, fallen if mode == "realtime" else None)
+        wall = time.monotonic() - began
+        _stop(running)
+        recorder = running[RECORDER]
+        if recorder.failed():
+            raise recorder.failure()
+        lost = re.search(r"^lost (\d+)$", recorder.read(), re.MULTILINE)
+        took = {
+            name.rpartition("/")[2]: times
+            for name, process in running.items()
+            if (times := process.step_times()) is not None
+        }
+        refused = {how: count for process in running.values() for how, count in process.refused().items()}
+    missed = int(lost.group(1)) if lost else 0
+    return Outcome(out / "recording", wall, misses, missed, refused, list(fallen.values()), took)
+
+
+def check_domain(domain: str) -> None:
+    """Refuse a ROS_DOMAIN_ID that DDS has no ports for."""
+    if not (domain.isdecimal() and int(domain) <= MOST_DOMAIN):
+        raise InputError(f"ROS_DOMAIN_ID: '{domain}' given; allowed: 0 to {MOST_DOMAIN}")
+
+
+def _check_others(running: dict[str, Process], fallen: dict[str, str] | None = None) -> None:
+    """Raise where a node other than the source has ended: one that was killed is the cause of the others' end.
+
+    `fallen`: takes the reasons of those without which the run goes on; a run without a recorder never does.
+    """
+    ended = [p for name, p in running.items() if name not in (*SOURCES, VIEW) and p.process.exitcode is not None]
+    if fallen is not None:
+        fallen |= {p.name: p.reason() for p in ended if p.name != RECORDER}
+        ended = [p for p in ended if p.name == RECORDER]
+    if ended:
+        killed = [p for p in ended if (p.process.exitcode or 0) < 0]
+        raise (killed or ended)[0].failure()

@@ -1,0 +1,63 @@
+"""Everything that a node needs, loaded: what the process of `forked` imports before it is copied."""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import os
+import shutil
+
+from facts_damping_msgs.srv import Apply, Step
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.type_support import check_for_type_support
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from facts_damping.case.loading import load_case
+from facts_damping.nodes import (
+    c37118_client,
+    controller,
+    identifier,
+    plant_sim,
+    recorder,
+    replay_source,
+    supervisor,
+    wan_link,
+)
+from facts_damping.nodes.base.warmup import load
+from facts_damping.nodes.launching import forked
+from facts_damping.recording.schemas import schema_text, type_hash
+
+NODES = (c37118_client, controller, identifier, plant_sim, recorder, replay_source, supervisor, wan_link)
+
+SERVICES = (
+    *(DescribeParameters, GetParameters, GetParameterTypes),
+    *(ListParameters, SetParameters, SetParametersAtomically),
+    *(Apply, Step, Trigger),
+)
+CASE = load_case(None, ["controllers.0.name=HBsWC", "controllers.0.scheme=indirect"])
+MESSAGES = set(recorder.topics(CASE).values())
+
+for kind in (Clock, ParameterEvent, *SERVICES, *MESSAGES):
+    check_for_type_support(kind)
+for name in map(recorder.message_type, MESSAGES):
+    type_hash(name, schema_text(name))
+
+# The kernels, out of their cache into this process.
+load()
+
+# This process ends last, also where the one that asked for it was killed and could not remove its folder.
+if forked.FOLDER in os.environ:
+    atexit.register(shutil.rmtree, os.environ[forked.FOLDER], ignore_errors=True)
+
+# What is here stays: a copy need not look through it for garbage, which would copy its memory, too.
+gc.collect()
+gc.freeze()

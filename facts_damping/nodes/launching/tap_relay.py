@@ -1,0 +1,99 @@
+"""A cable with real delay between two network interfaces (TAP).
+
+`python -m facts_damping.nodes.launching.tap_relay near far --delay 0.02` joins them: what enters one leaves the other
+later, in order; a packet leaves after delay +- jitter, or is lost. Linux, as root.
+
+It is for tests with nodes on several hosts (docs/hosts.md); studies take simulated links.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fcntl
+import heapq
+import os
+import random
+import select
+import signal
+import struct
+import sys
+import time
+from itertools import count
+from typing import NamedTuple
+
+TUNSETIFF, IFF_TAP, IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
+LONGEST_NAME = 15
+LARGEST_PACKET = 65_536
+
+
+class Cable(NamedTuple):
+    """What a cable does to packets: delay and jitter in s, share that is lost."""
+
+    delay: float
+    jitter: float
+    loss: float
+
+
+def interface(name: str) -> int:
+    """Make a TAP interface; its file descriptor, which gives and takes Ethernet frames. Raises `OSError`."""
+    descriptor = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
+    fcntl.ioctl(descriptor, TUNSETIFF, struct.pack("16sH", name.encode(), IFF_TAP | IFF_NO_PI))
+    return descriptor
+
+
+def relay(ends: tuple[int, int], cable: Cable, seed: int) -> None:
+    """Carry packets between two interfaces, until interrupted."""
+    chance, number = random.Random(seed), count()
+    leaves = dict.fromkeys(ends, 0.0)  # when the last packet leaves by this end
+    waiting: list[tuple[float, int, int, bytes]] = []
+    poll = select.poll()
+    for end in ends:
+        poll.register(end, select.POLLIN)
+    while True:
+        pause = None if not waiting else max(0.0, 1e3 * (waiting[0][0] - time.monotonic()))
+        for end, _ in poll.poll(pause):
+            packet, other = os.read(end, LARGEST_PACKET), ends[end == ends[0]]
+            if chance.random() >= cable.loss:
+                late = max(0.0, cable.delay + chance.uniform(-cable.jitter, cable.jitter))
+                leaves[other] = max(leaves[other], time.monotonic() + late)
+                heapq.heappush(waiting, (leaves[other], next(number), other, packet))
+        while waiting and waiting[0][0] <= time.monotonic():
+            _, _, other, packet = heapq.heappop(waiting)
+            try:
+                os.write(other, packet)
+            except OSError:  # the interface is down: a packet that goes nowhere
+                continue
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(
+        prog="python -m facts_damping.nodes.launching.tap_relay", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument("near", help="name of one interface")
+    parser.add_argument("far", help="name of the other")
+    parser.add_argument("--delay", type=float, default=0.0, metavar="S", help="delay, s")
+    parser.add_argument("--jitter", type=float, default=0.0, metavar="S", help="delay +- so much, s")
+    parser.add_argument("--loss", type=float, default=0.0, metavar="SHARE", help="share of packets that is lost")
+    parser.add_argument("--seed", type=int, default=0, help="of jitter and loss")
+    given = parser.parse_args()
+    for name, value, most in (("delay", given.delay, 60.0), ("jitter", given.jitter, 60.0), ("loss", given.loss, 1.0)):
+        if not 0.0 <= value <= most:
+            parser.error(f"--{name}: {value:g} given; allowed: 0 to {most:g}")
+    for name in (given.near, given.far):
+        if not 0 < len(name) <= LONGEST_NAME or "/" in name or " " in name:
+            parser.error(
+                f"{name!r} given; allowed: a name of 1 to {LONGEST_NAME} characters without blanks and slashes"
+            )
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        ends = interface(given.near), interface(given.far)
+        relay(ends, Cable(given.delay, given.jitter, given.loss), given.seed)
+    except OSError as error:
+        sys.exit(f"relay: {error.strerror or error}; needed: root, Linux's /dev/net/tun, names that are not in use")
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

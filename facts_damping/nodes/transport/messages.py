@@ -1,0 +1,369 @@
+"""The other messages of the graph: the truth, a controller's inner state, events, statistics, diagnostics."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from facts_damping_msgs.msg import (
+    ControllerState,
+    DeviceState,
+    GridEvent,
+    JacobianEstimate,
+    LinkChannelStatistics,
+    LinkStatistics,
+    MachineState,
+    PlantState,
+    RunChange,
+    RunState,
+    SupervisorState,
+)
+
+from facts_damping.case.names import controller_names, identifier_names
+from facts_damping.control.bank import controller_network
+from facts_damping.monitor_table import MONITORS, OFF, STATES, cause_name
+from facts_damping.neurofuzzy.start import groups
+from facts_damping.nodes.transport.cdr import Field, Refused, Template, content
+from facts_damping.nodes.transport.stamps import epoch_ns
+from facts_damping.nodes.transport.tables import start_of
+from facts_damping.parameters.stages import Spoof
+from facts_damping.recording.events import STOPPED
+from facts_damping.signals import DEVICE_TRUTH, MACHINE_TRUTH, NANOSECONDS, to_ns, truth_field
+from facts_damping.simulation.build import identifier_network
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from builtin_interfaces.msg import Time
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.control.bank import BankState
+    from facts_damping.control.identifier_model import IdentifierState
+
+
+# Numbers of a SupervisorState, and the field of SUPERVISION that each has.
+TOLD = {
+    "share": "share",
+    "probe_gain": "probe_gain",
+    "probe_phase_rad": "probe_phase",
+    "probe_coherence": "probe_coherence",
+    "added_damping_per_s": "added_damping",
+    "phase_margin_rad": "phase_margin",
+    "gain_margin": "gain_margin",
+}
+
+
+class PlantStateMessage:
+    """The plant's state of a case."""
+
+    def __init__(self, case: Case) -> None:
+        """Lay out an entry a machine and a device."""
+        machines = [MachineState(machine=m.name) for m in case.system.machines]
+        devices = [DeviceState(device=name) for name in case.run.devices]
+        self._template = t = Template(PlantState(machines=machines, devices=devices))
+        names = [truth_field(name) for name in MACHINE_TRUTH.names or ()]
+        self._machines = t.index(f"machines.{i}.{name}" for i in range(len(machines)) for name in names)
+        self._devices = {
+            name: t.index(f"devices.{i}.{truth_field(name)}" for i in range(len(devices)))
+            for name in (DEVICE_TRUTH.names or () if devices else ())
+        }
+        self._sound, self._count = t.index(["in_synchronism"]), len(devices)
+
+    def fill(self, tick: int, start_ns: int, sound: bool, machines: NDArray[Any], devices: NDArray[Any]) -> bytes:
+        """Message of a tick."""
+        t = self._template
+        t.write_head(start_ns, tick)
+        t.write(self._sound, sound)
+        t.write(self._machines, machines.view(np.float64))  # all fields are numbers of the same kind
+        for name, field in self._devices.items():
+            t.write(field, devices[name])
+        return t.data()
+
+    def read(self, data: bytes) -> tuple[int, NDArray[Any]]:
+        """Tick, and the devices (DEVICE_TRUTH), of a message. Raises `Refused` where it is not what it should be."""
+        t = self._template
+        if not t.take(data):
+            content(data, PlantState)
+            raise Refused("names")
+        found = np.zeros(self._count, DEVICE_TRUTH)
+        for name, field in self._devices.items():
+            found[name] = t.read(field)
+        return t.tick(), found
+
+
+class ControllerStateMessage:
+    """The state of one controller of a case."""
+
+    def __init__(self, case: Case, index: int) -> None:
+        """Lay out its signals and devices, and what its network has."""
+        controller = case.controllers[index]
+        signals, devices = len(controller.signals), len(controller.devices)
+        self._net = controller_network(controller)
+        names = groups(self._net)
+        heard = ["estimate"] if index in identifier_names(case) else []
+        self._template = t = Template(
+            ControllerState(
+                controller=controller_names(case)[index],
+                heard=heard,
+                heard_ticks=[-1] * len(heard),
+                input_names=controller.signals,
+                inputs=[0.0] * signals,
+                output_names=controller.devices,
+                unlimited_outputs=[0.0] * devices,
+                outputs=[0.0] * devices,
+                saturated=[False] * devices,
+                adaptation_errors=[0.0] * self._net.outputs,
+                firing_strengths=[0.0] * self._net.rules,
+                parameter_groups=names,
+                parameter_norms=[0.0] * len(names),
+                learning_rates=[0.0] * (self._net.outputs * len(names)),
+            )
+        )
+        self._index, self._devices, self._groups = index, devices, len(names)
+        self._flags = t.index(["fresh"]), t.index(["learnt"])
+        self._heard = t.index(f"heard_ticks.{i}" for i in range(len(heard)))
+        self._lyapunov = t.index(["lyapunov", "lyapunov_fall"])
+        sizes = {
+            **dict.fromkeys(("unlimited_outputs", "outputs", "saturated"), devices),
+            "inputs": signals,
+            "adaptation_errors": self._net.outputs,
+            "firing_strengths": self._net.rules,
+            "parameter_norms": len(names),
+            "learning_rates": self._net.outputs * len(names),
+        }
+        self._fields = {name: t.index(f"{name}.{i}" for i in range(size)) for name, size in sizes.items()}
+
+    def fill(self, tick: int, start_ns: int, fresh: bool, state: BankState, heard: int = -1) -> bytes:
+        """Message of a tick; `heard`: tick of the newest estimate that was used."""
+        t, c, fields, net, learner = self._template, self._index, self._fields, self._net, state.learner
+        t.write_head(start_ns, tick)
+        for field, value in zip(self._flags, (fresh, fresh and state.memory.taught[c, 0]), strict=True):
+            t.write(field, value)
+        t.write(self._heard, heard)
+        unlimited, outputs = state.unlimited[c, : self._devices], state.outputs[c, : self._devices]
+        t.write(fields["inputs"], state.held.signal[c, : len(fields["inputs"].places)])
+        t.write(fields["unlimited_outputs"], unlimited)
+        t.write(fields["outputs"], outputs)
+        t.write(fields["saturated"], outputs != unlimited)
+        if net.rules:
+            squares = np.bincount(learner.group[c, : net.size], learner.theta[c, : net.size] ** 2)
+            t.write(fields["adaptation_errors"], state.memory.error[c, : net.outputs])
+            t.write(fields["firing_strengths"], learner.passed.firing[c, : net.rules])
+            t.write(fields["parameter_norms"], np.sqrt(squares))
+            t.write(fields["learning_rates"], learner.rate[c, : net.outputs, : self._groups].ravel())
+            t.write(self._lyapunov, state.memory.lyapunov[c])
+        return t.data()
+
+    def read(self, data: bytes) -> tuple[int, tuple[bool, float, float, float]]:
+        """Tick, and what a supervisor is to know (`supervision.inner_life`). Raises `Refused` as others do."""
+        t = self._template
+        if not t.take(data):
+            content(data, ControllerState)
+            raise Refused("names")
+        finite, square = bool(np.isfinite(t.read(self._fields["unlimited_outputs"])).all()), 0.0
+        for norm in t.read(self._fields["parameter_norms"]).tolist():
+            square += norm * norm
+        lyapunov, fall = t.read(self._lyapunov).tolist()
+        return t.tick(), (finite, math.sqrt(square), lyapunov, fall)
+
+
+class SupervisorStateMessage:
+    """What a supervisor of a case tells of itself."""
+
+    def __init__(self, controller: str, thresholds: NDArray[Any], heard: Sequence[str]) -> None:
+        """`controller`: its name; `thresholds`: what the supervisor's monitors are set to; `heard`: what it goes by."""
+        self._controller, self._heard = controller, list(heard)
+        self._limits = np.where(thresholds["follows"] == OFF, np.nan, thresholds["limit"])
+        self._templates: dict[tuple[int, int, int], tuple[Template, Field, Field, Field]] = {}
+
+    def fill(self, tick: int, start_ns: int, told: Any, heard: Sequence[int]) -> bytes:
+        """Message of a tick, of a record of SUPERVISION; `heard`: ticks of the newest messages that were used."""
+        key = int(told["state"]), int(told["cause"]), int(told["refused"])
+        if key not in self._templates:
+            self._templates[key] = self._laid_out(*key)
+        t, values, others, ticks = self._templates[key]
+        t.write_head(start_ns, tick)
+        t.write(values, told["values"])
+        t.write(others, [told[name] for name in TOLD.values()])
+        t.write(ticks, heard)
+        return t.data()
+
+    def _laid_out(self, state: int, cause: int, refused: int) -> tuple[Template, Field, Field, Field]:
+        message = SupervisorState(controller=self._controller, state=STATES[state])
+        message.cause, message.refused = cause_name(cause), cause_name(refused)
+        message.monitors, message.limits = list(MONITORS), self._limits.tolist()
+        message.values = [0.0] * len(MONITORS)
+        message.heard, message.heard_ticks = self._heard, [-1] * len(self._heard)
+        t = Template(message)
+        ticks = t.index(f"heard_ticks.{i}" for i in range(len(self._heard)))
+        return t, t.index(f"values.{i}" for i in range(len(MONITORS))), t.index(TOLD), ticks
+
+
+class Estimate(NamedTuple):
+    """What a controller is told by its identifier, as `bank.set_estimate` takes it."""
+
+    jacobian: NDArray[np.float64]  # (signals, devices), p.u./p.u.
+    change: NDArray[np.float64]  # (signals,), p.u.
+    measured_ns: int  # the newest frame that it rests on
+
+
+class Estimates:
+    """The estimates of one identifier of a case."""
+
+    def __init__(self, case: Case, index: int) -> None:
+        """Lay out the signals and devices of the controller that it serves."""
+        controller = case.controllers[index]
+        self._rate = case.run.frame_rate
+        own = case.links[case.used_links[index]].up  # whose stamps may be of a later time
+        self._ahead_ns = sum(to_ns(max(0.0, stage.offset)) for stage in own if isinstance(stage, Spoof))
+        self._shape = p, q = len(controller.signals), len(controller.devices)
+        names = groups(identifier_network(controller)) if controller.scheme == "indirect" else []
+        self._groups = len(names)
+        self._template = t = Template(
+            JacobianEstimate(
+                identifier=identifier_names(case)[index],
+                heard=["setpoints"],
+                heard_ticks=[-1],
+                output_names=controller.signals,
+                input_names=controller.devices,
+                jacobian=[0.0] * (p * q),
+                prediction=[0.0] * p,
+                error=[0.0] * p,
+                change=[0.0] * p,
+                parameter_groups=names,
+                learning_rates=[0.0] * (p * len(names)),
+            )
+        )
+        self._rates = t.index(f"learning_rates.{i}" for i in range(p * len(names)))
+        self._lyapunov, self._heard = t.index(["lyapunov", "lyapunov_fall"]), t.index(["heard_ticks.0"])
+        self._jacobian = t.index(f"jacobian.{i}" for i in range(p * q))
+        self._ahead = t.index(["ahead"])
+        self._by_signal = {name: t.index(f"{name}.{i}" for i in range(p)) for name in ("prediction", "error", "change")}
+
+    def fill(self, tick: int, rows: NDArray[Any], state: IdentifierState, n: int, heard: int = -1) -> bytes:
+        """Message of a tick's estimates (ESTIMATE), signal by signal, and of how identifier n learns.
+
+        `heard`: tick of the newest setpoints that were used.
+        """
+        t = self._template
+        t.write_head(int(rows["measured_ns"][0]), tick)
+        t.write(self._jacobian, rows["jacobian"])
+        t.write(self._heard, heard)
+        for name, field in self._by_signal.items():
+            t.write(field, rows[name][:: self._shape[1]])
+        t.write(self._ahead, rows["ahead"][0])
+        t.write(self._rates, state.learner.rate[n, : self._shape[0], : self._groups].ravel())
+        t.write(self._lyapunov, state.lyapunov[n])
+        return t.data()
+
+    def read(self, data: bytes) -> tuple[int, Estimate]:
+        """Tick and estimate of a message. Raises `Refused` where it is not what it should be."""
+        t = self._template
+        if not t.take(data):
+            content(data, JacobianEstimate)
+            raise Refused("names")
+        if t.start_ns() >= start_of(t.tick() + 1, self._rate) + self._ahead_ns:
+            raise Refused("stamp")
+        jacobian = t.read(self._jacobian).reshape(self._shape)
+        return t.tick(), Estimate(jacobian, t.read(self._by_signal["change"]), t.start_ns())
+
+
+def set_time(time: Time, nanoseconds: int) -> None:
+    """Write simulated time, ns, into a time message."""
+    time.sec, time.nanosec = divmod(int(nanoseconds) + epoch_ns(), NANOSECONDS)
+
+
+def grid_event(event: dict[str, Any]) -> GridEvent:
+    """Message of an event of the grid."""
+    message = GridEvent(kind=event["kind"], element=event["element"], value=event["value"], location=event["location"])
+    set_time(message.header.stamp, event["time_ns"])
+    return message
+
+
+class Health(NamedTuple):
+    """How a node is: what `/diagnostics` has of it."""
+
+    level: bytes  # DiagnosticStatus.OK, WARN or ERROR
+    message: str
+    values: dict[str, Any]
+
+
+def diagnostics(node: str, hardware: str, health: Health, start_ns: int) -> DiagnosticArray:
+    """Message of how a node is at a time; `hardware`: what it stands for or commands."""
+    values = [KeyValue(key=key, value=str(value)) for key, value in health.values.items()]
+    status = DiagnosticStatus(name=node, hardware_id=hardware, level=health.level, message=health.message)
+    status.values = values
+    message = DiagnosticArray(status=[status])
+    set_time(message.header.stamp, start_ns)
+    return message
+
+
+def run_change(
+    node: str, role: str, index: int, kind: str, name: str, value: str, tick: int, start_ns: int
+) -> RunChange:
+    """Message of what is changed from a tick on."""
+    message = RunChange(node=node, role=role, index=index, kind=kind, name=name, value=value, tick=tick)
+    set_time(message.header.stamp, start_ns)
+    return message
+
+
+def state_message(state: int, tick: int, start_ns: int, reason: str = "", sound: bool = True) -> RunState:
+    """Message of how the run stands."""
+    message = RunState(state=state, tick=tick, reason=reason, in_synchronism=sound)
+    set_time(message.header.stamp, start_ns)
+    return message
+
+
+def run_state(data: bytes) -> tuple[int, bool, str]:
+    """State, whether in synchronism, and the reason, of such a message. Raises `Refused` where it is none."""
+    found = content(data, RunState)
+    return found.state, bool(found.in_synchronism), found.reason
+
+
+def run_done(tick: int, frame_rate: int) -> str:
+    """What a plant says after its last tick."""
+    return f"done: {start_of(tick + 1, frame_rate) / NANOSECONDS:g} s"
+
+
+def run_stopped(tick: int, of: int, frame_rate: int) -> str:
+    """What a plant says after a tick where it was stopped; one without end (`of` its ticks: sys.maxsize) is done."""
+    return run_done(tick, frame_rate) if of == sys.maxsize else STOPPED
+
+
+def synchronism_lost(at_ns: int) -> str:
+    """What every node says of it."""
+    return f"synchronism lost at {at_ns / NANOSECONDS:.3f} s"
+
+
+def link_statistics(
+    tick: int, start_ns: int, up: dict[str, NDArray[Any]], down: dict[str, NDArray[Any]]
+) -> LinkStatistics:
+    """Message of a link's statistics, a row of STATISTICS a channel."""
+    message = LinkStatistics(
+        tick=tick,
+        up=[_channel(name, row) for name, row in up.items()],
+        down=[_channel(name, row) for name, row in down.items()],
+    )
+    set_time(message.header.stamp, start_ns)
+    return message
+
+
+def _channel(name: str, row: NDArray[Any]) -> LinkChannelStatistics:
+    sent, delivered, lost, duplicated, held, total, low, high = (int(value) for value in row.tolist())
+    some = delivered > 0
+    return LinkChannelStatistics(
+        channel=name,
+        sent=sent,
+        delivered=delivered,
+        lost=lost,
+        duplicated=duplicated,
+        held=held,
+        in_flight=sent + duplicated + held - delivered - lost,
+        delay_mean_s=total / delivered / NANOSECONDS if some else math.nan,
+        delay_min_s=low / NANOSECONDS if some else math.nan,
+        delay_max_s=high / NANOSECONDS if some else math.nan,
+    )

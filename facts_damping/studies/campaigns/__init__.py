@@ -1,0 +1,1 @@
+"""Fault campaigns: faults drawn, rules that must hold."""

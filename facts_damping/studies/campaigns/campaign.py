@@ -1,0 +1,253 @@
+"""A fault campaign carried out: each draw in process, with what must hold for it; any draw runs again by itself."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from copy import deepcopy
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from facts_damping.analysis.summary import summarise
+from facts_damping.analysis.verdict import DAMPED
+from facts_damping.case.loading import changed_case, read_run
+from facts_damping.case.supervision import unsupervised
+from facts_damping.errors import FactsDampingError, InputError, check_known, one_line
+from facts_damping.input_files import read_text
+from facts_damping.monitor_table import MONITORS
+from facts_damping.parameters.campaign import Campaign
+from facts_damping.parameters.files import find, new_folder, read_sets, read_table
+from facts_damping.parameters.validation import check
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.studies.campaigns import invariants
+from facts_damping.studies.campaigns.faults import FAULTS, NOTHING, ONLY_REAL, Chance
+from facts_damping.studies.sweeps import batch
+from facts_damping.studies.sweeps.journal import Journal
+from facts_damping.studies.sweeps.pool import workers
+from facts_damping.terminal import write_whole
+from facts_damping.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from facts_damping.case.model import Case
+    from facts_damping.parameters.campaign import BaseRun
+    from facts_damping.signals import Record
+    from facts_damping.terminal import Progress
+
+JOURNAL, COPY, FAILED = "rows.jsonl", "campaign.yaml", "failed"
+GRAPH_AFTER_S = 3.0  # a graph's fault begins at least so long before its end
+UNCONTROLLED: dict[str, Any] = {"controllers": [], "supervision": None, "arm_at": None}
+
+_uncontrolled: dict[str, Record] = {}
+
+
+class Plan(NamedTuple):
+    """A campaign that has been read, with the contents of its runs."""
+
+    name: str
+    text: str  # as YAML
+    campaign: Campaign
+    contents: dict[str, tuple[dict[str, Any], str]]  # of the beds: content of the run, and what it is from
+    set: dict[str, Any]  # of all runs
+    fingerprint: str
+
+
+class Draw(NamedTuple):
+    """A draw: its number, the run's content, its source and what it changes, the fault, and what was chosen."""
+
+    number: int
+    bed: str
+    changes: dict[str, Any]
+    fault: str
+    start: float
+    chosen: dict[str, str]
+
+
+def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: int | None = None) -> Plan:
+    """Read a campaign by name or path, with `--set` applied to its runs. Raises `InputError`, also for first runs."""
+    path = find("campaigns", name)
+    campaign = check(Campaign, read_table(path), str(path))
+    asked = {"draws": draws, "graphs": graphs}
+    campaign = campaign.model_copy(update={name: count for name, count in asked.items() if count is not None})
+    for fault in campaign.faults:
+        check_known(f"{path}: faults", fault, list(FAULTS))
+    contents = {bed: read_run(one.run) for bed, one in campaign.beds.items()}
+    changed, _ = read_sets(sets)
+    told = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
+    digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
+    made = Plan(path.stem, read_text(path), campaign, contents, changed, digest)
+    try:
+        for bed in campaign.beds:
+            _check(made, bed)
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+    return made
+
+
+def _check(made: Plan, bed: str) -> None:
+    """Raise `InputError` where a bed's run cannot be made, with any of its choices beside the first of all others."""
+    lists = made.campaign.beds[bed].choose
+    first = {name: next(iter(choices)) for name, choices in lists.items()}
+    for chosen in [first, *(first | {name: label} for name, choices in lists.items() for label in choices)]:
+        if _case(made, bed, {**made.set, **_chosen(made.campaign.beds[bed], chosen)}).supervision is None:
+            raise InputError(f"beds.{bed}: a run without supervision given; allowed: one with `supervision`")
+
+
+def _case(made: Plan, bed: str, changes: dict[str, Any]) -> Case:
+    """The case of a bed with changes."""
+    content, source = made.contents[bed]
+    return changed_case(deepcopy(content), source, {**made.campaign.beds[bed].set, **changes})
+
+
+def _chosen(bed: BaseRun, labels: dict[str, str]) -> dict[str, Any]:
+    """What labels set in a run, one of each list."""
+    return {path: value for name, choices in bed.choose.items() for path, value in choices[labels[name]].items()}
+
+
+def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
+    """How often each fault is drawn.
+
+    For `real` graphs those that are done to nodes as often as all others together; some are drawn for graphs alone.
+    """
+    given = campaign.faults or {name: 1.0 for name in FAULTS if name != NOTHING}
+    found = {name: weight for name, weight in given.items() if real or name not in ONLY_REAL}
+    if real:
+        done = sum(weight for name, weight in found.items() if FAULTS[name].real)
+        others = sum(found.values()) - done
+        more = max(1.0, others / done) if done else 1.0
+        found = {name: weight * (more if FAULTS[name].real else 1.0) for name, weight in found.items()}
+    failing = sum(weight for name, weight in found.items() if name != NOTHING)
+    healthy = campaign.healthy / (1.0 - campaign.healthy) * failing if campaign.healthy < 1.0 else 1.0
+    return {NOTHING: healthy, **({} if campaign.healthy == 1.0 else found)} if campaign.healthy else found
+
+
+def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
+    """A draw of a campaign by its number; the same whenever it is asked for."""
+    campaign = made.campaign
+    random = np.random.default_rng((campaign.seed, number))
+    bed = list(campaign.beds)[int(random.integers(len(campaign.beds)))]
+    lists = campaign.beds[bed].choose
+    chosen = {name: list(choices)[int(random.integers(len(choices)))] for name, choices in lists.items()}
+    changes = _chosen(campaign.beds[bed], chosen)
+    given = weights(campaign, real=real)
+    fault = str(random.choice(list(given), p=np.array(list(given.values())) / sum(given.values())))
+    low, high = campaign.window
+    high = max(low, min(high, campaign.graph_duration - GRAPH_AFTER_S)) if real else high
+    start, lasts = round(random.uniform(low, high), 3), round(float(10 ** random.uniform(-1.0, 1.0)), 3)
+    duration = None if random.random() < campaign.lasting else lasts
+    changes = {**made.set, **changes, "seed": int(random.integers(2**31))}
+    if real:
+        changes["duration"] = campaign.graph_duration
+    case = _case(made, bed, changes)
+    changes |= FAULTS[fault].draw(Chance(random, start, duration, case))
+    return Draw(number, bed, changes, fault, start, chosen | {"lasts": "" if duration is None else f"{duration:g}"})
+
+
+def healthy(made: Plan, drawn: Draw) -> Draw:
+    """A draw without its fault: that is done to the nodes of a graph."""
+    drawn_too: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
+    chosen = _chosen(made.campaign.beds[drawn.bed], drawn.chosen)
+    return drawn._replace(changes={**made.set, **chosen, **drawn_too})
+
+
+def case_of(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:
+    """The case of a draw, perhaps with changes on top."""
+    return _case(made, drawn.bed, {**drawn.changes, **(more or {})})
+
+
+def run_file(made: Plan, drawn: Draw) -> str:
+    """A draw as a run file: everything inline."""
+    document = case_of(made, drawn).document()
+    kept = {name: value for name, value in document.items() if value is not None and name != "asked"}
+    return f"# Draw {drawn.number} of the campaign {made.name}: {drawn.fault} at {drawn.start:g} s.\n" + dump(kept)
+
+
+def one_draw(made: Plan, number: int) -> tuple[str, dict[str, Any]]:
+    """Key and row of a draw; one that fails is a row too, with the reason in `error`."""
+    row: dict[str, Any] = {"number": number, "error": None}
+    try:
+        drawn = draw(made, number)
+        row |= identity(drawn)
+        case = case_of(made, drawn)
+        row |= {"controller": case.controllers[0].name, "scheme": case.controllers[0].scheme}
+        reference = uncontrolled(made, drawn)
+        row |= judged(case, batch.closed_loop(case), reference, drawn)
+        if made.campaign.unsupervised:
+            row |= without_supervision(batch.closed_loop(unsupervised(case)), reference)
+        if drawn.fault == NOTHING and made.campaign.unsupervised:
+            row["sound"] = bool(row["unsupervised_damped"] and row["reversals"] <= MONITORS["reversals"].limit)
+    except FactsDampingError as error:
+        row["error"] = one_line(error)
+    except Exception as error:  # noqa: BLE001 (whatever a draw dies of, the others go on)
+        row["error"] = f"{type(error).__name__}: {one_line(error)}"
+    return str(number), row
+
+
+def without_supervision(record: Record, reference: Record) -> dict[str, Any]:
+    """Figures of a draw without supervision, beside no control; whether it is damped, and not worse for control."""
+    told = invariants.beside(record, reference)
+    found = {f"unsupervised_{name}": told[name] for name in ("lost_s", "ITAE", "ratio", *invariants.BESIDE)}
+    better = told["ratio"] is None or told["ratio"] <= 1.0
+    return found | {"unsupervised_damped": better and summarise(record, method=None)["verdict"] == DAMPED}
+
+
+def identity(drawn: Draw) -> dict[str, Any]:
+    """What tells draws apart."""
+    own = FAULTS[drawn.fault]
+    found = {"bed": drawn.bed, "fault": drawn.fault, "group": own.group, "wrong": own.wrong, "start_s": drawn.start}
+    return found | {name: label for name, label in drawn.chosen.items() if name != "controller"}
+
+
+def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int = 0) -> dict[str, Any]:
+    """What a supervisor did in a run, whether all holds that must, and the figures beside no control.
+
+    `late`: ticks that setpoints may have acted too late (`invariants.late_ticks`).
+    """
+    row = invariants.doings(record, drawn.start) | invariants.beside(record, reference)
+    row["released"] = bool(record.devices["released"].any())
+    return row | invariants.alone(case, record, late)
+
+
+def uncontrolled(made: Plan, drawn: Draw) -> Record:
+    """The same without control: the plant and its events count, no measurement, link or controller."""
+    plain = {path: value for path, value in drawn.changes.items() if _of_plant(path)}
+    key = json.dumps([drawn.bed, plain], default=str, sort_keys=True)
+    changes = {"link": "ideal", "measurement": "ideal", **plain, **UNCONTROLLED}
+    return batch.shared(_uncontrolled, key, lambda: batch.closed_loop(_case(made, drawn.bed, changes)))
+
+
+def _of_plant(path: str) -> bool:
+    """Whether a field of a run counts where nothing controls; the seed does for the noise of loads alone."""
+    return path.partition(".")[0] in ("system", "scenario", "devices", "duration", "frame_rate", "load_noise")
+
+
+def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[dict[str, Any]]:
+    """The rows of all draws; only those that the folder does not hold yet are made.
+
+    Draws for which something does not hold are written as run files. Raises `InputError` where the folder is another
+    campaign's, `RunError` where the draws cannot go on.
+    """
+    campaign = made.campaign
+    with workers(jobs, scheduler) as each, Journal(new_folder(folder) / JOURNAL, made.fingerprint) as journal:
+        write_whole(folder / COPY, made.text)
+        todo = [number for number in range(campaign.draws) if str(number) not in journal.rows]
+        progress.resume(len(journal.rows))
+        progress(campaign.draws - len(todo), campaign.draws)
+        for done, (key, row) in enumerate(each(partial(one_draw, made), todo), campaign.draws - len(todo) + 1):
+            journal.append(key, row)
+            progress(done, campaign.draws)
+        rows = [journal.rows[str(number)] for number in range(campaign.draws)]
+    for row in rows:
+        if not holds(row):
+            text = run_file(made, draw(made, row["number"]))
+            write_whole(new_folder(folder / FAILED) / f"{row['number']}.yaml", text)
+    return rows
+
+
+def holds(row: dict[str, Any], names: Sequence[str] = invariants.INVARIANTS) -> bool:
+    """Whether all holds for a draw that must; what does not apply to it is None."""
+    return row["error"] is None and all(row.get(name) is not False for name in names)

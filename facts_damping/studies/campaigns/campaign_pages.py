@@ -1,0 +1,261 @@
+"""What came out of a fault campaign, as tables: what holds, what a supervisor did, what the grid saw, what it costs."""
+
+from __future__ import annotations
+
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from facts_damping.input_files import share_folder
+from facts_damping.monitor_table import MONITORS
+from facts_damping.studies.campaigns import campaign as study
+from facts_damping.studies.campaigns.faults import FAULTS, NOTHING
+from facts_damping.studies.campaigns.invariants import HARM, INVARIANTS
+from facts_damping.studies.margins.margins import failed_fraction
+from facts_damping.terminal import table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from facts_damping.studies.campaigns.campaign import Plan
+
+    Rows = Sequence[dict[str, Any]]
+
+WORDS = {
+    "within_limits": "outputs within limits, rates and authority",
+    "lets_go": "the device at zero within time-out and ramp after the last accepted setpoint",
+    "zero_after_trip": "the supervisor sends zero from a trip to the end of the run",
+    "device_at_zero": "the device at zero after a trip",
+    "cause_recorded": "every trip has its cause recorded",
+    "keeps_synchronism": "synchronism kept if it is kept without control",
+    "does_no_harm": f"ITAE at most {HARM:g} times that without control",
+    "recorded": "the recording complete and readable",
+    "as_computed": "the recording equal to the in-process run, bit for bit",
+    "nothing_forged_acts": "no forged message has an effect",
+}
+CYCLING, FREQUENT = "limit cycle at the control rate", MONITORS["reversals"].limit
+LISTED = 4  # places that are named where something does not hold
+
+
+def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> list[str]:
+    """What must hold: of how many draws it does, and of which faults, systems and scenarios it does not."""
+    lines = []
+    for name in names:
+        asked = [row for row in rows if row.get(name) is not None]
+        failed = [row for row in asked if not row[name]]
+        places = _most(failed, lambda row: f"{row['fault']}, {row['bed']} {row.get('scenario', '')}".strip())
+        lines.append([WORDS[name], str(len(asked)), str(len(failed)), percent(len(failed), len(asked)), places])
+    return table(["what must hold", "cases", "violated", "%", "most frequent"], lines, 1, markdown=True)
+
+
+def fault_table(rows: Rows) -> list[str]:
+    """By fault: of armed draws how many fell back and tripped, how soon, and why most of them."""
+    lines = []
+    for fault in FAULTS:
+        own = [row for row in rows if row["fault"] == fault and row["armed_s"] is not None and not row["early"]]
+        found = [row["detected_s"] for row in own if row["detected_s"] is not None]
+        if own:
+            counts = [sum(row[name] is not None for row in own) for name in ("fallback_s", "tripped_s")]
+            causes = _most([row for row in own if row["detected_s"] is not None], _cause)
+            lines.append([fault, str(len(own)), *map(str, counts), *_times(found), causes])
+    heads = ["fault", "armed", "fell back", "tripped", "median, s", "99 %, s", "monitor"]
+    return table(heads, lines, 1, markdown=True)
+
+
+def grid_table(rows: Rows) -> list[str]:
+    """What the grid saw of faults that make control wrong: supervised, and not."""
+    lines = []
+    groups: dict[str, Callable[[dict[str, Any]], bool]] = {
+        fault: (lambda row, fault=fault: row["fault"] == fault)  # type: ignore[misc]
+        for fault, row in FAULTS.items()
+        if row.wrong
+    }
+    calm = f"nothing fails, {CYCLING}"
+    groups[calm] = lambda row: row["fault"] == NOTHING and row["reversals"] > FREQUENT
+    for name, fits in groups.items():
+        own = [row for row in rows if fits(row) and row["unsupervised_keeps_synchronism"] is not None]
+        if own:
+            cells = [
+                [str(sum(not row[f"{which}keeps_synchronism"] for row in own)), *_ratios(own, f"{which}ratio")]
+                for which in ("", "unsupervised_")
+            ]
+            lines.append([name, str(len(own)), *(" / ".join(pair) for pair in zip(*cells, strict=True))])
+    heads = ["what is wrong", "cases", "synchronism lost", "ITAE, median", "ITAE, 90 %", "ITAE, 99 %"]
+    return table(heads, lines, 1, markdown=True)
+
+
+def place_table(rows: Rows) -> list[str]:
+    """By system and scenario: how often ITAE is above that without control, and before or without any fault."""
+    lines = []
+    for place in sorted({(row["bed"], row.get("scenario", "")) for row in rows}):
+        own = [row for row in rows if (row["bed"], row.get("scenario", "")) == place]
+        above = [row for row in own if not row["does_no_harm"]]
+        calm = sum(row["early"] or row["fault"] == NOTHING for row in above)
+        bare = [row for row in own if row.get("unsupervised_does_no_harm") is False]
+        plain = [row["uncontrolled_ITAE"] for row in own if row["uncontrolled_ITAE"] is not None]
+        without = f"{median(plain):.3g}" if plain else "synchronism lost"
+        lines.append([" ".join(place), str(len(own)), without, str(len(above)), str(calm), str(len(bare))])
+    heads = [
+        "system, scenario",
+        "cases",
+        "ITAE without control",
+        f"above {HARM:g}",
+        "of these before a fault",
+        "unsupervised",
+    ]
+    return table(heads, lines, 1, markdown=True)
+
+
+def cost_table(rows: Rows) -> list[str]:
+    """What supervision costs where nothing fails: false trips, and damping."""
+    healthy = [row for row in rows if row["fault"] == NOTHING]
+    sound = [row for row in healthy if row.get("sound")]
+    false = [row for row in sound if row["tripped_s"] is not None or row["fallback_s"] is not None]
+    interval = failed_fraction(len(false), len(sound)) if sound else {"low": 0.0, "high": 1.0}
+    pairs = [row["ITAE"] / row["unsupervised_ITAE"] for row in sound if row["ITAE"] and row["unsupervised_ITAE"]]
+    found = [
+        ["cases in which nothing fails", str(len(healthy))],
+        [
+            f"of these sound: damped without supervision, ITAE at most that without control, no {CYCLING}",
+            str(len(sound)),
+        ],
+        ["of these tripped or fallen back", f"{len(false)}: {_interval(interval)}"],
+        ["ITAE with supervision relative to without: median, 99 %", _both(pairs)],
+    ]
+    return table(["what", "found"], found, 1, markdown=True)
+
+
+def controller_table(rows: Rows) -> list[str]:
+    """By controller: how often it was armed, tripped where nothing failed, and did harm."""
+    lines = []
+    for name in dict.fromkeys((row["controller"], row["scheme"]) for row in rows):
+        own = [row for row in rows if (row["controller"], row["scheme"]) == name]
+        calm = [row for row in own if row["fault"] == NOTHING and row["armed_s"] is not None]
+        tripped = sum(row["tripped_s"] is not None for row in calm)
+        harmful = sum(not row["does_no_harm"] for row in own)
+        kept = sum(not row["keeps_synchronism"] for row in own)
+        counts = [str(len(own)), f"{tripped} of {len(calm)}", str(harmful), str(kept)]
+        lines.append([" ".join(part for part in name if part), *counts])
+    heads = ["controller", "cases", "tripped although nothing failed", f"ITAE above {HARM:g}", "synchronism lost"]
+    return table(heads, sorted(lines), 1, markdown=True)
+
+
+GENERIC = """# {name}
+
+{description}
+
+{{{{command}}}}
+
+{{{{counts}}}}
+
+{{{{invariants}}}}
+
+## By fault
+
+{{{{faults}}}}
+
+## By system and scenario
+
+{{{{places}}}}
+
+## By controller
+
+{{{{controllers}}}}
+
+## Where nothing fails
+
+{{{{cost}}}}
+
+## What the grid saw
+
+{{{{grid}}}}
+
+## Real graphs
+
+{{{{graphs}}}}
+"""
+
+
+def page(made: Plan, rows: Rows, graphs: Rows, command: str) -> str:
+    """The page of a campaign: the text that lies beside its file, or a plain one, with the tables in their places."""
+    own = share_folder() / "config" / "campaigns" / f"{made.name}.md"
+    plain = GENERIC.format(name=made.name, description=made.campaign.description)
+    text = own.read_text(encoding="utf-8") if own.is_file() else plain
+    given = {**sections(rows, graphs), "command": [f"    {command}"], "counts": [f"{counts(rows)}."]}
+    for key, lines in given.items():
+        text = text.replace(f"{{{{{key}}}}}", "\n".join(lines) or "None was made.")
+    return text
+
+
+def holds(row: dict[str, Any]) -> bool:
+    """Whether all holds for a draw, or a graph, that must."""
+    return study.holds(row, tuple(WORDS))
+
+
+def overview(rows: Rows, graphs: Rows) -> list[str]:
+    """What is told on a terminal."""
+    found = sections(rows, graphs)
+    shown = [counts(rows), *found["invariants"], "", *found["cost"]]
+    return shown + (["", f"{len(graphs)} graphs", *found["graphs"]] if graphs else [])
+
+
+def sections(rows: Rows, graphs: Rows) -> dict[str, list[str]]:
+    """All tables of a campaign, by name."""
+    good = [row for row in rows if row["error"] is None]
+    wrong = [row for row in good if row["wrong"]]
+    found = {
+        "invariants": invariant_table(good),
+        "wrong": invariant_table(wrong, ("does_no_harm",)),
+        "faults": fault_table(good),
+        "controllers": controller_table(good),
+        "places": place_table(good),
+        "cost": cost_table(good),
+        "grid": grid_table(good) if any("unsupervised_ratio" in row for row in good) else [],
+    }
+    told = [row for row in graphs if row["error"] is None]
+    found["graphs"] = invariant_table(told, tuple(WORDS)) if told else []
+    return found
+
+
+def counts(rows: Rows) -> str:
+    """How many cases there were, in words."""
+    errors = sum(row["error"] is not None for row in rows)
+    kinds = len({row["fault"] for row in rows if row["error"] is None} - {NOTHING})
+    told = {0: "without a fault", 1: "with one fault"}.get(kinds, f"with {kinds} faults")
+    return f"{len(rows)} cases {told}" + (f", {errors} with an error" if errors else "")
+
+
+def _cause(row: dict[str, Any]) -> str:
+    return str(row["fallback_cause"] or row["cause"])
+
+
+def _most(rows: Rows, what: Callable[[dict[str, Any]], str]) -> str:
+    found: dict[str, int] = {}
+    for row in rows:
+        found[what(row)] = found.get(what(row), 0) + 1
+    ranked = sorted(found.items(), key=lambda one: -one[1])
+    more = [f"{len(ranked) - LISTED} others"] if len(ranked) > LISTED else []
+    return "; ".join([*(f"{name} {count}" for name, count in ranked[:LISTED]), *more]) or "-"
+
+
+def percent(part: int, of: int) -> str:
+    """A share in per cent, to two digits after the point."""
+    return f"{100.0 * part / of:.2f}" if of else "-"
+
+
+def _times(found: Sequence[float]) -> list[str]:
+    return [f"{median(found):.2f}", f"{np.percentile(found, 99):.2f}"] if found else ["-", "-"]
+
+
+def _ratios(rows: Rows, name: str) -> list[str]:
+    known = [row[name] for row in rows if row[name] is not None]
+    return [f"{np.percentile(known, q):.2f}" for q in (50, 90, 99)] if known else ["-"] * 3
+
+
+def _interval(of: dict[str, Any]) -> str:
+    return f"{100 * of['share']:.2f} % ({100 * of['low']:.2f} to {100 * of['high']:.2f} %)" if "share" in of else "-"
+
+
+def _both(values: Sequence[float]) -> str:
+    return f"{median(values):.3f}, {np.percentile(values, 99):.3f}" if values else "-"

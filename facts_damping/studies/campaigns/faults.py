@@ -1,0 +1,220 @@
+"""What may fail in a deployment, a row each: what it changes in a run, drawn at random."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy as np
+
+    from facts_damping.case.model import Case
+
+UNITS = {"frequency": 60.0, "active_power": 50.0}  # what counts as much as 1 p.u. of speed: Hz, p.u. of power
+
+
+@dataclass(frozen=True)
+class Chance:
+    """A draw under way: random numbers, when the fault begins, how long it lasts (None: to the end), of which run."""
+
+    random: np.random.Generator
+    start: float  # s
+    duration: float | None  # s
+    case: Case
+
+    def between(self, low: float, high: float) -> float:
+        """A number, by powers of ten."""
+        return round(float(low * (high / low) ** self.random.random()), 9)
+
+    def one_of(self, choices: Sequence[Any]) -> Any:
+        """One of several, each as likely as the others."""
+        return choices[int(self.random.integers(len(choices)))]
+
+    @property
+    def span(self) -> dict[str, Any]:
+        """When, as stages, bad data and faults have it."""
+        return {"start": self.start, "duration": self.duration}
+
+    @property
+    def channel(self) -> str:
+        """What the controller's first signal is made of."""
+        return self.case.system.signals[self.case.controllers[0].signals[0]].channel
+
+    @property
+    def limit(self) -> float:
+        """Of the controller's first device, p.u."""
+        return float(self.case.system.device(self.case.controllers[0].devices[0]).v_max)
+
+    def station(self) -> str:
+        """One of the stations that the controller's signals are made of."""
+        signals = [self.case.system.signals[name] for name in self.case.controllers[0].signals]
+        return str(self.one_of(sorted({name for signal in signals for name in signal.weights})))
+
+
+Change = dict[str, Any]  # path in the run: value
+Drawn = Any  # a value, or what draws it of a `Chance`
+
+
+class Fault(NamedTuple):
+    """A row: of what, whether control itself is wrong while it lasts, what happens, how it is drawn."""
+
+    group: str  # path, station, controller, supervisor or none
+    wrong: bool
+    description: str
+    draw: Callable[[Chance], Change]
+    real: str = ""  # how it is done to a real graph, in the place of what is drawn (nodes/launching/fault_injection.py)
+
+
+def _between(low: float, high: float) -> Callable[[Chance], float]:
+    return lambda chance: chance.between(low, high)
+
+
+def _either(low: float, high: float) -> Callable[[Chance], float]:
+    """Of either sign."""
+    return lambda chance: float(chance.one_of((-1.0, 1.0))) * chance.between(low, high)
+
+
+def _of_channel(size: Callable[[Chance], float]) -> Callable[[Chance], float]:
+    """In the unit of what the controller's signal is made of; `size`: p.u. of speed."""
+    return lambda chance: size(chance) * UNITS.get(chance.channel, 1.0)
+
+
+def _of_limit(size: Callable[[Chance], float]) -> Callable[[Chance], float]:
+    return lambda chance: size(chance) * chance.limit
+
+
+def _before(chance: Chance) -> float:
+    """A window of 1 to 2 s that has been by then."""
+    return round(min(chance.between(1.0, 2.0), chance.start), 9)
+
+
+def _channel(chance: Chance) -> str:
+    return chance.channel
+
+
+def _station(chance: Chance) -> list[str]:
+    return [chance.station()]
+
+
+def _made(fields: dict[str, Drawn], chance: Chance) -> dict[str, Any]:
+    return {name: value(chance) if callable(value) else value for name, value in fields.items()}
+
+
+def _path(way: str, *stages: dict[str, Drawn]) -> Callable[[Chance], Change]:
+    """Stages more at the end of a link's way, or of both."""
+
+    def draw(chance: Chance) -> Change:
+        link = chance.case.link.model_dump()
+        for one in ("up", "down") if way == "both" else (way,):
+            link[one] = [*link[one], *(chance.span | _made(stage, chance) for stage in stages)]
+        return {"link": link}
+
+    return draw
+
+
+def _one_path(way: str, *stages: dict[str, Drawn]) -> Callable[[Chance], Change]:
+    """One of several stages."""
+    return lambda chance: _path(way, chance.one_of(stages))(chance)
+
+
+def _bad_data(**fields: Drawn) -> Callable[[Chance], Change]:
+    return lambda chance: {"measurement.bad_data": [_made({"stations": _station, **fields}, chance) | chance.span]}
+
+
+def _clock(**fields: Drawn) -> Callable[[Chance], Change]:
+    return lambda chance: {f"measurement.stations.{chance.station()}": {"clock": _made(fields, chance)}}
+
+
+def _controller(**fields: Drawn) -> Callable[[Chance], Change]:
+    return lambda chance: {"controllers.0.faults": [_made(fields, chance) | chance.span]}
+
+
+def _supervisor(kind: str) -> Callable[[Chance], Change]:
+    return lambda chance: {"supervision.fault": {"kind": kind, **chance.span}}
+
+
+def _nothing(_chance: Chance) -> Change:
+    return {}
+
+
+_LATE = {"model": "constant", "delay": _between(0.02, 1.5)}
+_CUT = {"model": "bernoulli", "loss": 1.0}
+_FLIP = {"model": "flip", "probability": _between(0.001, 0.2)}
+_ONE = {"measurement": _channel, "channels": _station}
+
+NOTHING = "none"  # the fault that is none
+
+FAULTS = {
+    NOTHING: Fault("none", False, "nothing fails", _nothing),
+    # On the way.
+    "lost": Fault("path", False, "frames are lost, each by itself: 5 to 70 %",
+                  _path("up", {"model": "bernoulli", "loss": _between(0.05, 0.7)})),
+    "bursts": Fault("path", False, "frames are lost in bursts of 5 to 50",
+                    _path("up", {"model": "gilbert_elliott", "p_GB": 0.02, "p_BG": _between(0.02, 0.2)})),
+    "cut_up": Fault("path", False, "no frame arrives", _path("up", _CUT)),
+    "cut_down": Fault("path", False, "no setpoint arrives", _path("down", _CUT)),
+    "cut_both": Fault("path", False, "neither arrives; the link dies", _path("both", _CUT), "kill wan_link"),
+    "delayed": Fault("path", True, "frames are late by 20 ms to 1.5 s more", _path("up", _LATE)),
+    "one_late": Fault("path", True, "one station's frames are late by 20 ms to 1.5 s more",
+                      _path("up", {**_LATE, "channels": _station})),
+    "delayed_down": Fault("path", True, "setpoints are late by 20 ms to 1.5 s more", _path("down", _LATE)),
+    "reordered": Fault("path", True, "frames are late by up to 20 to 500 ms, each by itself, and overtake each other",
+                       _path("up", {"model": "uniform", "low": 0.0, "high": _between(0.02, 0.5)})),
+    "repeated": Fault("path", False, "frames arrive twice, each copy up to 300 ms late",
+                      _path("up", {"model": "duplicate", "probability": 1.0},
+                            {"model": "uniform", "low": 0.0, "high": 0.3})),
+    "flipped_up": Fault("path", True, "one bit is flipped in 0.1 to 20 % of the frames", _path("up", _FLIP)),
+    "flipped_down": Fault("path", True, "one bit is flipped in 0.1 to 20 % of the setpoints", _path("down", _FLIP)),
+    "replayed": Fault("path", True, "frames say what they said up to 2 s before, again and again",
+                      _path("up", {"model": "replay", "window": _before})),
+    "frozen": Fault("path", True, "frames say what they said at the start of it", _path("up", {"model": "freeze"})),
+    "biased": Fault("path", True, "one station's values are off, of speed by 12 uHz to 1.2 Hz",
+                    _path("up", {"model": "bias", "bias": _of_channel(_either(2e-7, 0.02)), **_ONE})),
+    "ramped": Fault("path", True, "one station's values drift, speed by 60 uHz/s to 0.12 Hz/s",
+                    _path("up", {"model": "ramp", "rate": _of_channel(_either(1e-6, 2e-3)), **_ONE})),
+    "sign_swapped": Fault("path", True, "what the signal is made of is turned round",
+                          _path("up", {"model": "scale", "factor": -1.0, "measurement": _channel})),
+    "scaled": Fault("path", True, "one station's values are 0.1 to 10 times what they are",
+                    _path("up", {"model": "scale", "factor": _between(0.1, 10.0), **_ONE})),
+    "noisy": Fault("path", True, "what the signal is made of is noisy, of speed by 1 mHz to 0.2 Hz",
+                   _path("up", {"model": "noise", "std": _of_channel(_between(1.7e-5, 3e-3)),
+                                "measurement": _channel})),
+    "spoofed": Fault("path", True, "stamps of frames are wrong by 10 ms to 5 s",
+                     _path("up", {"model": "spoof", "offset": _either(0.01, 5.0)})),
+    "tampered": Fault("path", True, "who has the key changes setpoints: turns them round, adds to them, keeps the old",
+                      _one_path("down", {"model": "scale", "factor": -1.0}, {"model": "freeze"},
+                                {"model": "bias", "bias": _of_limit(_either(0.05, 1.0))},
+                                {"model": "noise", "std": _of_limit(_between(0.05, 0.5))})),
+    # At a station.
+    "stuck": Fault("station", True, "a station repeats its values", _bad_data(kind="stuck")),
+    "spikes": Fault("station", True, "a station's values are half as large again, one in twenty",
+                    _bad_data(kind="spike", probability=0.05)),
+    "wrong_ct": Fault("station", False, "a current transformer the wrong way round", _bad_data(kind="wrong_sign")),
+    "swapped_phases": Fault("station", True, "two phases of a voltage exchanged", _bad_data(kind="swapped_phases")),
+    "invalid": Fault("station", False, "a station says that its data are not valid", _bad_data(kind="invalid")),
+    "clock_drift": Fault("station", True, "a station loses the time, and drifts by 10 us/s to 1 ms/s",
+                         _clock(lost=lambda chance: chance.start, drift=_either(1e-5, 1e-3))),
+    "clock_offset": Fault("station", True, "a station's clock is wrong by 10 us to 0.5 s from the beginning",
+                          _clock(offset=_either(1e-5, 0.5))),
+    # In the controller, and in the supervisor.
+    "wrong_sign": Fault("controller", True, "its setpoints turned round", _controller(kind="wrong_sign")),
+    "gain": Fault("controller", True, "its setpoints times 2 to 50",
+                  _controller(kind="gain", size=_between(2.0, 50.0))),
+    "output_stuck": Fault("controller", True, "its setpoint stays", _controller(kind="stuck")),
+    "random": Fault("controller", True, "anything within the limits", _controller(kind="random")),
+    "bang_bang": Fault("controller", True, "from one limit to the other", _controller(kind="bang_bang")),
+    "nan": Fault("controller", True, "no numbers", _controller(kind="nan")),
+    "weights": Fault("controller", True, "its network's parameters moved, by normal numbers times 0.1 to 10",
+                     _controller(kind="weights", size=_between(0.1, 10.0))),
+    "hung": Fault("controller", False, "it hangs for a while", _controller(kind="hung"), "stop controller"),
+    "dead": Fault("controller", False, "it dies, and is started again", _controller(kind="dead"), "kill controller"),
+    "supervisor_hung": Fault("supervisor", False, "it hangs for a while", _supervisor("hung"), "stop supervisor"),
+    "supervisor_dead": Fault("supervisor", False, "it dies, and is started again", _supervisor("dead"),
+                             "kill supervisor"),
+    # By somebody else in the ROS domain: refused before all that is simulated, so only done to real graphs.
+    "forged": Fault("path", False, "somebody else says what would act", _nothing, "forge"),
+    "forged_with_key": Fault("path", False, "the same, signed with the graph's key", _nothing, "forge signed"),
+}  # fmt: skip
+ONLY_REAL = tuple(name for name, row in FAULTS.items() if row.real.startswith("forge"))

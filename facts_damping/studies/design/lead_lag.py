@@ -1,0 +1,197 @@
+"""A lead-lag controller for a mode, a damping ratio and a delay, by the residue, and its gain on the closed loop.
+
+At the eigenvalue lambda of the mode the controller gain K, washout and two equal sections turn what the residue R, the
+delay T and half a frame of hold make of a setpoint to the left:
+
+    arg(K s Tw/(1 + s Tw) ((1 + s T1)/(1 + s T2))^2 R exp(-s (T + 1/(2 f)))) = 180 deg   at s = lambda
+
+with T1 = 1/(w sqrt(a)), T2 = a T1, w = |lambda|, and a such that the phase is this at lambda; for an undamped mode a
+lead phi of both sections has a = (1 - sin(phi/2))/(1 + sin(phi/2)) (Kundur 1994, 12.5). The gain is raised from zero on
+the sampled closed loop, with its delay and hold, its modes followed, until the mode has the ratio; at a gain that makes
+another mode worse it ends.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from facts_damping.case.loading import make_case
+from facts_damping.control.table import LEAD_LAG_PARAMETERS
+from facts_damping.small_signal import linearisation
+from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
+from facts_damping.studies.margins.linear_margin import STILL, followed, oscillations
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from facts_damping.case.model import Case
+    from facts_damping.small_signal.linearisation import Eigenmode
+    from facts_damping.studies.margins.linear_closed_loop import DelayedLoop
+
+WASHOUT = 10.0  # s
+STEPS, BEYOND = 32, 4.0  # gains looked at, up to so many times the one that the residue asks for
+WORSE = 0.1  # share of its damping ratio that another mode may lose, if it is below the wanted one then
+FIGURES = 4  # of parameters
+MOST_SPREAD = 6.0  # ln of T2 / T1: more than 90 degrees of both sections, at any damping
+MOST_GAIN = LEAD_LAG_PARAMETERS["gain"].high
+
+
+class LeadLag(NamedTuple):
+    """Parameters of `LLC` but for the gain's size: u = K y with a gain of this sign."""
+
+    sign: int
+    lead_deg: float  # of both sections together
+    T1: float  # s, of both
+    T2: float
+
+    def response(self, s: complex) -> complex:
+        """K at a complex frequency (1/s) with a gain of size one."""
+        return self.sign * s * WASHOUT / (1.0 + s * WASHOUT) * ((1.0 + s * self.T1) / (1.0 + s * self.T2)) ** 2
+
+    def parameters(self, gain: float) -> dict[str, float]:
+        """Of `LLC`, with a gain of a size."""
+        return {"gain": self.sign * gain, "Tw": WASHOUT, "T1": self.T1, "T2": self.T2, "T3": self.T1, "T4": self.T2}
+
+
+class Tuned(NamedTuple):
+    """The gain of a lead-lag, and the swing modes without it and with it, as they are followed."""
+
+    gain: float
+    reached: bool  # the wanted ratio
+    before: list[Eigenmode]
+    after: list[Eigenmode | None]  # none: lost on the way
+    target: int  # which of them was asked for
+    growing: Eigenmode | None  # a mode beside the target that grows without control, too
+    limit: Eigenmode | None  # the oscillation that the next higher gain would make worse than allowed; none: none does
+
+
+def rounded(value: float) -> float:
+    """A number with few figures."""
+    return float(f"{value:.{FIGURES}g}")
+
+
+def late(eigenvalue: complex, delay: float, frame_rate: int) -> complex:
+    """What delay (s) and hold make of a signal at an eigenvalue."""
+    return complex(np.exp(-eigenvalue * (delay + 0.5 / frame_rate)))
+
+
+def lead_lag(residue: complex, eigenvalue: complex, delay: float, frame_rate: int) -> LeadLag:
+    """The sections and the sign for a residue (1/s) with a delay (s)."""
+    washed = eigenvalue * WASHOUT / (1.0 + eigenvalue * WASHOUT)
+    angle = float(np.rad2deg(np.angle(residue * washed * late(eigenvalue, delay, frame_rate))))
+    sign, lead = linearisation.sign_and_lead(angle)
+    w = abs(eigenvalue)
+
+    def beyond(exponent: float) -> float:
+        """Lead of sections with a = e^exponent at the eigenvalue, deg, beyond the wanted one."""
+        T1 = np.exp(-0.5 * exponent) / w
+        section = (1.0 + eigenvalue * T1) / (1.0 + eigenvalue * T1 * np.exp(exponent))
+        return 2.0 * float(np.rad2deg(np.angle(section))) - lead
+
+    exponent = float(brentq(beyond, -MOST_SPREAD, MOST_SPREAD))
+    T1 = float(np.exp(-0.5 * exponent)) / w
+    return LeadLag(sign, lead, rounded(T1), rounded(T1 * float(np.exp(exponent))))
+
+
+def tune(
+    run: dict[str, Any],
+    law: LeadLag,
+    residue: complex,
+    mode: Eigenmode,
+    wanted: float,
+    delay: float,
+    progress: Callable[[int, int], None],
+) -> Tuned:
+    """The gain with which a mode has a damping ratio, or as much of it as others allow.
+
+    `run`: a run of `LLC` as the content of its file, `residue` from its device to its signal, `delay` (s) of its link.
+    """
+    first = _first_gain(law, residue, mode, wanted, delay, int(run["frame_rate"]))
+    gains = [0.0, *(np.linspace(BEYOND / STEPS, BEYOND, STEPS) * min(first, MOST_GAIN / BEYOND)).tolist()]
+    case = make_case(_with(run, law.parameters(1.0)), "design")
+    loop = delayed_loop(case)
+    listed: list[list[Eigenmode]] = []
+    for i, gain in enumerate(gains):
+        progress(i, len(gains))
+        listed.append(_oscillations(loop, gain, delay, case))
+    progress(len(gains), len(gains))
+    before = [one for one in listed[0] if one.swings]
+    target = int(np.argmin([linearisation.unlike(mode, one) for one in before]))
+    tracks = [[start, *later] for start, later in zip(before, followed(before, listed[1:]), strict=True)]
+    ratios = [_ratio(one) for one in tracks[target]]
+    good, limit = _harmless(listed, tracks, target, wanted)
+    enough = next((k for k in range(good) if ratios[k] >= wanted), None)
+    last = int(np.argmax(ratios[:good])) if enough is None else max(0, enough - 1)
+    gain = rounded(gains[last])
+    if enough is not None:
+
+        def missing(at: float) -> float:
+            return _ratio(_next(tracks[target][last], _oscillations(loop, at, delay, case))) - wanted
+
+        gain = _up(float(brentq(missing, gains[last], gains[enough], rtol=1e-4))) if enough else 0.0
+    if enough is not None or last < good - 1:
+        limit = None
+    then = _oscillations(loop, gain, delay, case)
+    after = [_next(track[last], then) for track in tracks]
+    growing = next((one for one in listed[0] if one.eigenvalue.real > STILL and one is not before[target]), None)
+    return Tuned(gain, enough is not None, before, after, target, growing, limit)
+
+
+def _next(mode: Eigenmode | None, modes: Sequence[Eigenmode]) -> Eigenmode | None:
+    """What becomes of a mode among those of another gain; none: it is lost, or was before."""
+    return None if mode is None else followed([mode], [modes])[0][0]
+
+
+def _up(gain: float) -> float:
+    """A gain with few figures, not smaller."""
+    near = rounded(gain)
+    return near if near >= gain else rounded(gain * (1.0 + 0.6 * 10.0 ** (1 - FIGURES)))
+
+
+def _first_gain(law: LeadLag, residue: complex, mode: Eigenmode, wanted: float, delay: float, frame_rate: int) -> float:
+    """The gain that the residue asks for: d lambda = R K exp(-lambda (T + 1/(2 f)))."""
+    moved = abs(residue * law.response(mode.eigenvalue) * late(mode.eigenvalue, delay, frame_rate))
+    return (wanted - mode.damping_ratio) * abs(mode.eigenvalue) / moved
+
+
+def _with(run: dict[str, Any], parameters: dict[str, float]) -> dict[str, Any]:
+    """A run whose controller has parameters."""
+    return {**run, "controllers": [{**run["controllers"][0], "parameters": parameters}]}
+
+
+def _oscillations(loop: DelayedLoop, gain: float, delay: float, case: Case) -> list[Eigenmode]:
+    """The oscillations of a loop with its controller's gain, which is one, times `gain`."""
+    c = loop.controllers[0]
+    scaled = loop._replace(controllers=[c._replace(C=gain * c.C, D=gain * c.D)])
+    return oscillations(scaled, eigen(scaled, sampled(scaled, delay)), case)
+
+
+def _ratio(mode: Eigenmode | None) -> float:
+    """Damping ratio of a mode that is followed; of one that was lost, as bad as can be."""
+    return -1.0 if mode is None else mode.damping_ratio
+
+
+def _floor(ratio: float, wanted: float) -> float:
+    """The least ratio that another mode, which had `ratio`, may have."""
+    return min(ratio, wanted) - WORSE * abs(min(ratio, wanted))
+
+
+def _harmless(
+    listed: Sequence[Sequence[Eigenmode]], tracks: Sequence[Sequence[Eigenmode | None]], target: int, wanted: float
+) -> tuple[int, Eigenmode | None]:
+    """With how many gains, from the first on, no other oscillation is worse than it may be, and which one then is."""
+    floors = [_floor(_ratio(track[0]), wanted) for track in tracks]
+    least = None
+    for k, modes in enumerate(listed):
+        swings = [(track[k], floor) for track, floor in zip(tracks, floors, strict=True)]
+        own = {id(mode) for mode, _ in swings}
+        rest = [mode for mode in modes if id(mode) not in own]
+        least = min((mode.damping_ratio for mode in rest), default=1.0) if least is None else least
+        del swings[target]
+        for mode, floor in [*swings, *((mode, _floor(least, wanted)) for mode in rest)]:
+            if mode is not None and mode.damping_ratio < floor:
+                return k, mode
+    return len(listed), None

@@ -1,0 +1,1 @@
+"""Delay margins: of the linear closed loop, and by runs."""

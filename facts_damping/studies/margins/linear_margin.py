@@ -1,0 +1,203 @@
+"""How much delay a loop of lead-lags bears: its modes against delay, and where it is no longer stable."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq, linear_sum_assignment
+
+from facts_damping.case.supervision import unsupervised
+from facts_damping.small_signal import linearisation
+from facts_damping.studies.margins.linear_closed_loop import (
+    approximate,
+    delayed_loop,
+    eigen,
+    link_delays,
+    sampled,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.case.model import Case
+    from facts_damping.studies.margins.linear_closed_loop import DelayedLoop, Eigen
+
+STEP = 0.005  # s, between the delays that are looked at, beside those of whole frames; what is narrower may be missed
+EXACT = 1e-6  # s, of a margin
+STILL = 1e-6  # 1/s: what grows more slowly counts as standing still, such as an integrator without feedback
+FASTEST = 2.0 * np.pi * 10.0  # 1/s: beyond 10 Hz modes are not followed
+LOST = 0.5  # change of eigenvalue, relative, and of shape between two delays: more, and it is another mode
+
+
+class Track(NamedTuple):
+    """A mode followed from delay to delay: what it is where it begins, and the mode at each delay; none: not there."""
+
+    label: str
+    modes: list[linearisation.Eigenmode | None]
+
+
+class Margin(NamedTuple):
+    """The closed loop of a run against delay."""
+
+    case: Case
+    own: list[float]  # s, delays of the run's links, in whose place the delays stand
+    delays: NDArray[np.float64]  # s
+    worst: NDArray[np.complex128]  # 1/s, eigenvalue with the largest real part at each, imag >= 0
+    tracks: list[Track]  # electromechanical modes, then others that become unstable
+    stable: list[tuple[float, float]]  # s, intervals in which the loop is stable
+    margin: float | None  # s, smallest delay at which it is not; none: stable at all delays looked at
+    critical: linearisation.Eigenmode | None  # the mode that is at the limit there
+    pade: dict[str, float | None]  # s, the margin of the loop in continuous time with a Pade term; empty: not asked for
+
+
+def margin(case: Case, longest: float, order: int | None, progress: Callable[[int, int], None]) -> Margin:
+    """Modes from no delay to the longest (s), and the margin; with an order also by Pade terms of that order.
+
+    Raises `InputError` where the loop has no linear model.
+    """
+    case = unsupervised(case)
+    loop = delayed_loop(case)
+    delays = looks(longest, loop.frame_rate)
+    found, listed = [], []
+    for i, delay in enumerate(delays):
+        progress(i, len(delays))
+        found.append(eigen(loop, sampled(loop, float(delay))))
+        listed.append(oscillations(loop, found[-1], case))
+    progress(len(delays), len(delays))
+
+    def sampled_growth(delay: float) -> float:
+        return eigen(loop, sampled(loop, delay)).growth
+
+    worst = np.array([one.values[0].real + 1j * abs(one.values[0].imag) for one in found])
+    stable = intervals(sampled_growth, delays, worst.real)
+    limit = first_limit(stable, longest)
+    critical = None if limit is None else _critical(loop, limit, case)
+    holds = {} if order is None else {"held": 0.5 / loop.frame_rate, "continuous": 0.0}
+    by_pade = {name: _pade_margin(loop, delays, order or 0, hold) for name, hold in holds.items()}
+    return Margin(case, link_delays(case), delays, worst, follow(listed), stable, limit, critical, by_pade)
+
+
+class Around(NamedTuple):
+    """In which delays a loop is stable, about one delay."""
+
+    low: float  # s; 0: from none on
+    high: float | None  # s; none: as far as was looked
+    critical: linearisation.Eigenmode  # the mode that is at the upper limit, or that has the largest real part there
+
+
+def stable_around(case: Case, delay: float, longest: float, progress: Callable[[int, int], None]) -> Around | None:
+    """The interval of delays (s) in which the loop is stable, about one; none: there it is not stable itself."""
+    case = unsupervised(case)
+    loop = delayed_loop(case)
+    looked = looks(longest, case.run.frame_rate)
+    done = 0
+
+    def growth(at: float) -> float:
+        return eigen(loop, sampled(loop, float(at))).growth - STILL
+
+    def end(delays: NDArray[np.float64]) -> float | None:
+        """Where the loop is no longer stable, on the way over these delays; none: nowhere."""
+        nonlocal done
+        for before, at in pairwise([delay, *delays]):
+            done += 1
+            progress(done, len(looked))
+            if growth(at) > 0.0:
+                return float(brentq(growth, *sorted((before, at)), xtol=EXACT))
+        return None
+
+    stable = growth(delay) <= 0.0
+    low, high = (end(looked[looked < delay][::-1]), end(looked[looked > delay])) if stable else (None, None)
+    progress(1, 1)
+    return Around(low or 0.0, high, _critical(loop, longest if high is None else high, case)) if stable else None
+
+
+def looks(longest: float, frame_rate: int) -> NDArray[np.float64]:
+    """Delays from none to the longest, s: every 5 ms, and whole frames, where a fast controller may swing by itself."""
+    steps = np.arange(0.0, longest, STEP)
+    frames = np.arange(0.0, longest, 1.0 / frame_rate) if STEP * frame_rate < 1.0 else steps
+    return np.unique(np.round([*steps, *frames, longest], 9))
+
+
+def oscillations(loop: DelayedLoop, found: Eigen, case: Case) -> list[linearisation.Eigenmode]:
+    """The modes up to 10 Hz that oscillate, or grow."""
+    shown = (found.values.imag > 0.0) | ((found.values.imag == 0.0) & (found.values.real > STILL))
+    return [
+        linearisation.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)
+        for i in np.flatnonzero(shown & (np.abs(found.values) < FASTEST))
+    ]
+
+
+def _critical(loop: DelayedLoop, delay: float, case: Case) -> linearisation.Eigenmode:
+    """The mode with the largest real part."""
+    found = eigen(loop, sampled(loop, delay))
+    i = int(np.argmax(found.values.real + 1e-12 * (found.values.imag >= 0.0)))
+    return linearisation.mode(complex(found.values[i]), found.right[:, i], found.left[:, i], loop.names, case.system)
+
+
+def intervals(
+    growth: Callable[[float], float], delays: NDArray[np.float64], values: NDArray[np.float64]
+) -> list[tuple[float, float]]:
+    """Where growth (1/s) is not above zero: `values` at some delays (s), the limits between them by Brent's method."""
+    below = values <= STILL
+    limits = [
+        float(brentq(lambda delay: growth(delay) - STILL, delays[i], delays[i + 1], xtol=EXACT))
+        for i in np.flatnonzero(below[1:] != below[:-1])
+    ]
+    ends = [*([float(delays[0])] if below[0] else []), *limits, *([float(delays[-1])] if below[-1] else [])]
+    return list(zip(ends[::2], ends[1::2], strict=True))
+
+
+def first_limit(stable: Sequence[tuple[float, float]], longest: float) -> float | None:
+    """The smallest delay (s) at which a loop is not stable; none up to the longest."""
+    if not stable or stable[0][0] > 0.0:
+        return 0.0
+    return stable[0][1] if stable[0][1] < longest else None
+
+
+def _pade_margin(loop: DelayedLoop, delays: NDArray[np.float64], order: int, hold: float) -> float | None:
+    """The margin of the loop in continuous time, s."""
+
+    def growth(delay: float) -> float:
+        return eigen(loop, approximate(loop, delay, order, hold), discrete=False).growth
+
+    values: list[float] = []
+    for delay in delays:
+        values.append(growth(float(delay)))
+        if values[-1] > STILL:
+            break
+    return first_limit(intervals(growth, delays[: len(values)], np.array(values)), float(delays[-1]))
+
+
+def follow(listed: Sequence[Sequence[linearisation.Eigenmode]]) -> list[Track]:
+    """Modes at each delay (s) as tracks: the electromechanical ones of no delay, then others that become unstable."""
+    swings = [mode for mode in listed[0] if mode.swings]
+    columns = followed(swings, listed[1:])
+    tracks = [Track(mode.label, [mode, *column]) for mode, column in zip(swings, columns, strict=True)]
+    for i, modes in enumerate(listed):
+        for mode in modes:
+            if mode.eigenvalue.real > STILL and not any(track.modes[i] is mode for track in tracks):
+                after, before = followed([mode], listed[i + 1 :])[0], followed([mode], listed[:i][::-1])[0]
+                tracks.append(Track(mode.label, [*before[::-1], mode, *after]))
+    return tracks
+
+
+def followed(
+    first: Sequence[linearisation.Eigenmode], listed: Sequence[Sequence[linearisation.Eigenmode]]
+) -> list[list[linearisation.Eigenmode | None]]:
+    """What becomes of each of some modes in the lists that follow, each taken once; none from where it is lost."""
+    columns: list[list[linearisation.Eigenmode | None]] = [[] for _ in first]
+    now: list[linearisation.Eigenmode | None] = list(first)
+    for modes in listed:
+        there = [(i, mode) for i, mode in enumerate(now) if mode is not None]
+        cost = np.array([[linearisation.unlike(mode, other) for other in modes] for _, mode in there])
+        now = [None] * len(first)
+        for row, column in zip(*linear_sum_assignment(cost.reshape(len(there), len(modes))), strict=True):
+            if cost[row, column] < LOST:
+                now[there[row][0]] = modes[column]
+        for column, mode in zip(columns, now, strict=True):
+            column.append(mode)
+    return columns

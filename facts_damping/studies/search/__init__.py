@@ -1,0 +1,1 @@
+"""Searches: structures and parameters of controllers, scored on training cases."""

@@ -1,0 +1,238 @@
+"""The search of a controller: successive halving over structures, an evolutionary search of each one's parameters.
+
+With n structures and a budget of B closed loops there are floor(log4 n) rungs, each with an equal share of B, divided
+among the structures that are left; the best quarter goes on (Jamieson and Talwalkar 2016, there half). In a rung every
+structure is searched by differential evolution or CMA-ES (optimisers.py), on twice as many draws of the training
+ensemble as in the rung before, and it goes on with its population. LLC-tuned is kept to the end. Of the last rung the
+best on draws that no rung has used, twice as many again, is chosen.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.stats import norm, qmc
+
+from facts_damping.case.loading import load_system
+from facts_damping.control.compensation import COMPENSATIONS, OF_IDENTIFIERS
+from facts_damping.control.table import kind
+from facts_damping.errors import InputError
+from facts_damping.parameters.profile import DEFAULT_PROFILE
+from facts_damping.studies.search.optimisers import METHODS
+from facts_damping.studies.search.scoring import REFERENCE, Draw, Score, draws, ensemble, score
+from facts_damping.studies.search.structures import Choice, Structure, started, structures
+from facts_damping.studies.sweeps.pool import run_all
+from facts_damping.terminal import note
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from facts_damping.parameters.run import Controller
+    from facts_damping.studies.search.tune import Scheme
+
+KEPT = 4  # of so many structures one goes on
+POPULATION = 16
+GROWTH = 2  # how many times the draws of a rung the next one has
+
+
+RUNGS = 3  # where no structure is dropped
+# What may be done about delay: whatever is best, where there is a link with delay; nothing; something.
+CHOICES = {
+    "free": (*COMPENSATIONS, *OF_IDENTIFIERS),
+    "none": (),
+    "some": (*(name for name in COMPENSATIONS if name != "none"), *OF_IDENTIFIERS),
+}
+OPTIONS = (
+    "profile",
+    "link",
+    "devices",
+    "signals",
+    "study",
+    "against",
+    "compensation",
+    "cases",
+    "worst",
+    "start",
+    "deviation",
+    "method",
+    "scheme",
+)
+FLAGS = ("medians", "keep_all")
+
+
+class SearchTask(NamedTuple):
+    """What is searched for, with which budget of closed loops."""
+
+    system: str
+    link: str | None
+    devices: tuple[str, ...]  # none: with all that the system has
+    budget: int
+    seed: int
+    cases: int = 1  # training cases of the first rung
+    study: str | None = None  # whose draws they are; none: search_<system>
+    worst: int = 100  # how many of the draws count, %: of each index the worst
+    medians: bool = False  # of groups of draws count, instead of means
+    start: str = "hypercube"  # the first points of each structure; tuned: where `tune` ended, or a run, among them
+    deviation: float | None = None  # of the other first points from those; none: they are of the hypercube
+    method: str = "differential-evolution"  # of METHODS
+    scheme: Scheme = None  # networks only in this one; none: in both
+    profile: str = DEFAULT_PROFILE
+    against: str = REFERENCE  # what scores count from: LLC-tuned as shipped, or `none`: no control
+    compensation: str = "free"  # of CHOICES
+    keep_all: bool = False  # no structure is dropped: all have the same budget
+    signals: tuple[str, ...] = ()  # with devices that are not of `structures.PORTS`
+
+    def command(self, names: Sequence[str]) -> str:
+        """The command that searches for it."""
+        asked = {**self._asdict(), "devices": ",".join(self.devices) or None}
+        asked["signals"] = ",".join(self.signals) or None
+        more = [
+            f"--{name} {asked[name]}" for name in OPTIONS if asked[name] not in (None, self._field_defaults.get(name))
+        ]
+        more += [f"--{name.replace('_', '-')}" for name in FLAGS if asked[name]]
+        words = ["facts-damping search", self.system, *names, *more]
+        return " ".join([*words, f"--budget {self.budget} --seed {self.seed}"])
+
+
+class Rung(NamedTuple):
+    """A rung: its number from 0, its draws, generations of each structure."""
+
+    number: int
+    draws: list[Draw]
+    generations: int
+
+
+class Entry(NamedTuple):
+    """How far the search of a structure is."""
+
+    structure: Structure
+    population: NDArray[np.float64] | None = None  # (points, coordinates)
+    controller: Controller | None = None
+    scores: tuple[Score, ...] = ()  # in each rung; after the last rung also on fresh draws
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """What it is sorted by: how many rungs it climbed, then the score of the last one."""
+        return -len(self.scores), self.scores[-1].value
+
+
+def rungs(count: int) -> int:
+    """How many rungs so many structures take."""
+    return max(1, int(math.log(count, KEPT) + 1e-9))
+
+
+@lru_cache(maxsize=4)
+def _choice(structure: Structure, system: str, compensations: tuple[str, ...]) -> Choice:
+    return Choice(structure, system, compensations)
+
+
+def compensations(task: SearchTask) -> tuple[str, ...]:
+    """The compensations that a search chooses among; none: there is no choice."""
+    delayed = task.link is not None or task.profile != DEFAULT_PROFILE
+    return CHOICES[task.compensation] if delayed else ()
+
+
+def climb(task: SearchTask, rung: Rung, entry: Entry) -> Entry:
+    """A structure after a rung."""
+    choice = _choice(entry.structure, task.system, compensations(task))
+    random = np.random.default_rng([task.seed, rung.number])
+    start = _first(task, choice, random) if entry.population is None else entry.population
+
+    def objective(at: NDArray[np.float64]) -> float:
+        return _score(task, choice.controller(at), rung.draws).value
+
+    found = METHODS[task.method](objective, start, rung.generations, random)
+    best = choice.controller(found.best)
+    made = (*entry.scores, _score(task, best, rung.draws))
+    return entry._replace(population=found.population, controller=best, scores=made)
+
+
+def _first(task: SearchTask, choice: Choice, random: np.random.Generator) -> NDArray[np.float64]:
+    """The first points of a structure."""
+    known = choice.starts(task.start)[:POPULATION]
+    made: NDArray[np.float64] = qmc.LatinHypercube(choice.size, rng=random).random(POPULATION)
+    if known and task.deviation is not None:
+        made = (np.resize(known, made.shape) + task.deviation * norm.ppf(made)).clip(0.0, 1.0)
+    for i, one in enumerate(known):
+        made[i] = one
+    return made
+
+
+def _score(task: SearchTask, controller: Controller, against: Sequence[Draw]) -> Score:
+    return score(controller, against, task.worst, medians=task.medians)
+
+
+def judge(task: SearchTask, against: Sequence[Draw], entry: Entry) -> Entry:
+    """A structure's best on draws that no rung has used."""
+    assert entry.controller is not None  # noqa: S101 (for the types: it has climbed)
+    return entry._replace(scores=(*entry.scores, _score(task, entry.controller, against)))
+
+
+def search(task: SearchTask, names: Sequence[str], jobs: int, progress: Callable[[int, int], None]) -> list[Entry]:
+    """All structures, the best first."""
+    ensemble(task.system, task.study, task.profile)  # whose message says which systems there are
+    asked = structures(load_system(task.system), names, task.devices, task.scheme, task.profile, task.signals)
+    if task.compensation == "some":
+        asked = [one for one in asked if kind(one.name).compensates]
+    _check_start(task, asked)
+    left, out = [Entry(one) for one in asked], list[Entry]()
+    most = RUNGS if task.keep_all else rungs(len(left))
+    last = task.cases * GROWTH ** (most - 1)
+    known = draws(task.system, task.link, last + GROWTH * last, task.study, task.profile, task.against)
+    counts = [len(left)]
+    for _ in range(most - 1):
+        counts.append(counts[-1] if task.keep_all else _going_on(counts[-1], left))
+    counts.append(counts[-1])  # once more, on fresh draws
+    climbed = [_rung(task, known, number, counts) for number in range(most)]
+    _say_what_is_made(task, climbed, counts)
+    for rung in climbed:
+        left = run_all(partial(climb, task, rung), left, jobs, _part(progress, counts, rung.number))
+        ranked = sorted(left, key=lambda entry: (not entry.structure.is_reference, *entry.rank))
+        left, out = ranked[: counts[rung.number + 1]], [*out, *ranked[counts[rung.number + 1] :]]
+    left = run_all(partial(judge, task, known[last:]), left, jobs, _part(progress, counts, most))
+    return sorted([*left, *out], key=lambda entry: entry.rank)
+
+
+def _rung(task: SearchTask, known: list[Draw], number: int, counts: Sequence[int]) -> Rung:
+    """A rung of the search; `counts`: how many structures climb each, and how many are judged."""
+    own = known[: task.cases * GROWTH**number]
+    loops = task.budget / ((len(counts) - 1) * counts[number] * len(own))
+    return Rung(number, own, max(1, round(loops / POPULATION)))
+
+
+def _say_what_is_made(task: SearchTask, climbed: Sequence[Rung], counts: Sequence[int]) -> None:
+    """That a budget is too small for more than the first points, where it is: each rung has a generation at least."""
+    if all(rung.generations == 1 for rung in climbed):
+        least = [POPULATION * count * len(rung.draws) for rung, count in zip(climbed, counts, strict=False)]
+        text = f"of {counts[0]} structures only the {POPULATION} first points are tried: {sum(least)} closed loops"
+        enough = 2 * len(climbed) * max(least)
+        note(f"--budget {task.budget}: {text}; two generations of all take {enough}")
+
+
+def _check_start(task: SearchTask, asked: Sequence[Structure]) -> None:
+    """Raises `InputError` where what is to be started from has nothing for any structure."""
+    if task.start == "hypercube":
+        if task.deviation is not None:
+            given = f"{task.deviation} given with --start hypercube"
+            raise InputError(f"--deviation: {given}; allowed: with tuned, or a run")
+        return
+    if any(started(task.start, task.system, one) for one in asked):
+        return
+    told = dict.fromkeys(f"{'+'.join(s.devices)} with {'+'.join(s.signals)} ({s.scheme or s.name})" for s in asked)
+    raise InputError(f"--start: '{task.start}' given; allowed: one whose controllers command {', or '.join(told)}")
+
+
+def _part(progress: Callable[[int, int], None], counts: Sequence[int], number: int) -> Callable[[int, int], None]:
+    """Progress of a rung as progress of the whole."""
+    return lambda done, _: progress(sum(counts[:number]) + done, sum(counts))
+
+
+def _going_on(count: int, entries: Sequence[Entry]) -> int:
+    """How many of so many structures go on: a quarter of the networks, and LLC-tuned."""
+    opponents = sum(entry.structure.is_reference for entry in entries)
+    return math.ceil((count - opponents) / KEPT) + opponents

@@ -1,0 +1,108 @@
+"""What a search tells: the run of its winner, its ranking as rows, a table, JSON."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.parameters.profile import DEFAULT_PROFILE
+from facts_damping.parameters.run import Tuned, TunedController
+from facts_damping.parameters.yaml_text import dump
+from facts_damping.studies.search.scoring import REFERENCE, trained_on
+from facts_damping.studies.search.tune import SCENARIO
+from facts_damping.studies.sweeps.enumerated_axes import NONE
+from facts_damping.terminal import table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from facts_damping.studies.search.scoring import Score
+    from facts_damping.studies.search.search import Entry, SearchTask
+
+REFERENCES = {REFERENCE: "LLC-tuned as shipped", NONE: "no control"}
+
+
+def run_file(task: SearchTask, command: str, entry: Entry) -> str:
+    """A run of an entry on the scenario of training, with the command and what it reached on top."""
+    own = ("name", "scheme", "devices", "signals", "compensation", "parameters")
+    given = entry.controller.model_dump() if entry.controller else {}
+    link = task.link or ("ideal" if task.profile == DEFAULT_PROFILE else None)
+    name = f"{entry.structure.name} {entry.structure.scheme or ''}".strip()
+    kept = {
+        "description": f"{task.system}: {name}, as a search chose it",
+        "profile": None if task.profile == DEFAULT_PROFILE else task.profile,
+        "system": task.system,
+        "scenario": trained_on(task.system, task.study, task.profile),
+        "devices": list(entry.structure.devices),
+        "controllers": [{key: given[key] for key in own if given.get(key) is not None}],
+        "link": link,
+        "seed": 0,
+    }
+    kept = {name: value for name, value in kept.items() if value is not None}
+    reached, fresh = entry.scores[-2:]
+    head = [
+        f"# {command}",
+        f"# On the training cases that chose its parameters: score {reached.value:.4f}; {_percent(reached)}.",
+        f"# On training cases that no search had seen: score {fresh.value:.4f}; {_percent(fresh)}.",
+        f"# Percent: geometric mean of the index over that of {REFERENCES[task.against]}, less 1 (docs/search.md).",
+    ]
+    return "\n".join([*head, dump(kept)])
+
+
+def tuned(task: SearchTask, command: str, found: Sequence[Entry]) -> Tuned:
+    """All that were searched to the end, the best first, as a file of parameters; they command the same devices."""
+    most = max(len(entry.scores) for entry in found)
+    last = [(e.structure, e.controller, e.scores[-1]) for e in found if e.controller and len(e.scores) == most]
+    signals = max((structure.signals for structure, _, _ in last), key=len)
+    return Tuned(
+        system=task.system,
+        profile=task.profile,
+        scenario=SCENARIO,
+        signals=signals,
+        devices=list(task.devices),
+        command=command,
+        controllers=[
+            TunedController(
+                name=structure.name,
+                scheme=structure.scheme,
+                compensation=controller.compensation,  # type: ignore[arg-type]
+                objective=float(f"{score.value:.5g}"),
+                parameters=controller.parameters,
+            )
+            for structure, controller, score in last
+        ],
+    )
+
+
+def _percent(score: Score) -> str:
+    told = [f"{name} {100 * (ratio - 1):+.1f} %" for name, ratio in score.ratios.items()]
+    return ", ".join(told) or "synchronism lost"
+
+
+def rows(found: Sequence[Entry]) -> list[dict[str, Any]]:
+    """The ranking for JSON, the best first."""
+    return [
+        {
+            "rank": i,
+            "controller": entry.structure.name,
+            "scheme": entry.structure.scheme,
+            "devices": list(entry.structure.devices),
+            "signals": entry.structure.signals,
+            "compensation": entry.controller.compensation if entry.controller else None,
+            "scores": [one.value for one in entry.scores],
+            "ratios": [one.ratios for one in entry.scores],
+            "undamped": [one.undamped for one in entry.scores],
+            "parameters": entry.controller.parameters if entry.controller else {},
+        }
+        for i, entry in enumerate(found, 1)
+    ]
+
+
+def search_table(found: Sequence[Entry]) -> list[str]:
+    """The ranking in Markdown; the last column is on fresh draws."""
+    most = max(len(entry.scores) for entry in found)
+    titles = ["controller", "scheme", "devices", "compensation", *(f"rung {i}" for i in range(most - 1)), "fresh"]
+    cells = []
+    for row in rows(found):
+        told = [f"{value:.3f}" for value in row["scores"]] + [""] * (most - len(row["scores"]))
+        cells.append([row["controller"], row["scheme"] or "-", "+".join(row["devices"]), row["compensation"], *told])
+    return table(titles, cells, left=4, markdown=True)

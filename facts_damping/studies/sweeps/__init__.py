@@ -1,0 +1,1 @@
+"""Sweeps: axes, runs in many processes, their tables and pictures."""

@@ -1,0 +1,203 @@
+"""One run of a sweep: from the fields that it sets to a flat row of figures.
+
+Runs that share system, scenario and devices share the built plant and its residues; the figures are those of
+`facts-damping simulate` to the last bit.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from facts_damping.analysis import convergence
+from facts_damping.analysis.indices import INDICES
+from facts_damping.analysis.latency import ages_ms
+from facts_damping.analysis.summary import AUTO, summarise
+from facts_damping.analysis.supervision import trips
+from facts_damping.case import loading
+from facts_damping.errors import FactsDampingError, one_line
+from facts_damping.parameters.run import Run
+from facts_damping.plant.model import copy
+from facts_damping.simulation import loop
+from facts_damping.simulation.build import build_plant, needs_residues, plant_residues
+from facts_damping.studies.sweeps import true_jacobian
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from facts_damping.case.model import Case
+    from facts_damping.plant.build import Built
+    from facts_damping.signals import Record
+    from facts_damping.simulation.tick import Loop
+    from facts_damping.small_signal.residues import Residues
+
+T = TypeVar("T")
+
+INTERAREA_HZ = 0.9  # below it a mode of the ringdown is the interarea one
+QUANTILES = (0, 1, 5, 10, 25, 50, 75, 90, 95, 99, 100)  # %, of the latency
+MOST_SHARED = 256  # plants that a process keeps; some kB each
+LATENCIES = ("latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms")
+SUMMED = ("settling_time_s", "smoothness", "max_injected_voltage_pu")
+OUTCOME = ("verdict", "damped", "instability", "duration_s")
+GROWTH = {"value": "growth_per_s", "low": "growth_low_per_s", "high": "growth_high_per_s"}
+# With half the integration step; the second is the change of the index that changes most.
+CHECKED = ("converged", "step_change", "verdict_half_step")
+INTERAREA = ("interarea_hz", "interarea_damping_ratio")
+CUSTOM = "custom"  # what stands inline, in the place of a name
+NAMED = ("system", "scenario", "link")
+IDENTITY = ("system", "scenario", "controller", "scheme", "link", "seed")  # columns of every study
+
+_plants: dict[str, Built] = {}
+_residues: dict[str, Residues | None] = {}
+
+
+class Base(NamedTuple):
+    """What all runs of a study have in common: the content of a run file, where it is from, what is set in it.
+
+    `modes`, `jacobian`: what is asked of them beside, as in the study.
+    """
+
+    content: dict[str, Any]
+    source: str
+    set: dict[str, Any]
+    modes: bool
+    jacobian: int | None = None
+
+
+class RunRequest(NamedTuple):
+    """A run: its key in the journal, the fields that it sets, and its columns of the table.
+
+    `check_step`: it is also made with half the integration step.
+    """
+
+    key: str
+    changes: dict[str, Any]
+    columns: dict[str, Any]
+    check_step: bool = False
+
+
+def make(base: Base, changes: Mapping[str, Any]) -> Case:
+    """The case of a run. Raises `InputError` that begins with the `--set` that is at fault.
+
+    Where a change takes all controllers away, nothing is set below them.
+    """
+    values = {**base.set, **changes}
+    if changes.get("controllers") == []:
+        values = {path: value for path, value in values.items() if not path.startswith("controllers.")}
+    return loading.changed_case(deepcopy(base.content), base.source, values)
+
+
+def one_run(base: Base, task: RunRequest) -> tuple[str, dict[str, Any]]:
+    """Key and row of a run; one that fails is a row too, with the reason in `error`."""
+    row: dict[str, Any] = {**dict.fromkeys(IDENTITY), **names(base, task.changes), **task.columns}
+    try:
+        case = make(base, task.changes)
+        row |= {**identity(case), **task.columns, "horizon_s": case.duration}
+        finer = closed_loop(loop.with_half_step(case)) if task.check_step else None
+        record = closed_loop(case)
+        row |= figures(record, finer, modes=base.modes)
+        if base.jacobian is not None:
+            row |= true_jacobian.figures(case, true_jacobian.follow(case, record, base.jacobian))
+        row["error"] = None
+    except FactsDampingError as error:
+        row["error"] = one_line(error)
+    except Exception as error:  # noqa: BLE001 (whatever a run dies of, the others go on)
+        row["error"] = f"{type(error).__name__}: {one_line(error)}"
+    return task.key, row
+
+
+def names(base: Base, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """System, scenario and link by the names that were given; `custom` for one that stands inline."""
+    values = {**base.content, **base.set, **changes}
+    given = {name: values.get(name, Run.model_fields[name].default) for name in NAMED}
+    return {name: value if isinstance(value, str) else CUSTOM for name, value in given.items()}
+
+
+def identity(case: Case) -> dict[str, Any]:
+    """What tells runs apart in every study, beside the names; a fallback is not what is studied."""
+    own = [c for c in case.controllers if c.fallback_of is None]
+    schemes = dict.fromkeys(c.scheme for c in own if c.scheme)
+    return {
+        "controller": "+".join(c.name for c in own) or "none",
+        "scheme": "+".join(schemes) or None,
+        "seed": case.run.seed,
+    }
+
+
+def closed_loop(case: Case) -> Record:
+    """`loop.run(case)`, with plant and residues shared between runs."""
+    return loop.finish(case, fresh_loop(case))
+
+
+def fresh_loop(case: Case, *, outside: bool = False) -> Loop:
+    """`loop.build_loop(case)`, with plant and residues shared between runs."""
+    # By content, not by name: a worker of a cluster may outlive a file.
+    system = f"{case.run.devices} {case.system.model_dump_json()}"
+    events = [event.model_dump_json() for event in case.scenario.events]
+    noise = f"{case.run.load_noise.model_dump_json()} {case.run.seed} {case.duration}" if case.run.load_noise else ""
+    guarded = f"{case.run.watchdog and case.run.watchdog.model_dump_json()} {case.run.frame_rate}"
+    built = shared(_plants, f"{events} {system} {noise} {guarded}", lambda: build_plant(case))
+    plant = None
+    if needs_residues(case):
+        model = system if case.model is None else f"{case.run.devices} {case.model.model_dump_json()}"
+        plant = shared(
+            _residues, f"{case.run.frame_rate} {case.measurement.filter} {model}", lambda: plant_residues(case)
+        )
+    own = built._replace(state=copy(built.state))
+    return loop.build_loop(case, plant, own, outside=outside)
+
+
+def shared(kept: dict[str, T], key: str, make: Callable[[], T]) -> T:
+    """What is kept under a key, made if it is not there; the oldest goes when there are too many."""
+    found = kept.get(key)
+    if found is None:
+        if len(kept) >= MOST_SHARED:
+            kept.pop(next(iter(kept)), None)
+        found = kept[key] = make()
+    return found
+
+
+def figure_names(*, modes: bool, check_step: bool = False) -> list[str]:
+    """Columns of `figures`."""
+    found = ["stable", *OUTCOME, *INDICES, *SUMMED, "saturation_duty", *LATENCIES, "frames_lost", "trips"]
+    found += [*GROWTH.values(), "warnings", *(CHECKED if check_step else ())]
+    return [*found, *INTERAREA] if modes else found
+
+
+def figures(record: Record, finer: Record | None = None, *, modes: bool) -> dict[str, Any]:
+    """The figures of a run, flat; None where a run has none. `finer`: the same at half the integration step."""
+    told = summarise(record, method=AUTO if modes else None)
+    found: dict[str, Any] = {
+        "stable": told["stable"] is True,
+        **{name: told[name] for name in OUTCOME},
+        **(told["indices"] or dict.fromkeys(INDICES)),
+        **{name: told[name] for name in SUMMED},
+        "saturation_duty": max(told["saturation_duty"].values(), default=None),
+        **_latency(record),
+        "frames_lost": told["frames_lost"],
+        "trips": len(trips(told["supervision"])),
+        **{name: (told["growth_per_s"] or {}).get(end) for end, name in GROWTH.items()},
+        "warnings": "; ".join(told["warnings"]) or None,
+    }
+    if finer is not None:
+        half = summarise(finer, method=None)
+        beside = convergence.compare(told, half)
+        most = max(beside["step_change"][i] for i in INDICES)
+        found |= dict(zip(CHECKED, (beside["converged"], most, half["verdict"]), strict=True))
+    if modes:
+        slow = next((mode for mode in told["modes"] if mode["frequency_hz"] < INTERAREA_HZ), None)
+        values = (slow["frequency_hz"], slow["damping_ratio"]) if slow else (None, None)
+        found |= dict(zip(INTERAREA, values, strict=True))
+    return found
+
+
+def _latency(record: Record) -> dict[str, float | None]:
+    """Mean and quantiles of the latency from measurement to device."""
+    ages = ages_ms(record)
+    ages = ages[np.isfinite(ages)]
+    if not len(ages):
+        return dict.fromkeys(LATENCIES)
+    found = [ages.mean(), *np.percentile(ages, QUANTILES)]
+    return dict(zip(LATENCIES, map(float, found), strict=True))

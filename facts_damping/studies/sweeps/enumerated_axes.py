@@ -1,0 +1,104 @@
+"""Axes over everything that there is: the scenarios of a system, the controllers of the table, as rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from facts_damping.case.controllers import tuned
+from facts_damping.control.table import CONTROLLERS, kind
+from facts_damping.errors import InputError
+from facts_damping.parameters import files
+from facts_damping.parameters.study import Axis, Study
+from facts_damping.studies.search.tune import SCENARIO, every_scheme
+from facts_damping.studies.sweeps.batch import CUSTOM, Base, make, names
+
+if TYPE_CHECKING:
+    from facts_damping.case.model import Case
+
+NONE = "none"
+ANY = "ANFTSC"  # takes whatever signals and devices there are
+RESTS_ON = ("system", "devices", "profile")  # fields of a run that say which scenarios and controllers there are
+COLUMNS = {"scenario": "scenario", "controller": "kind", "network": "kind"}  # of the table, where it has no name
+
+
+def expand_axis(study: Study, base: Base) -> Study:
+    """The study with each axis over `every` as rows. Raises `InputError` where another axis sets what these rest on."""
+    asked = [axis.every for axis in study.sweep if axis.every is not None]
+    if not asked:
+        return study
+    for path in (path for axis in study.sweep for row in axis.rows or [axis.factors] for path in row):
+        if path in RESTS_ON:
+            raise InputError(f"sweep: '{path}' beside an axis over every {asked[0]}; allowed: --set {path}=...")
+    case = make(base, {"scenario": [], "controllers.*.name": ANY})
+    system = names(base, {})["system"]
+    if system == CUSTOM:
+        raise InputError(f"sweep: a system inline beside an axis over every {asked[0]}; allowed: a name, or a file")
+    return study.model_copy(update={"sweep": [_rows(axis, system, case) for axis in study.sweep]})
+
+
+def _rows(axis: Axis, system: str, case: Case) -> Axis:
+    """An axis over `every` as rows with labels; any other as it is."""
+    if axis.every is None:
+        return axis
+    if axis.every == "scenario":
+        rows = {name: {"scenario": name} for name in scenarios(system)}
+    else:
+        rows = candidates(system, case) if axis.every == "controller" else networks()
+    return Axis(name=axis.name or COLUMNS[axis.every], labels=list(rows), rows=list(rows.values()))
+
+
+def scenarios(system: str) -> list[str]:
+    """The scenarios of a system that are judged: all but the one for training.
+
+    Those of a system by path are the files of its folder that have `events`.
+    """
+    path, known = files.find("systems", system), files.shipped("scenarios")
+    found = [name.removeprefix(f"{system}/") for name in known if name.startswith(f"{system}/")]
+    if path not in files.shipped("systems").values():
+        beside = sorted(one for one in path.parent.iterdir() if one.suffix in (".yaml", ".yml"))
+        found = [str(one) for one in beside if one != path and _is_scenario(one)]
+    judged = [name for name in found if Path(name).stem != SCENARIO]
+    if not judged:
+        raise InputError(f"sweep: no scenario for {system}; allowed: a system with scenarios, or files beside its own")
+    return judged
+
+
+def _is_scenario(path: Path) -> bool:
+    """Whether a file has events; one that cannot be read has none."""
+    try:
+        return "events" in files.read_table(path)
+    except InputError:
+        return False
+
+
+def candidates(system: str, case: Case) -> dict[str, dict[str, Any]]:
+    """What makes a run one of no control, of each controller of the table and scheme: fields of the run, by name.
+
+    Each takes as many of a controller's signals as it can. LLC-tuned is left out where it is not tuned for them.
+    """
+    first = case.run.controllers[0]
+    known = ("LLC-tuned", None) in tuned(system, first.signals[:1], first.devices, profile=case.run.tuning)
+    labels = _labels([one for one in CONTROLLERS if one != "LLC-tuned" or known])
+    return {NONE: {"controllers": []}, **{label: {**_named(label), **_cut(label, case)} for label in labels}}
+
+
+def networks() -> dict[str, dict[str, Any]]:
+    """The neuro-fuzzy controllers of the table in both schemes, as `contenders`."""
+    return {label: _named(label) for label in _labels([name for name, row in CONTROLLERS.items() if row.network])}
+
+
+def _labels(names: list[str]) -> list[str]:
+    return [f"{name} {scheme}" if scheme else name for name, scheme in every_scheme(names)]
+
+
+def _named(label: str) -> dict[str, Any]:
+    name, _, scheme = label.partition(" ")
+    return {"controllers.*.name": name, **({"controllers.*.scheme": scheme} if scheme else {})}
+
+
+def _cut(label: str, case: Case) -> dict[str, Any]:
+    """Of controllers with more signals than this one takes, the first."""
+    most = kind(label.partition(" ")[0]).signals
+    own = {f"controllers.{i}.signals": one.signals for i, one in enumerate(case.run.controllers)}
+    return {path: signals[:most] for path, signals in own.items() if len(signals) > most}

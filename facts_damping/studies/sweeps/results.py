@@ -1,0 +1,240 @@
+"""What a sweep leaves in its folder: its table as Parquet and CSV, margins, shares, versions; text for a terminal."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import pyarrow as pa
+from pyarrow import csv, parquet
+
+from facts_damping import terminal
+from facts_damping.analysis.convergence import MARK
+from facts_damping.input_files import share_folder
+from facts_damping.studies.margins.margins import failed_fraction
+from facts_damping.terminal import write_whole
+from facts_damping.version import versions
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    Rows = Sequence[dict[str, Any]]
+
+MOST_LINES = 40  # of a table on the terminal; a longer one is in its file alone
+
+
+def table(rows: Rows) -> pa.Table:
+    """Rows as a table: a column is of truth values, numbers or text; anything else is text as JSON."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    return pa.table({name: _column([row.get(name) for row in rows]) for name in names})
+
+
+def _column(values: list[Any]) -> pa.Array:
+    kinds = {type(value) for value in values if value is not None}
+    if kinds == {int, float}:
+        return pa.array([None if value is None else float(value) for value in values])
+    if not kinds:
+        return pa.array(values, pa.string())
+    if len(kinds) == 1 and kinds <= {bool, int, float, str}:
+        return pa.array(values)
+    return pa.array([value if value is None or isinstance(value, str) else json.dumps(value) for value in values])
+
+
+def _commit() -> str | None:
+    git, here = shutil.which("git"), share_folder()
+    if git is None or not (here / ".git").exists():
+        return None
+    told = [git, "-C", str(here), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    done = subprocess.run(told, capture_output=True, text=True, check=False)
+    return done.stdout.strip() or None
+
+
+def write(folder: Path, rows: Rows, margins: Rows, shares: Rows) -> list[Path]:
+    """Write all tables and the versions; their paths."""
+    made = []
+    whole = table(rows)
+    parquet.write_table(whole, folder / "rows.parquet")
+    made.append(folder / "rows.parquet")
+    for name, some in (("rows", rows), ("margins", margins), ("shares", shares)):
+        if some:
+            csv.write_csv(table(some), folder / f"{name}.csv")
+            made.append(folder / f"{name}.csv")
+    write_whole(
+        folder / "versions.json", json.dumps({**versions("joblib", "pyarrow"), "git": _commit()}, indent=2) + "\n"
+    )
+    return [*made, folder / "versions.json"]
+
+
+def tables(folder: Path, name: str, rows: Rows) -> list[Path]:
+    """Write rows as Parquet and CSV; the paths."""
+    whole = table(rows)
+    parquet.write_table(whole, folder / f"{name}.parquet")
+    csv.write_csv(whole, folder / f"{name}.csv")
+    return [folder / f"{name}.parquet", folder / f"{name}.csv"]
+
+
+def sweep_tables(rows: Rows, margins: Rows, shares: Rows, across: str = "scenario") -> list[str]:
+    """What a terminal shows: counts, the margins, the shares of runs that fail."""
+    failed = [row["error"] for row in rows if row["error"]]
+    sound = [row for row in rows if not row["error"]]
+    lines = [f"{len(rows)} runs"]
+    if sound:
+        unstable = failed_fraction(sum(not row["stable"] for row in sound), len(sound))
+        lines[0] += f", {unstable['failed']} unstable ({100 * unstable['share']:.1f} %)"
+    open_ = sum(row.get("converged") is False for row in sound)
+    if open_:
+        lines[0] += f", {open_} not converged"
+    if failed:
+        lines.append(f"{len(failed)} could not be made, the first: {failed[0]}")
+    if margins:
+        lines += ["", *margin_table(margins, across)]
+    if shares and len(shares) <= MOST_LINES:
+        lines += ["", *share_table(shares)]
+    return lines
+
+
+def varying(rows: Rows, without: Sequence[str]) -> list[str]:
+    """Columns in which rows differ, and not as an earlier one does; a column of lists, not in the same rows as one."""
+    found: dict[str, str] = {}
+    apart: set[tuple[int, ...]] = set()
+    for name in dict.fromkeys(name for row in rows for name in row if name not in without):
+        values = [row.get(name) for row in rows]
+        if all(value == values[0] for value in values):
+            continue
+        texts = list(map(json.dumps, values))
+        kinds = {text: i for i, text in enumerate(dict.fromkeys(texts))}
+        groups = tuple(kinds[text] for text in texts)
+        if groups in apart and any(isinstance(value, list | dict) for value in values):
+            continue
+        apart.add(groups)
+        found.setdefault(json.dumps(values), name)
+    return list(found.values())
+
+
+FOUND = (
+    "converged",
+    "margin_s",
+    "low_s",
+    "high_s",
+    "seeds",
+    "monotonic",
+    "holds_again",
+    "holds",
+    "beyond",
+    "per_seed",
+    "field",
+)
+COUNTED = ("runs", "failed", "share", "low", "high", "not_converged")
+
+
+def label(row: dict[str, Any], names: Sequence[str]) -> str:
+    """A row by these columns; a number with its column's name."""
+    told = [(name, row[name]) for name in names if row.get(name) is not None]
+    return " ".join(value if isinstance(value, str) else f"{name.split('.')[-1]}={value}" for name, value in told)
+
+
+def by_scenario(rows: Rows) -> dict[str, list[dict[str, Any]]]:
+    """Rows by scenario."""
+    return {name: [r for r in rows if r["scenario"] == name] for name in dict.fromkeys(r["scenario"] for r in rows)}
+
+
+def margin_names(margins: Rows, across: str) -> list[str]:
+    """Columns that tell margins apart, but for criterion, scenario and the column whose values stand side by side."""
+    return varying(margins, (*FOUND, "horizon_s", "criterion", "scenario", across))
+
+
+def ranked(margins: Rows, names: Sequence[str]) -> list[tuple[Any, ...]]:
+    """What these columns say of margins, who bears most first, by the median of the first criterion.
+
+    Who has one that is not converged has no rank: they come last.
+    """
+    reached: dict[tuple[Any, ...], list[float]] = {}
+    unsure: set[tuple[Any, ...]] = set()
+    for row in margins:
+        if row["criterion"] == margins[0]["criterion"]:
+            who = tuple(row.get(name) for name in names)
+            reached.setdefault(who, []).append(reach(row))
+            if row.get("converged") is False:
+                unsure.add(who)
+    return sorted(reached, key=lambda one: (one in unsure, -median(reached[one])))
+
+
+def reach(row: dict[str, Any]) -> float:
+    """A margin to sort and draw by; beyond the range its end."""
+    known = row["margin_s"] if row["beyond"] is None else row["low_s"]
+    return float(known or 0.0)
+
+
+def margin_table(margins: Rows, across: str) -> list[str]:
+    """Margins in Markdown, the values of `across` side by side: a table a criterion, and a scenario if that is not it.
+
+    A star, and the share of the coarse grid that holds, where it holds again at larger values.
+    """
+    names, columns = margin_names(margins, across), list(dict.fromkeys(row[across] for row in margins))
+    lines: list[str] = []
+    for criterion in dict.fromkeys(row["criterion"] for row in margins):
+        for scenario, own in beneath([row for row in margins if row["criterion"] == criterion], across).items():
+            place = {(row[across], *(row.get(name) for name in names)): row for row in own}
+            horizons = "/".join(f"{h:g}" for h in dict.fromkeys(row["horizon_s"] for row in own) if h is not None)
+            told = ", ".join(part for part in (criterion, scenario, own[0]["field"]) if part)
+            cells = [
+                [*map(cell, one), *(told_margin(place.get((column, *one))) for column in columns)]
+                for one in ranked(own, names)
+            ]
+            titles = [*names, *(f"{cell(c)} [low, high]" for c in columns)]
+            lines += [
+                f"{told}, horizon {horizons} s:",
+                "",
+                *terminal.table(titles, cells, len(names), markdown=True),
+                "",
+            ]
+    return lines
+
+
+def beneath(margins: Rows, across: str) -> dict[str, list[dict[str, Any]]]:
+    """Margins that stand one beneath the other: by scenario, or all where scenarios are side by side."""
+    return {"": list(margins)} if across == "scenario" else by_scenario(margins)
+
+
+def told_margin(row: dict[str, Any] | None) -> str:
+    """A margin with its bracket or interval."""
+    if row is None:
+        return ""
+    star = "" if row["monotonic"] else f" * {100 * row['holds']:.0f} %"
+    if row.get("converged") is False:
+        star += " " + MARK
+    if row["margin_s"] is None:
+        return {"high": f"> {cell(row['low_s'])}", "low": f"< {cell(row['high_s'])}", None: "-"}[row["beyond"]] + star
+    return f"{row['margin_s']:.3f} [{cell(row['low_s'])}, {cell(row['high_s'])}]{star}"
+
+
+def spans(values: Sequence[float]) -> str:
+    """Values as the least and the largest."""
+    if not values:
+        return ""
+    return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} to {values[-1]:g}"
+
+
+def share_table(shares: Rows) -> list[str]:
+    """Shares of runs that fail in Markdown."""
+    told = varying(shares, COUNTED)
+    checked = any("not_converged" in row for row in shares)
+    cells = []
+    for row in shares:
+        interval = f"{100 * row['low']:.1f} to {100 * row['high']:.1f}"
+        counted = [str(row["runs"]), f"{100 * row['share']:.1f}", interval]
+        counted += [cell(row.get("not_converged"))] if checked else []
+        cells.append([*(cell(row.get(name)) for name in told), *counted])
+    titles = [*told, "runs", "failed, %", "95 % interval", *(["not converged"] if checked else [])]
+    return terminal.table(titles, cells, len(told), markdown=True)
+
+
+def cell(value: Any) -> str:
+    """A value in a table."""
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

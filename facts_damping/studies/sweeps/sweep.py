@@ -1,0 +1,303 @@
+"""A study carried out: every point of its axes, the margins that it asks for, what was finished before left alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from facts_damping.analysis.verdict import DAMPED, LOST
+from facts_damping.case.loading import read_run
+from facts_damping.control.table import PROGRAMS
+from facts_damping.errors import InputError, check_known
+from facts_damping.input_files import read_text
+from facts_damping.parameters import files
+from facts_damping.parameters.files import check_kind, find, read_sets, read_table
+from facts_damping.parameters.study import Study
+from facts_damping.parameters.validation import check
+from facts_damping.simulation.user_code import source_hash
+from facts_damping.studies.margins import margins
+from facts_damping.studies.sweeps import axes, true_jacobian
+from facts_damping.studies.sweeps.batch import IDENTITY, Base, RunRequest, figure_names, make, one_run
+from facts_damping.studies.sweeps.enumerated_axes import expand_axis
+from facts_damping.studies.sweeps.journal import Journal
+from facts_damping.studies.sweeps.pool import workers
+from facts_damping.terminal import note, write_whole
+from facts_damping.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from facts_damping.case.model import Case
+    from facts_damping.parameters.study import Margin
+    from facts_damping.studies.sweeps.axes import Point
+    from facts_damping.terminal import Progress
+
+JOURNAL = "rows.jsonl"
+COPY = "study.yaml"
+NETWORK = ("system", "scenario", "devices")  # fields of a run that make its plant
+# Rows of a point by the value of the margin's field; None: there is no margin.
+PointState = dict[float | None, dict[str, Any]]
+Rows = list[dict[str, Any]]
+FAILED: dict[str, Callable[[Mapping[str, Any]], bool]] = {
+    "unstable": lambda row: row["verdict"] == LOST,
+    "not_damped": lambda row: row["verdict"] != DAMPED,
+}
+
+
+class Plan(NamedTuple):
+    """A study that has been read: its points, and what its runs have in common."""
+
+    name: str
+    text: str  # the study as YAML
+    study: Study
+    base: Base
+    points: list[Point]
+    fingerprint: str  # of everything that its rows depend on
+
+
+def plan(name: str, sets: Sequence[str], only: Sequence[str] = (), *, check_step: bool = False) -> Plan:
+    """Read a study by name or path, with `--set` applied to its base run; `check_step`: whatever it says of that.
+
+    `only`: the points to run, each text a column with the patterns of its values, `kind=LLC*,HBsWC direct`.
+
+    Raises `InputError` also where its first run cannot be made.
+    """
+    path = find("studies", name)
+    content = read_table(path)
+    check_kind("studies", content, str(path))
+    study = check(Study, content, str(path))
+    study = study.model_copy(update={"check_step": study.check_step or check_step})
+    return planned(study, path.stem, str(path), read_text(path), sets, only)
+
+
+def planned(
+    study: Study, name: str, source: str, text: str, sets: Sequence[str] = (), only: Sequence[str] = ()
+) -> Plan:
+    """A study that has been read, or made: `source` begins its error messages, `text` is the copy that it leaves."""
+    try:
+        base = _base(study, sets, source)
+        study = expand_axis(study, base)
+        points = axes.chosen(axes.points(study), only)
+        if study.margin is not None:
+            check_known("margin.across", study.margin.across, [*IDENTITY, *points[0].columns])
+        first = make(base, points[0].changes | _margin_changes(study, study.margin.low if study.margin else None))
+        _check_tables(study, points[0], first)
+        changes = [point.changes for point in points]
+        code = [source_hash(*one) for one in dict.fromkeys(_programs([base.content, base.set, *changes]))]
+    except InputError as error:
+        raise InputError(str(error) if source in str(error) else f"{source}: {error}") from error
+    told = [study.model_dump(), *only, base.content, base.set, first.document(), __version__, *code]
+    digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
+    return Plan(name, text, study, base, points, digest)
+
+
+def _programs(content: Any) -> Iterator[tuple[str, str]]:
+    """All programs of the user's own that a content of runs names: field, and its text or file."""
+    if isinstance(content, list):
+        for one in content:
+            yield from _programs(one)
+    elif isinstance(content, dict):
+        for name, value in content.items():
+            field, text = name.rpartition(".")[2], value.get("file") if isinstance(value, dict) else value
+            if field in PROGRAMS and isinstance(text, str):
+                yield field, text
+            else:
+                yield from _programs(value)
+
+
+def _check_tables(study: Study, first: Point, case: Case) -> None:
+    """Raise `InputError` where a table is of columns that no row has; `first`, `case`: of the first run."""
+    own = true_jacobian.names(case) if study.jacobian or "jacobian" in study.pictures else []
+    if study.tables is None:
+        return
+    columns = [*IDENTITY, *first.columns]
+    for name in study.tables.rows + ([study.tables.across] if study.tables.across else []):
+        check_known("tables", name, columns)
+    for name in study.tables.figures:
+        check_known("tables.figures", name, [*figure_names(modes=study.modes, check_step=study.check_step), *own])
+
+
+def _base(study: Study, sets: Sequence[str], source: str) -> Base:
+    """What all runs of a study have in common."""
+    content, _ = read_run(study.run)
+    changed, _ = read_sets(sets)
+    return Base(content, source, {**study.set, **changed}, study.modes, study.jacobian)
+
+
+def _margin_changes(study: Study, value: float | None) -> dict[str, Any]:
+    return {} if study.margin is None else axes.placed(study.margin, value).changes
+
+
+def run(made: Plan, folder: Path, jobs: int, scheduler: str | None, progress: Progress) -> list[PointState]:
+    """The rows of a study's points; only those that the folder does not hold yet are run.
+
+    Raises `InputError` where the folder is another study's, `RunError` where the runs cannot go on.
+    """
+    most = len(made.points) * (margins.most_runs(made.study.margin) if made.study.margin else 1)
+    with workers(jobs, scheduler) as each, Journal(files.new_folder(folder) / JOURNAL, made.fingerprint) as journal:
+        write_whole(folder / COPY, made.text)
+        if journal.damaged:
+            lines = f"{journal.damaged} damaged line{'s' if journal.damaged > 1 else ''}"
+            note(f"{folder / JOURNAL}: {lines}; what stood there is run again")
+        progress.resume(len(journal.rows))
+        progress(len(journal.rows), most)
+        while todo := _tasks(made, journal.rows):
+            for key, row in each(partial(one_run, made.base), todo):
+                journal.append(key, row)
+                progress(len(journal.rows), most)
+        return _seen(made, journal.rows)
+
+
+def rows(found: Sequence[PointState]) -> list[dict[str, Any]]:
+    """All rows, by point, then by the value of the margin's field."""
+    return [seen[value] for seen in found for value in sorted(seen, key=lambda value: value or 0.0)]
+
+
+def _seen(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[PointState]:
+    """The rows of each point, by the value of the margin's field."""
+    found: list[PointState] = [{} for _ in made.points]
+    for key, row in rows.items():
+        point, _, value = key.partition(" ")
+        found[int(point)][float(value) if value else None] = row
+    return found
+
+
+def _tasks(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
+    """The runs that come next; none: the study is done. Those on the same network follow each other, to share it."""
+    found = [
+        _task(made, i, value)
+        for i, seen in enumerate(_seen(made, rows))
+        for value in (_wanted(made.study.margin, seen) if made.study.margin else [None] if not seen else [])
+    ]
+    if made.study.check_step:
+        found = [task._replace(check_step=made.study.margin is None) for task in found] or _ends(made, rows)
+    networks: dict[str, list[RunRequest]] = {}
+    for task in found:
+        networks.setdefault(_network(task), []).append(task)
+    return [task for own in networks.values() for task in own]
+
+
+def _ends(made: Plan, rows: Mapping[str, dict[str, Any]]) -> list[RunRequest]:
+    """Runs at the ends of all brackets, which a margin rests on, that were not made with half the step yet."""
+    criteria = made.study.margin.criteria if made.study.margin else []
+    return [
+        _task(made, i, value)._replace(check_step=True)
+        for i, seen in enumerate(_seen(made, rows))
+        for value in {end: None for one in criteria for end in _bracket_ends(_failed(seen, one))}
+        if "converged" not in seen[value]
+    ]
+
+
+def _bracket_ends(failed: Mapping[float, bool | None]) -> list[float]:
+    one = margins.bracket(failed)
+    return [value for value in (one.low, one.high) if value is not None]
+
+
+def _network(task: RunRequest) -> str:
+    """What a run sets of the network and its events, as text."""
+    own = {path: value for path, value in task.changes.items() if path.partition(".")[0] in NETWORK}
+    return json.dumps(own, default=str)
+
+
+def _task(made: Plan, i: int, value: float | None) -> RunRequest:
+    point = made.points[i]
+    if made.study.margin is None or value is None:
+        return RunRequest(str(i), point.changes, point.columns)
+    both = axes.joined([point, axes.placed(made.study.margin, value)])
+    return RunRequest(f"{i} {value!r}", both.changes, both.columns)
+
+
+def _wanted(margin: Margin, seen: PointState) -> list[float]:
+    """Values that a point's search needs next, of all criteria, each once."""
+    each = [margins.wanted(margin, _failed(seen, criterion)) for criterion in margin.criteria]
+    return list(dict.fromkeys(value for values in each for value in values))
+
+
+def _failed(seen: PointState, criterion: str) -> dict[float, bool | None]:
+    """Whether the run failed at each value; None where it could not be made."""
+    return {value: None if row["error"] else FAILED[criterion](row) for value, row in seen.items() if value is not None}
+
+
+def found_margins(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
+    """A margin for each point and criterion; points that differ by seed or draw alone are one."""
+    margin = made.study.margin
+    if margin is None:
+        return []
+    groups: dict[str, list[PointState]] = {}
+    for seen in found:
+        one = next((row for row in seen.values() if not row["error"]), next(iter(seen.values())))
+        groups.setdefault(json.dumps({name: one.get(name) for name in _place(made)}), []).append(seen)
+    told = []
+    for place, group in groups.items():
+        for criterion in margin.criteria:
+            searches = [_failed(seen, criterion) for seen in group]
+            ends = [seen[v] for seen, one in zip(group, searches, strict=True) for v in _bracket_ends(one)]
+            over = margins.over_seeds([margins.bracket(one) for one in searches], margin, made.study.seed)
+            held = margins.held(margin, searches)
+            told.append({**json.loads(place), "criterion": criterion, **over, "holds": held, **_sure(ends, criterion)})
+    return told
+
+
+def differ(rows: Sequence[dict[str, Any]], criterion: str) -> list[bool] | None:
+    """Of each run whether it fails with one integration step and not with half of it; None where that was not tried."""
+    fails = FAILED[criterion]
+    finer = [row.get("verdict_half_step") for row in rows]
+    if None in finer:
+        return None
+    return [fails(row) != fails({"verdict": half}) for row, half in zip(rows, finer, strict=True)]
+
+
+def _sure(ends: Rows, criterion: str) -> dict[str, bool]:
+    """Whether the runs at the ends of all brackets do the same with half the step; nothing where that was not tried."""
+    changed = differ(ends, criterion)
+    return {"converged": not any(changed)} if changed else {}
+
+
+def swept(made: Plan) -> list[str]:
+    """Columns that were swept, the margin's among them."""
+    return [*made.points[0].columns, *([made.study.margin.column] if made.study.margin else [])]
+
+
+def across(made: Plan) -> str:
+    """Column whose values stand side by side where margins are told."""
+    return made.study.margin.across if made.study.margin else "scenario"
+
+
+def _place(made: Plan) -> list[str]:
+    """Columns that say what a run was, but for its seed and what was drawn."""
+    drawn = {"seed", *(name for axis in made.study.sweep for name in axes.drawn_columns(axis))}
+    return [name for name in dict.fromkeys([*IDENTITY, *made.points[0].columns, "horizon_s"]) if name not in drawn]
+
+
+def found_shares(made: Plan, found: Sequence[PointState]) -> list[dict[str, Any]]:
+    """The share of runs that fail among those that differ by their seed or what was drawn, with Wilson's interval.
+
+    A row for each place and criterion; none where no two runs share a place.
+    """
+    columns = _place(made) + ([made.study.margin.column] if made.study.margin else [])
+    groups: dict[str, Rows] = {}
+    for row in rows(found):
+        if not row["error"]:
+            groups.setdefault(json.dumps({name: row.get(name) for name in columns}), []).append(row)
+    if all(len(one) == 1 for one in groups.values()):
+        return []
+    return [
+        {
+            **json.loads(place),
+            "criterion": criterion,
+            **margins.failed_fraction(sum(map(fails, own)), len(own)),
+            **differing,
+        }
+        for criterion, fails in FAILED.items()
+        for place, own in groups.items()
+        for differing in [_differing(own, criterion)]
+    ]
+
+
+def _differing(rows: Rows, criterion: str) -> dict[str, int]:
+    """How many runs of a share do otherwise with half the integration step; nothing where that was not tried."""
+    changed = differ(rows, criterion)
+    return {} if changed is None else {"not_converged": sum(changed)}

@@ -1,0 +1,285 @@
+"""Pictures of a sweep, drawn from its table: which ones follow from what was swept."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from facts_damping.analysis.convergence import MARK
+from facts_damping.analysis.plots import COLOURS
+from facts_damping.studies.margins.margin_plots import draw_margins
+from facts_damping.studies.margins.margins import failed_fraction
+from facts_damping.studies.pages import save
+from facts_damping.studies.sweeps.batch import QUANTILES
+from facts_damping.studies.sweeps.results import by_scenario, label, varying
+from facts_damping.studies.sweeps.sweep import FAILED, differ
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from numpy.typing import NDArray
+
+    Rows = Sequence[dict[str, Any]]
+
+STYLES = ("-", "--", ":", "-.")
+CURVES = {
+    "ITAE": "ITAE [p.u. s²]",
+    "interarea_damping_ratio": "interarea damping ratio",
+    "smoothness": "smoothness [p.u./s²]",
+}
+SHARES = {"unstable": "share of unstable runs", "not_damped": "share of runs not damped"}
+BINS = 20  # of a drawn variable
+LEAST = 3  # values that make an axis
+MOST_ACROSS = 5  # panels of a map
+MOST_TICKS = 12  # of a map, a tick each
+MOST_GROUPS = 30  # curves that can be told apart
+MOST_TOGETHER = 8  # groups with all figures in one picture
+SPREAD_MS = 1e-3  # a latency that varies less is one number, not a distribution
+MOST_DISTINCT = 60  # values that a drawn variable has more of
+
+
+def draw(rows: Rows, swept: Sequence[str], margins: Rows, across: str, folder: Path) -> list[Path]:
+    """All pictures that the table of a sweep has something for; `swept`: columns that were swept."""
+    sound = [row for row in rows if not row["error"]]
+    axes = sorted(numeric(sound, swept), key=lambda name: -len({row[name] for row in sound}))
+    made: dict[str, Figure | None] = {"margins": draw_margins(margins, across) if margins else None}
+    few = len(groups(sound, swept, axes)) <= MOST_GROUPS
+    if axes and sound and few:
+        x = next((m["field"] for m in margins), axes[0])
+        made["curves"] = draw_curves(sound, x, swept, axes)
+        others = [name for name in axes if name != x]
+        for criterion, ending in zip(SHARES, ("", "_not_damped"), strict=True):
+            made[f"probability{ending}"] = draw_probability(sound, x, swept, axes, criterion)
+            made[f"map{ending}"] = draw_map(sound, x, others[0], swept, criterion) if others else None
+    made["latency"] = draw_latency(sound, swept) if few else None
+    return [save(figure, folder / f"{stem}.png") for stem, figure in made.items() if figure is not None]
+
+
+def numeric(rows: Rows, swept: Sequence[str]) -> list[str]:
+    """Swept columns of numbers with at least three values, but for the seed."""
+    found = []
+    for name in dict.fromkeys(swept):
+        values = [row.get(name) for row in rows]
+        if name != "seed" and all(type(value) in (int, float) for value in values) and len(set(values)) >= LEAST:
+            found.append(name)
+    return found
+
+
+def groups(
+    rows: Rows, swept: Sequence[str], without: Sequence[str], every: Rows | None = None
+) -> dict[str, list[dict[str, Any]]]:
+    """Rows by a label of what tells them apart, or all of `every`, but for these columns, scenario and seed."""
+    places = dict.fromkeys(["system", "controller", "scheme", "link", *swept, "horizon_s"])
+    kept = [name for name in places if name not in (*without, "scenario", "seed")]
+    names = varying([{name: row.get(name) for name in kept} for row in (rows if every is None else every)], ())
+    found: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        found.setdefault(label(row, names), []).append(row)
+    return found
+
+
+def styles() -> Iterator[dict[str, Any]]:
+    """Colours, then other dashes."""
+    for style in STYLES * 10:
+        for colour in COLOURS:
+            yield {"color": colour, "linestyle": style}
+
+
+def _panels(rows: Rows, titles: Sequence[str], label: str) -> tuple[Figure, dict[str, Any]]:
+    """A figure with a column of panels for each scenario, one below the other, and the axes of each."""
+    columns = by_scenario(rows)
+    figure = Figure(figsize=(3.0 + 4.0 * len(columns), 1.2 + 2.6 * len(titles)), layout="constrained")
+    made: Any = figure.subplots(len(titles), len(columns), sharex=True, sharey="row", squeeze=False)
+    for j, scenario in enumerate(columns):
+        made[0, j].set_title(scenario)
+        made[-1, j].set_xlabel(label)
+        for axes in made[:, j]:
+            axes.grid(visible=True, lw=0.3)
+            axes.spines[["top", "right"]].set_visible(False)
+    for axes, title in zip(made[:, 0], titles, strict=True):
+        axes.set_ylabel(title)
+    return figure, {scenario: made[:, j] for j, scenario in enumerate(columns)}
+
+
+def _legend(figure: Figure) -> None:
+    """One legend for all panels, at the right."""
+    entries = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        entries.update(dict(zip(labels, handles, strict=True)))
+    entries.pop("", None)
+    if entries:
+        figure.legend(entries.values(), entries, loc="outside right center", fontsize="small", frameon=False)
+
+
+def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
+    """Index, damping ratio and smoothness against a numeric axis: medians, and points where values are drawn.
+
+    Runs that are not converged are left out.
+
+    Of more than eight groups ITAE alone, direct and indirect schemes apart, controllers without adaptation in both.
+    """
+    shown = {name: title for name, title in CURVES.items() if any(row.get(name) is not None for row in rows)}
+    if not shown:
+        return None
+    schemes = [one for one in dict.fromkeys(row["scheme"] for row in rows) if one]
+    if len(groups(rows, swept, axes)) <= MOST_TOGETHER or not schemes:
+        parts: list[tuple[str, str, set[str | None]]] = [
+            (title, name, {None, *schemes}) for name, title in shown.items()
+        ]
+    else:
+        parts = [(f"{CURVES['ITAE']}, {one}", "ITAE", {None, one}) for one in schemes]
+        axes = [*axes, "scheme", *(name for name in swept if all(row.get(name) == row["scheme"] for row in rows))]
+    figure, panels = _panels(rows, [title for title, _, _ in parts], x)
+    looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
+    for scenario, own in by_scenario(rows).items():
+        for group, some in groups(own, swept, axes, rows).items():
+            for panel, (_, name, kept) in zip(panels[scenario], parts, strict=True):
+                told = [row for row in some if row["scheme"] in kept]
+                known = [row.get(name) if row.get("converged") is not False else None for row in told]
+                values = [np.nan if value is None else value for value in known]
+                _curve(panel, np.array([row[x] for row in told], float), np.array(values), looks[group], group)
+                panel.set_yscale("linear" if name.startswith("interarea") else "log")
+    _legend(figure)
+    return figure
+
+
+def _curve(panel: Axes, x: NDArray[np.float64], y: NDArray[np.float64], style: dict[str, Any], name: str) -> None:
+    """Values against x, with a gap where there is none; many are points with the medians of bins."""
+    if not len(x):
+        return
+    if len(np.unique(x)) > MOST_DISTINCT:
+        faint = max(0.05, min(0.5, 300 / len(x)))
+        panel.plot(x, y, ".", color=style["color"], ms=2, alpha=faint)
+    middles, parts = binned(x)
+    known = [y[part][np.isfinite(y[part])] for part in parts]
+    panel.plot(middles, [float(np.median(one)) if len(one) else np.nan for one in known], label=name, lw=1.2, **style)
+
+
+def binned(x: NDArray[np.float64]) -> tuple[list[float], list[NDArray[np.bool_]]]:
+    """Values by which to group, and which belong to each: each value by itself, or bins of equal width where many."""
+    distinct = np.unique(x)
+    if len(distinct) <= MOST_DISTINCT:
+        return [float(value) for value in distinct], [x == value for value in distinct]
+    edges = np.linspace(distinct[0], distinct[-1], BINS + 1)
+    at = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
+    kept = [i for i in range(BINS) if np.any(at == i)]
+    return [float((edges[i] + edges[i + 1]) / 2) for i in kept], [at == i for i in kept]
+
+
+def draw_probability(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str], criterion: str) -> Figure | None:
+    """Share of runs that fail against a numeric axis with Wilson's interval; none where no two runs share a value."""
+    figure, panels = _panels(rows, [f"{_share_label(rows, criterion)}, 95 % interval".replace(", ", ",\n", 1)], x)
+    looks = dict(zip(groups(rows, swept, axes), styles(), strict=False))
+    several = False
+    for scenario, own in by_scenario(rows).items():
+        for group, some in groups(own, swept, axes, rows).items():
+            failed = np.array([FAILED[criterion](row) for row in some])
+            middles, parts = binned(np.array([row[x] for row in some], float))
+            most = max(int(part.sum()) for part in parts)
+            several |= most > 1
+            # Bisection brings values that few seeds were run at, those whose margin is near.
+            kept = [i for i, part in enumerate(parts) if part.sum() > most / 2 or len(parts) == BINS]
+            middles, parts = [middles[i] for i in kept], [parts[i] for i in kept]
+            shares = [failed_fraction(int(failed[part].sum()), int(part.sum())) for part in parts]
+            (panel,) = panels[scenario]
+            panel.plot(middles, [one["share"] for one in shares], label=group, lw=1.3, marker=".", **looks[group])
+            ends = [[one[end] for one in shares] for end in ("low", "high")]
+            panel.fill_between(middles, *ends, color=looks[group]["color"], alpha=0.15, lw=0)
+            panel.set_ylim(-0.02, 1.02)
+    _legend(figure)
+    return figure if several else None
+
+
+def draw_map(rows: Rows, x: str, y: str, swept: Sequence[str], criterion: str) -> Figure:
+    """Share of runs that fail over two numeric axes: a panel for each scenario and group, at most twelve.
+
+    `~`: of these runs one at least does otherwise with half the integration step.
+    """
+    panels = {
+        ", ".join(text for text in (scenario, name) if text): some
+        for scenario, own in by_scenario(rows).items()
+        for name, some in groups(own, swept, (x, y), rows).items()
+    }
+    kept = list(panels.items())[:12]
+    across = min(MOST_ACROSS, len(kept))
+    down = -(-len(kept) // across)
+    figure = Figure(figsize=(1.6 + 3.6 * across, 0.6 + 3.2 * down), layout="constrained")
+    drawn: Any = figure.subplots(down, across, squeeze=False).ravel()
+    marked = False
+    for axes, (title, some) in zip(drawn, kept, strict=False):
+        columns, wide = binned(np.array([row[x] for row in some], float))
+        lines, high = binned(np.array([row[y] for row in some], float))
+        failed = np.array([FAILED[criterion](row) for row in some])
+        shares = [[failed[a & b].mean() if np.any(a & b) else np.nan for a in wide] for b in high]
+        looks: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1, "shading": "nearest"}
+        at, up = _ticked(axes.xaxis, columns), _ticked(axes.yaxis, lines)
+        image = axes.pcolormesh(at, up, np.array(shares, float), **looks)
+        changed = np.array(differ(some, criterion) or np.zeros(len(some)), bool)
+        for i, j in np.argwhere([[np.any(changed & a & b) for a in wide] for b in high]):
+            colour = "white" if shares[i][j] < 0.5 else "black"  # of cividis, dark where few fail
+            axes.text(at[j], up[i], MARK, color=colour, ha="center", va="center", fontsize="large")
+        marked |= bool(changed.any())
+        axes.set(title=title, xlabel=x, ylabel=y)
+    for axes in drawn[len(kept) :]:
+        axes.set_visible(False)
+    told = _share_label(rows, criterion) + (f"\n{MARK} some do otherwise with half the step" if marked else "")
+    figure.colorbar(image, ax=list(drawn), label=told, shrink=0.8)
+    return figure
+
+
+def _share_label(rows: Rows, criterion: str) -> str:
+    horizons = sorted({row["horizon_s"] for row in rows})
+    return f"{SHARES[criterion]}, horizon {' / '.join(f'{one:g}' for one in horizons)} s"
+
+
+def _ticked(axis: Axis, values: Sequence[float]) -> Sequence[float]:
+    """Where values stand on an axis: few at equal distances, each with its tick, many by their size."""
+    if len(values) > MOST_TICKS:
+        return values
+    axis.set_ticks(range(len(values)), [f"{value:g}" for value in values])
+    return range(len(values))
+
+
+def draw_latency(rows: Rows, swept: Sequence[str]) -> Figure | None:
+    """Distribution of the latency over all setpoints of the runs of a group, from each run's quantiles.
+
+    Where numbers are swept, at the least value of each. None where no run's latency varies.
+    """
+    names = [*(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms"]
+    told = [r for r in rows if r["latency_max_ms"] is not None and r["latency_max_ms"] - r["latency_p0_ms"] > SPREAD_MS]
+    if not told:
+        return None
+    title = []
+    for name in numeric(rows, swept):
+        if len({row[name] for row in rows}) <= MOST_DISTINCT:
+            least = min(row[name] for row in told)
+            told = [row for row in told if row[name] == least]
+            title.append(f"{name} = {least:g}")
+    figure = Figure(figsize=(7.5, 3.8), layout="constrained")
+    axes = figure.subplots()
+    apart = groups(told, swept, ())
+    apart = apart if len(apart) <= MOST_TOGETHER else groups(told, swept, numeric(told, swept))
+    for (name, some), style in zip(apart.items(), styles(), strict=False):
+        quantiles = np.array([[row[name] for name in names] for row in some], float)
+        at = np.unique(quantiles)
+        at = np.concatenate([[at[0] - 1e-9], at]) if len(at) < 2000 else np.linspace(at[0] - 1e-9, at[-1], 2000)
+        shares = np.mean([_below(one, at) for one in quantiles], axis=0)
+        axes.plot(at, 100 * shares, label=name, lw=1.3, **style)
+    axes.set(xlabel="latency from measurement to device [ms]", ylabel="setpoints with at most that [%]", ylim=(-1, 101))
+    axes.set_title(", ".join(title), fontsize="medium")
+    axes.grid(visible=True, lw=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+    _legend(figure)
+    return figure
+
+
+def _below(quantiles: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of a run's setpoints with a latency of at most so much, between its quantiles a straight line."""
+    steps = np.maximum.accumulate(quantiles) + 1e-9 * np.arange(len(quantiles))
+    return np.asarray(np.interp(at + 1e-9 * len(quantiles), steps, np.array(QUANTILES) / 100, left=0.0, right=1.0))
