@@ -27,9 +27,11 @@ from facts_damping.case.names import (
     supervisor_addresses,
 )
 from facts_damping.nodes.admission.publishers import PLANT
+from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
+from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
-from facts_damping.nodes.node import PUBLISHER_QOS, SUBSCRIBER_QOS, NodeLog, run_node
 from facts_damping.nodes.recorder import TICK_END
 from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage, start_of

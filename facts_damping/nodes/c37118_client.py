@@ -17,10 +17,13 @@ from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.clock import SimulatedClock
+from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.member import PLANT, Member
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options, read_stamp
+from facts_damping.nodes.base.qos import LATCHED, PUBLISHER_QOS
+from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Stopped, check_wanted
-from facts_damping.nodes.node import LATCHED, PUBLISHER_QOS, STATE, finish, run_node
+from facts_damping.nodes.base.topics import STATE
 from facts_damping.nodes.transport import stamps
 from facts_damping.nodes.transport.messages import Health, PlantStateMessage, run_done, run_stopped, state_message
 from facts_damping.nodes.transport.signing import seal, signing

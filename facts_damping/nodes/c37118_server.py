@@ -13,8 +13,8 @@ from facts_damping.errors import InputError
 from facts_damping.nodes.admission.message_filter import MessageFilter
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.parameters import Options, declare, descriptor, read_case
+from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
-from facts_damping.nodes.node import run_node
 from facts_damping.nodes.transport import stamps
 from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage

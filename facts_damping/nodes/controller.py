@@ -18,8 +18,10 @@ from facts_damping.control.table import kind_of
 from facts_damping.nodes.base.live_parameters import declare_settings
 from facts_damping.nodes.base.member import CONTROLLER, Member
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
+from facts_damping.nodes.base.qos import PUBLISHER_QOS
+from facts_damping.nodes.base.run import run_node
+from facts_damping.nodes.base.topics import graph_prefix
 from facts_damping.nodes.base.weights_file import WeightsFile
-from facts_damping.nodes.node import PUBLISHER_QOS, graph_prefix, run_node
 from facts_damping.nodes.transport.messages import ControllerStateMessage, Estimate, Estimates, Health
 from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage

@@ -12,8 +12,10 @@ from facts_damping.control.identifier import identify, store_setpoints, write_es
 from facts_damping.nodes.base.live_parameters import declare_settings
 from facts_damping.nodes.base.member import IDENTIFIER, Member
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
+from facts_damping.nodes.base.qos import PUBLISHER_QOS
+from facts_damping.nodes.base.run import run_node
+from facts_damping.nodes.base.topics import graph_prefix
 from facts_damping.nodes.base.weights_file import WeightsFile
-from facts_damping.nodes.node import PUBLISHER_QOS, graph_prefix, run_node
 from facts_damping.nodes.transport.messages import Estimates
 from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage

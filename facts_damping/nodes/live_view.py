@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 
 from facts_damping.errors import InputError
+from facts_damping.nodes.base.log import NodeLog
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case
+from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import Spinner
-from facts_damping.nodes.node import NodeLog, run_node
 from facts_damping.nodes.recorder import message_type, topics
 from facts_damping.recording.schemas import schema_text
 from facts_damping.recording.simulated import stamp_ns

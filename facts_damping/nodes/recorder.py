@@ -21,9 +21,11 @@ from facts_damping.control.table import kind_of
 from facts_damping.nodes.admission.publishers import PLANT
 from facts_damping.nodes.base.member import RECORDER, Member
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
+from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import HEARD_S, BeginAgain, told_to_stop
-from facts_damping.nodes.node import CHANGES, LATCHED_SUBSCRIBER_QOS, STATE, SUBSCRIBER_QOS, run_node
-from facts_damping.nodes.node import TOPIC as REFUSED
+from facts_damping.nodes.base.topics import CHANGES, STATE
+from facts_damping.nodes.base.topics import TOPIC as REFUSED
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import Health, run_state
 from facts_damping.parameters.yaml_text import dump

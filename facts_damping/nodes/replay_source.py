@@ -19,10 +19,13 @@ from facts_damping.case.names import (
     supervisor_names,
 )
 from facts_damping.errors import RunError
+from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.member import PLANT, Member
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
+from facts_damping.nodes.base.qos import LATCHED, PUBLISHER_QOS
+from facts_damping.nodes.base.run import run_node
 from facts_damping.nodes.base.spinner import check_wanted
-from facts_damping.nodes.node import LATCHED, PUBLISHER_QOS, STATE, finish, run_node
+from facts_damping.nodes.base.topics import STATE
 from facts_damping.nodes.transport.messages import (
     PlantStateMessage,
     grid_event,

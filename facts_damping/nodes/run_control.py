@@ -12,7 +12,8 @@ from std_srvs.srv import Trigger
 
 from facts_damping.errors import InputError, one_line
 from facts_damping.nodes.base.parameters import declare, descriptor
-from facts_damping.nodes.node import LATCHED, STATE
+from facts_damping.nodes.base.qos import LATCHED
+from facts_damping.nodes.base.topics import STATE
 from facts_damping.nodes.transport.messages import state_message
 from facts_damping.signals import NANOSECONDS
 

@@ -18,7 +18,9 @@ from facts_damping.link.transfer import downlink, uplink
 from facts_damping.nodes.base.live_parameters import StageParameters
 from facts_damping.nodes.base.member import LINK, Member
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
-from facts_damping.nodes.node import PUBLISHER_QOS, graph_prefix, run_node
+from facts_damping.nodes.base.qos import PUBLISHER_QOS
+from facts_damping.nodes.base.run import run_node
+from facts_damping.nodes.base.topics import graph_prefix
 from facts_damping.nodes.transport.messages import Health, link_statistics
 from facts_damping.nodes.transport.signing import seal, signing
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage

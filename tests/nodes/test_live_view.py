@@ -24,10 +24,12 @@ from websockets.typing import Subprotocol
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError, RunError
 from facts_damping.nodes import live_view
+from facts_damping.nodes.base.discovery import wait_for_peers
 from facts_damping.nodes.base.parameters import Options
+from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
+from facts_damping.nodes.base.topics import TOPIC
 from facts_damping.nodes.launching import graph
 from facts_damping.nodes.live_view import LISTENING
-from facts_damping.nodes.node import PUBLISHER_QOS, SUBSCRIBER_QOS, TOPIC, wait_for_peers
 from facts_damping.recording.reader import load
 from facts_damping.simulation import loop
 from tests.nodes.graphs import LOADED_S, PATIENCE_S, assert_same, nodes_left, payloads, quiet

@@ -20,7 +20,7 @@ from facts_damping.nodes.admission.message_filter import MessageFilter
 from facts_damping.nodes.admission.publishers import KNOW_S
 from facts_damping.nodes.admission.refusals import MOST, TELL_S
 from facts_damping.nodes.base.parameters import Options
-from facts_damping.nodes.node import SUBSCRIBER_QOS
+from facts_damping.nodes.base.qos import SUBSCRIBER_QOS
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import Estimates, state_message
 from facts_damping.nodes.transport.tables import FramesMessage, SetpointsMessage

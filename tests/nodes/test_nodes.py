@@ -160,10 +160,10 @@ def test_a_loss_of_synchronism_is_said_by_every_node(loopback: Any, start: Any, 
 
 STUCK = """
 import ctypes, sys
-from facts_damping.nodes import node
+from facts_damping.nodes.base import run
 
-node.LEAVE_S = 0.2
-node._limit_the_end(int(sys.argv[1]))
+run.LEAVE_S = 0.2
+run._limit_the_end(int(sys.argv[1]))
 ctypes.PyDLL(None).sleep(60)  # with Python's lock held
 """
 

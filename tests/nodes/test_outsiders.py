@@ -19,9 +19,9 @@ from facts_damping_msgs.msg import PmuDataFrame
 from rclpy.qos import QoSHistoryPolicy
 
 from facts_damping.case.loading import load_case
+from facts_damping.nodes.base.qos import DEPTH, SUBSCRIBER_QOS
 from facts_damping.nodes.launching import graph
 from facts_damping.nodes.loopback.domain import domain as of_loopback
-from facts_damping.nodes.node import DEPTH, SUBSCRIBER_QOS
 from facts_damping.recording.reader import load
 from facts_damping.recording.scan import scan
 from facts_damping.simulation import loop
@@ -34,11 +34,11 @@ SENT = DEPTH + 3000  # more than a publisher keeps, and the system for a reader
 WRITER = """
 import sys, time, rclpy
 from std_msgs.msg import String
-from facts_damping.nodes import node
-node._set_up_middleware()
+from facts_damping.nodes.base import qos, run
+run._set_up_middleware()
 rclpy.init()
 own = rclpy.create_node("writer")
-publisher = own.create_publisher(String, "topic", node.PUBLISHER_QOS)
+publisher = own.create_publisher(String, "topic", qos.PUBLISHER_QOS)
 while publisher.get_subscription_count() < 1:
     time.sleep(0.01)
 print("found", flush=True)
@@ -52,13 +52,13 @@ sys.stdin.readline()
 READER = """
 import sys, rclpy
 from std_msgs.msg import String
-from facts_damping.nodes import node
-node._set_up_middleware()
+from facts_damping.nodes.base import qos, run
+run._set_up_middleware()
 rclpy.init()
 own, came = rclpy.create_node("reader"), []
 def hear(message, information):
     came.append((int(message.data.split()[0]), information["publication_sequence_number"]))
-own.create_subscription(String, "topic", hear, node.SUBSCRIBER_QOS)
+own.create_subscription(String, "topic", hear, qos.SUBSCRIBER_QOS)
 while not came or came[-1][0] < int(sys.argv[1]) - 1:
     rclpy.spin_once(own)
 print(*(k for k, _ in came))

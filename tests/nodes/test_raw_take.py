@@ -9,7 +9,7 @@ import pytest
 import rclpy
 from facts_damping_msgs.msg import GridEvent
 
-from facts_damping.nodes import node as nodes
+from facts_damping.nodes.base import qos, run
 from facts_damping.nodes.transport import raw_take
 from tests.nodes.graphs import PATIENCE_S
 
@@ -23,8 +23,8 @@ def test_a_message_comes_with_its_publisher_and_sequence(domain: int, take: Call
     rclpy.init(context=context)
     node = rclpy.create_node("both", context=context)
     try:
-        subscription = node.create_subscription(GridEvent, "events", print, nodes.SUBSCRIBER_QOS, raw=True)
-        publisher = node.create_publisher(GridEvent, "events", nodes.PUBLISHER_QOS)
+        subscription = node.create_subscription(GridEvent, "events", print, qos.SUBSCRIBER_QOS, raw=True)
+        publisher = node.create_publisher(GridEvent, "events", qos.PUBLISHER_QOS)
         assert take(subscription) is None
         deadline = time.monotonic() + PATIENCE_S
         while publisher.get_subscription_count() < 1 and time.monotonic() < deadline:
@@ -49,12 +49,12 @@ def test_a_message_comes_with_its_publisher_and_sequence(domain: int, take: Call
 
 @pytest.mark.parametrize("this_host", [False, True])
 def test_profiles_of_both_versions_of_fast_dds_are_the_same(monkeypatch: pytest.MonkeyPatch, this_host: bool) -> None:
-    assert nodes.profile(this_host) is not None
+    assert run.profile(this_host) is not None
     found = {}
-    for name, major in nodes.FAST_DDS.items():
-        monkeypatch.setattr(nodes, "version", {f"ros-{name}": f"{major}0"}.get)
-        monkeypatch.setattr(nodes, "FAST_DDS", {name: major})
-        ours = nodes.profile(this_host)
+    for name, major in run.FAST_DDS.items():
+        monkeypatch.setattr(run, "version", {f"ros-{name}": f"{major}0"}.get)
+        monkeypatch.setattr(run, "FAST_DDS", {name: major})
+        ours = run.profile(this_host)
         assert ours is not None
         found[ours[0]] = ours[1].read_text().partition("-->")[2]
     assert list(found) == ["FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"]

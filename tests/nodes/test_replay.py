@@ -25,10 +25,10 @@ from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
 from facts_damping.digest import digest
 from facts_damping.errors import RecordingError, RunError
+from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.controller import ControllerNode
 from facts_damping.nodes.launching import graph
 from facts_damping.nodes.loopback.opening import opened
-from facts_damping.nodes.node import PUBLISHER_QOS
 from facts_damping.recording import RecordingWriter
 from facts_damping.recording.reader import KINDS, UNTIMED, load
 from facts_damping.recording.scan import scan

@@ -15,17 +15,11 @@ from facts_damping_msgs.msg import RunState
 
 from facts_damping.nodes.admission.publishers import PLANT, SILENT_S, Publishers, TopicState
 from facts_damping.nodes.admission.refusals import Refusals
+from facts_damping.nodes.base.discovery import pause_briefly, wait_for_peers
+from facts_damping.nodes.base.log import NodeLog
+from facts_damping.nodes.base.qos import DEPTH, LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.spinner import BeginAgain
-from facts_damping.nodes.node import (
-    DEPTH,
-    LATCHED_SUBSCRIBER_QOS,
-    STATE,
-    SUBSCRIBER_QOS,
-    TOPIC,
-    NodeLog,
-    pause_briefly,
-    wait_for_peers,
-)
+from facts_damping.nodes.base.topics import STATE, TOPIC
 from facts_damping.nodes.transport import stamps
 from facts_damping.nodes.transport.cdr import Refused
 from facts_damping.nodes.transport.messages import run_state

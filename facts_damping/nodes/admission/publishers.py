@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from facts_damping.nodes.admission.refusals import node_name
-from facts_damping.nodes.node import NODE, TOPIC
+from facts_damping.nodes.base.discovery import NODE
+from facts_damping.nodes.base.topics import TOPIC
 from facts_damping.nodes.transport.cdr import Refused
 
 if TYPE_CHECKING:

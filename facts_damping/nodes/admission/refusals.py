@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 from facts_damping_msgs.msg import RefusedCount, RefusedMessages
 from rclpy.serialization import serialize_message
 
-from facts_damping.nodes.node import PUBLISHER_QOS, TOPIC, NodeLog
+from facts_damping.nodes.base.log import NodeLog
+from facts_damping.nodes.base.qos import PUBLISHER_QOS
+from facts_damping.nodes.base.topics import TOPIC
 from facts_damping.nodes.transport.messages import set_time
 
 if TYPE_CHECKING:

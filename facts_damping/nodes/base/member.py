@@ -11,8 +11,9 @@ from facts_damping_msgs.msg import RunChange
 from facts_damping.case.names import label
 from facts_damping.nodes.admission.joining import Joining
 from facts_damping.nodes.admission.message_filter import MessageFilter
+from facts_damping.nodes.base.qos import LOGGED, PUBLISHER_QOS
 from facts_damping.nodes.base.spinner import Spinner
-from facts_damping.nodes.node import CHANGES, COMMON, LOGGED, PUBLISHER_QOS
+from facts_damping.nodes.base.topics import CHANGES, COMMON
 from facts_damping.nodes.transport import stamps
 from facts_damping.nodes.transport.messages import Health, diagnostics, run_change
 from facts_damping.parameters.run import Weights

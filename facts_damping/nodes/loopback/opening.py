@@ -22,7 +22,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
-from facts_damping.nodes import node
+from facts_damping.nodes.base import run
 from facts_damping.nodes.launching import forked, preload  # noqa: F401 (all nodes, so that all see it)
 from facts_damping.nodes.loopback import implementation
 from facts_damping.nodes.loopback.processes import FIRST_PID, Process, World, current, never, process, wall_ns, world
@@ -169,7 +169,7 @@ def opened() -> Iterator[World]:
             put(time, name, _simulated(getattr(time, name), ours))
         kill = os.kill
         put(os, "kill", lambda pid, number: (here.signal if pid >= FIRST_PID else kill)(pid, number))
-        put(node, "end_after", lambda *_: None)
+        put(run, "end_after", lambda *_: None)
         put(forked, "load", lambda: None)
         put(forked, "start", lambda *given: _start(here, *given))
         try:

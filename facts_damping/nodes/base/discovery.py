@@ -1,0 +1,111 @@
+"""Discovery: whether the peers of a node are there, and whether another graph is."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rclpy.qos import QoSReliabilityPolicy
+
+from facts_damping.errors import RunError
+from facts_damping.nodes.base.log import NodeLog
+from facts_damping.nodes.base.spinner import check_wanted
+from facts_damping.nodes.base.topics import OF_ALL
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from rclpy.node import Node
+    from rclpy.publisher import Publisher
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+    from facts_damping.nodes.base.parameters import Options
+
+BAG = "rosbag2_recorder"  # how the node of `ros2 bag record` is called
+NODE = 12  # first bytes of a publisher's identity that all of a node's have
+PATIENT_S = 1.0  # wall time after which a node says what it waits for
+
+
+def shared_topic(node: Node, topics: Iterable[str], *, joins: bool) -> str | None:
+    """The first of topics, each of which has one publisher in a graph, that somebody else publishes, too.
+
+    `joins`: one of the same name may be there still, whose place the node takes: others let it in once that is silent.
+    """
+    for topic in topics:
+        there = node.get_publishers_info_by_topic(topic)
+        names = {(one.node_namespace, one.node_name) for one in there}
+        if not topic.endswith(OF_ALL) and (len(names) if joins else len(there)) > 1:
+            return topic
+    return None
+
+
+def wait_for_peers(
+    node: Node,
+    expected: dict[Publisher[Any], int],
+    heard: Sequence[str],
+    peers: str,
+    options: Options,
+    serve: Callable[[], None],
+) -> None:
+    """Wait until every publisher has its subscribers and every topic that is `heard` a publisher; name what is missing.
+
+    Subscribers that count are nodes that publish what is heard, or on the topic `peers`, as all nodes of a graph do:
+    whoever else listens is nobody's peer. Who joins a graph also waits until the one whose place it takes has left.
+    Meanwhile requests are answered, by `serve`.
+    """
+    log, told = NodeLog(node), False
+    deadline, topics = time.monotonic() + options.start_timeout, [*heard, *(p.topic_name for p in expected)]
+    while True:
+        own = {_participant(one) for topic in (peers, *heard) for one in node.get_publishers_info_by_topic(topic)}
+        missing = [
+            f"a subscriber of {publisher.topic_name}"
+            for publisher, count in expected.items()
+            if _readers(node, publisher, own, options) < count + int(options.view)
+        ]
+        missing += [f"a publisher of {topic}" for topic in heard if node.count_publishers(topic) < 1]
+        shared, late = shared_topic(node, topics, joins=options.join), time.monotonic() > deadline
+        if shared is not None and (late or not options.join):
+            raise RunError(f"another graph publishes {shared} too; set another ROS_DOMAIN_ID (0 to 101)")
+        if not missing and shared is None:
+            return
+        if not told and time.monotonic() > deadline - options.start_timeout + PATIENT_S:
+            told = True
+            what = ", ".join(missing) or f"the other publisher of {shared} to leave"
+            log.info(f"waits, {options.start_timeout:g} s at most, for {what}")
+        if late:
+            raise RunError(f"missing after {options.start_timeout:g} s: {', '.join(missing)}")
+        pause_briefly(serve)
+
+
+def pause_briefly(serve: Callable[[], None]) -> None:
+    """Wait a little, and answer requests; messages that come meanwhile wait in their queues."""
+    time.sleep(0.01)
+    serve()
+    check_wanted()
+
+
+def _participant(end: TopicEndpointInfo) -> bytes:
+    """Which node an end of a topic is of: the GUID prefix of its identity (RTPS 2.5, 8.2.4.1)."""
+    return bytes(end.endpoint_gid)[:NODE]
+
+
+def _readers(node: Node, publisher: Publisher[Any], own: set[bytes], options: Options) -> int:
+    """Number of a publisher's readers that are peers; and where they are wanted, of one live view and one `ros2 bag`.
+
+    A live view may miss messages. At most as many as the publisher itself has found.
+    """
+    readers = node.get_subscriptions_info_by_topic(publisher.topic_name)
+    peers = sum(_participant(reader) in own for reader in readers)
+    views = any(reader.qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT for reader in readers)
+    bags = any(reader.node_name.startswith(BAG) for reader in readers)
+    wanted = int(options.view and views) + int(options.recorder and bags)
+    return min(peers + wanted, publisher.get_subscription_count())
+
+
+def finish(publishers: Iterable[Publisher[Any]], timeout: float) -> None:
+    """Wait, `timeout` seconds at most, until every reader has acknowledged what was published."""
+    deadline = time.monotonic() + timeout
+    for publisher in publishers:
+        left = max(0.0, deadline - time.monotonic())
+        publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=left))

@@ -1,0 +1,50 @@
+"""What a node says: to people, by the log of ROS 2, and in lines to the program that started it."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from facts_damping.escaping import escaped
+from facts_damping.nodes.base.parameters import declare, descriptor
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+
+class NodeLog:
+    """What a node says: to people, by ROS 2's logging, and in lines to a program that started it (`progress`)."""
+
+    def __init__(self, node: Node) -> None:
+        """Declare the parameter, if that has not been done."""
+        text = "true: progress and reasons as lines on standard output and error, for a program that runs the graph"
+        if not node.has_parameter("progress"):
+            declare(node, "progress", False, descriptor(text))
+        self._name, self._logger = node.get_fully_qualified_name().lstrip("/"), node.get_logger()
+        self.lines = bool(node.get_parameter("progress").value)
+
+    def line(self, text: str) -> None:
+        """A line for the program."""
+        if self.lines:
+            sys.stdout.write(f"{escaped(text)}\n")
+            sys.stdout.flush()
+
+    def info(self, text: str) -> None:
+        """Something to be known."""
+        self._logger.info(escaped(text))
+
+    def warning(self, text: str) -> None:
+        """Something that may be wrong."""
+        self._logger.warning(escaped(text))
+
+    def error(self, text: str) -> None:
+        """Something that is wrong, to both."""
+        self.line(text)
+        self._logger.error(escaped(text))
+
+    def fatal(self, text: str, details: str) -> None:
+        """Why the node ends; `details`: where that is from, in lines."""
+        self._logger.fatal(escaped(text))
+        sys.stderr.write(escaped(details))
+        if self.lines:
+            sys.stderr.write(f"{self._name}: {escaped(text)}\n")

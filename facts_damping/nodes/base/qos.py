@@ -1,0 +1,28 @@
+"""Quality of service of all topics: what a publisher offers and a subscriber asks for."""
+
+from __future__ import annotations
+
+from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
+
+# Only the emulated link may lose data, so all topics are reliable and a subscriber keeps all that it has not taken. A
+# publisher keeps DEPTH messages for slow subscribers; one that stops reading for longer misses some, and blocks nobody.
+DEPTH = 5000
+SUBSCRIBER_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE, depth=0)
+PUBLISHER_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.RELIABLE, depth=DEPTH)
+
+# Late subscribers receive these, too: LATCHED the newest message (state of the run), LOGGED all (changes of the run).
+LATCHED, LOGGED = (
+    QoSProfile(
+        history=QoSHistoryPolicy.KEEP_LAST,
+        reliability=QoSReliabilityPolicy.RELIABLE,
+        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL,
+        depth=depth,
+    )
+    for depth in (1, 1000)
+)
+LATCHED_SUBSCRIBER_QOS = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_ALL,
+    reliability=QoSReliabilityPolicy.RELIABLE,
+    durability=QoSDurabilityPolicy.TRANSIENT_LOCAL,
+    depth=0,
+)
