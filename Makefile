@@ -30,7 +30,7 @@ TAG := $(shell $(PYTHON) -c 'import sys; print("cp%d%d" % sys.version_info[:2])'
 FITTING = $(if $(filter $(shell cat $(MESSAGES) | sha256sum | cut -c1-64),$(shell cat dist/messages.sha256 2>/dev/null)),\
     $(if $(filter $(ROS),$(lastword $(shell cat dist/messages.sha256 2>/dev/null))),\
         $(wildcard dist/facts_damping_msgs-*-$(TAG)-$(TAG)-*.whl)))
-METADATA := setup.py setup.cfg package.xml
+METADATA := setup.py setup.cfg package.xml reproduction/pyproject.toml
 SOURCES := $(shell find facts_damping -name '*.py')
 
 APT := on Debian or Ubuntu: apt install
@@ -156,7 +156,7 @@ $(VENV)/.python:
 
 $(VENV)/.package: $(METADATA) $(VENV)/.python
 	$(SAY) "set-up: libraries, wheels of ROS 2 $(ROS), facts_damping"
-	@$(INSTALL) -e '.[ros-$(ROS)]'
+	@$(INSTALL) -e ".[ros-$(ROS)]" -e ./reproduction
 	@touch $@
 
 $(VENV)/.messages: $(MESSAGES) setup.py | $(VENV)/.package
@@ -171,7 +171,7 @@ $(VENV)/.warm: $(SOURCES) $(VENV)/.package
 
 $(VENV)/.tools: $(METADATA) $(VENV)/.messages
 	$(SAY) "set-up: test tools"
-	@$(INSTALL) -e '.[ros-$(ROS),test]'
+	@$(INSTALL) -e ".[ros-$(ROS),test]" -e ./reproduction
 	@touch $@
 
 # The browser of tests/analysis/test_report.py, and the dissector of tests/c37118/test_tshark.py: Debian's, where they

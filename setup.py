@@ -108,7 +108,6 @@ setup(
         f"{NAME}.compiling": ["objects/*.o"],  # where `make wheel` has put them
         f"{NAME}.nodes": ["fast*.xml"],
         f"{NAME}.report": ["page.*"],
-        f"{NAME}.reproduction": ["*.md", "page.html"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
@@ -123,7 +122,6 @@ setup(
         "control>=0.10.1,<0.11",  # before, its ERA was not there
         "bokeh>=3.6,<4",  # analyze --report
         "jinja2>=3.1,<4",
-        "markdown-it-py>=3,<5",  # reproduce: its page as HTML
         "joblib>=1.5,<2",  # which hands an initializer to its processes
         "matplotlib>=3.8,<4",
         "lz4>=4,<5",
@@ -144,17 +142,6 @@ setup(
         # ROS 2 from wheels; not for an environment that has ROS 2 from apt.
         "ros": ros(DEFAULT_ROS),
         **{f"ros-{distribution}": ros(distribution) for distribution in ROS},
-        "bench": [  # other programs, for `facts-damping bench`; exact, as their figures are
-            'andes==2.0.0; python_version >= "3.11"',
-            'andes>=1.9,<2; python_version < "3.11"',
-            "dpsim==1.4.0",
-            "helics==3.6.1",
-            "pydae==1.8.0",
-            "pydae-bps==1.11.0",
-            "setuptools>=69,<80",  # pydae asks for one, colcon for an older one than the newest
-            "stepss==3.83",
-            "tops==0.3.0",
-        ],
         "fmi": ["fmpy==0.3.22"],  # FMUs as controllers; later ones bring CMake and Jupyter along
         "foxglove": ["foxglove-sdk>=0.30,<1"],  # for the node live_view
         "dask": ["distributed>=2024.1"],  # for `facts-damping sweep --scheduler`; versions are dates

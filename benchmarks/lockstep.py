@@ -8,9 +8,9 @@ import sys
 import time
 
 import rclpy
+from facts_damping_bench.ticks import ours
 from facts_damping_msgs.msg import PmuDataFrame, PmuFrame
 
-from facts_damping.bench.ticks import ours
 from facts_damping.nodes.base.qos import PUBLISHER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.spinner import Spinner
 

@@ -16,6 +16,7 @@ PREFIX = "facts_damping."  # of groups
 PAIRS = (("devices", "device_kinds"), ("stages", "stage_kinds"))  # fields of a kind, and what it does
 GROUPS = (
     "antecedents",
+    "commands",
     "consequents",
     "controllers",
     "device_kinds",

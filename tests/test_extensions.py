@@ -155,7 +155,7 @@ def carried(tmp_path_factory: pytest.TempPathFactory, module_domain: int) -> Car
 
 
 def test_the_page_has_a_row_for_every_group_and_a_file_for_every_row() -> None:
-    assert set(PROJECT["entry-points"]) | {"facts_damping.policies"} == {
+    assert set(PROJECT["entry-points"]) | {"facts_damping.policies", "facts_damping.commands"} == {
         f"facts_damping.{g}" for g in extensions.GROUPS
     }
     named = {value.partition(":")[0] for points in PROJECT["entry-points"].values() for value in points.values()}

@@ -42,7 +42,6 @@ PACKAGE = Path(facts_damping.__file__).parent
 # Who opens files beside the door, and which.
 FILES = {
     "input_files.py": "the door",
-    "bench": "measures other programs, with its own files",
     "case/linear_laws.py": "reads, of memory, what the door has read",
     "case/mat_file.py": "reads, of memory, what the door has read",
     "cli/main.py": "standard output's end",
@@ -55,7 +54,6 @@ FILES = {
     "recording/export.py": "writes",
     "recording/schemas.py": "reads installed definitions of messages",
     "recording/writer.py": "writes",
-    "reproduction": "reads what it has written, and the package's templates and references",
     "simulation/fmus.py": "unpacks what the door has read",
     "small_signal/linear_plant.py": "writes",
     "studies/campaigns/campaign_pages.py": "reads shipped pages",
@@ -70,7 +68,8 @@ BESIDE = {"load": ("np", "numpy"), "open": ()}  # of names that others have, too
 SPEAKERS = {
     "terminal.py": "the door",
     "cli/main.py": "errors, escaped",
-    "nodes/node.py": "what nodes say, escaped",
+    "nodes/base/log.py": "what nodes say, escaped",
+    "nodes/base/run.py": "what nodes say, escaped",
     "compiling/store.py": "a line of its own",
 }
 

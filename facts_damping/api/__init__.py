@@ -9,7 +9,7 @@ from facts_damping.api.stepping import Simulation
 from facts_damping.api.sweeps import Sweep, sweep
 from facts_damping.api.systems import linear_plant, modes
 from facts_damping.errors import FactsDampingError, InputError, RecordingError, RunError
-from facts_damping.simulation.policies import Spec
+from facts_damping.simulation.spec import Spec
 
 __all__ = [
     "FactsDampingError",

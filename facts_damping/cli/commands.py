@@ -20,6 +20,7 @@ from facts_damping.cli.options import (
     timeout,
     whole,
 )
+from facts_damping.extensions import given
 from facts_damping.version import __version__
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
     def add(name: str, function: str, text: str, *examples: str) -> argparse.ArgumentParser:
         made = verbs.add_parser(name, help=text, description=text, epilog=options.told(examples))
         made.add_argument("--verbose", action="store_true", help="with an error, also where in the code it is from")
-        made.set_defaults(function=function, known=made.options)
+        made.set_defaults(function=function if ":" in function else f"facts_damping.cli.{function}", known=made.options)
         return made
 
     _runs(add)
@@ -54,6 +55,8 @@ def parser() -> argparse.ArgumentParser:
     _studies(add)
     _choices(add)
     _others(add)
+    for command in given("commands").values():
+        command.load()(add)
     return top
 
 
@@ -284,33 +287,11 @@ def _studies(add: Add) -> None:
     jobs(command)
     scheduler(command)
     common(command)
-    command = add(
-        "reproduce",
-        "studies.reproduce",
-        "Compare with the thesis, table by table; with --profile deployment: rank controllers in a deployment.",
-        "reproduce 3.1 --draws 2 --out results/reproduction",
-    )
-    command.add_argument("tables", nargs="*", metavar="TABLE", help="3.1, 4.1 ... 6.2; none: all")
-    text = "thesis (its tables) or deployment (held-out cases); default: thesis"
-    command.add_argument("--profile", default="thesis", metavar="NAME", help=text)
-    text = "cases of each ensemble, 2 or more; default: as its file says"
-    command.add_argument("--draws", type=whole(2, 100_000), metavar="N", help=text)
-    jobs(command)
-    common(command, sets=False)
     text = "Check the plant against published results, other programs, analytic solutions and finer steps."
     command = add("validate", "runs.validate", text, "validate")
     command.add_argument("tables", nargs="*", metavar="TABLE", help="which tables; none: all")
     command.add_argument("--out", metavar="FILE", help="write the tables as a Markdown page")
     common(command, sets=False, out=False)
-    command = add(
-        "bench",
-        "studies.bench",
-        "Measure time and error side by side with other programs that are installed.",
-        "bench andes",
-    )
-    command.add_argument("programs", nargs="*", metavar="PROGRAM", help="which of those in docs/programs.md; none: all")
-    command.add_argument("--large", action="store_true", help="140 buses and 48 machines instead, beside ANDES alone")
-    common(command, sets=False)
 
 
 def _choices(add: Add) -> None:

@@ -110,9 +110,9 @@ def _do(arguments: argparse.Namespace) -> None:
         forked.load()  # what nodes need, while this process loads what it needs itself
     draws = hasattr(arguments, "width")
     set_picture_format(PictureFormat(arguments.format, arguments.width, arguments.font) if draws else PictureFormat())
-    module, _, name = arguments.function.partition(".")
+    module, _, name = arguments.function.replace(":", ".").rpartition(".")
     with busy_line(arguments.command):
-        getattr(importlib.import_module(f"facts_damping.cli.{module}"), name)(arguments)
+        getattr(importlib.import_module(module), name)(arguments)
 
 
 def _fail(reason: object, status: int) -> int:

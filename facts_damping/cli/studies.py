@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 from facts_damping.case import loading
 from facts_damping.case.changes import read_profile
 from facts_damping.cli.runs import page, say, summarise
-from facts_damping.errors import InputError, check_known
+from facts_damping.errors import InputError
 from facts_damping.parameters import files
-from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.simulation import loop
 from facts_damping.studies.sweeps.batch import make
@@ -216,88 +215,3 @@ def margin(arguments: argparse.Namespace) -> None:
     write_json(arguments.json, pages.document(found, runs))
     for line in (*pages.margin_text(found, runs), *(f"plot: {path}" for path in pictures)):
         say(arguments, line)
-
-
-def bench(arguments: argparse.Namespace) -> None:
-    """Time and error of a run, a sweep and lockstep beside other programs, those that are installed, in one run."""
-    from facts_damping.bench import grid, large, pages, study, ticks
-    from facts_damping.bench.programs import EXCHANGE, LARGE, OURS, PROGRAMS
-
-    allowed = [name for name in (LARGE if arguments.large else (*PROGRAMS, EXCHANGE)) if name != OURS]
-    for name in arguments.programs:
-        check_known("PROGRAM", name, allowed)
-    asked = arguments.programs or allowed
-    if arguments.large:
-        large.check()
-    folder = None if arguments.out is None else files.new_folder(Path(arguments.out))
-    others, results, rates = [name for name in asked if name != EXCHANGE], [], []
-    progress = Progress("bench", "runs")
-    clean_up_first()
-    try:
-        if arguments.large:
-            results = study.measure(others, progress, large.REPEATS, LARGE, sweep=False)
-        elif others:
-            results = study.measure(others, progress)
-        if EXCHANGE in asked:
-            rates = ticks.measure(progress)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt("nothing was written") from None
-    finally:
-        progress.close()
-    write_json(arguments.json, pages.document(results, rates))
-    shown = large.SHOWN if arguments.large else grid.SHOWN
-    for line in pages.text(results, rates, shown):
-        say(arguments, line)
-    if folder is not None and results:
-        say(arguments, f"picture: {pages.draw(results, folder / 'bench.png', shown)}")
-
-
-def reproduce(arguments: argparse.Namespace) -> None:
-    """The thesis's tables, ours beside them: agreement, ensembles, explanations, pictures."""
-    from facts_damping.reproduction import pages
-    from facts_damping.reproduction.agreement import markdown
-    from facts_damping.reproduction.findings import find
-    from facts_damping.reproduction.results import gather
-
-    if arguments.profile != DEFAULT_PROFILE:
-        _what_holds(arguments)
-        return
-    folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / "reproduction")
-    clean_up_first()
-    try:
-        found = gather(arguments.tables, arguments.draws, folder, arguments.jobs)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
-    judged = find(found)
-    written = pages.write(found, judged, folder)
-    write_json(arguments.json, pages.document(found, judged))
-    for title, one in (("the scenarios as they are", judged.plain), ("medians over the ensembles", judged.drawn)):
-        if one.signs:
-            signs, ranks = ("statements", "agree", "share"), ("rankings", "mean_rho", "same_best", "same_second")
-            lines = [*markdown(one.signs, ["table", "what"], signs), "", *markdown(one.totals, ["table"], ranks)]
-            say(arguments, "\n".join([f"Agreement with the thesis, {title}:", "", *lines, ""]))
-    for path in written:
-        say(arguments, f"written: {path}")
-
-
-def _what_holds(arguments: argparse.Namespace) -> None:
-    """Who helps in a deployment, on draws that no search has seen: the page and its figures."""
-    from facts_damping.reproduction import held_out, what_holds
-    from facts_damping.reproduction import what_holds_pages as pages
-    from facts_damping.reproduction.contenders import PROFILE
-
-    check_known("--profile", arguments.profile, [DEFAULT_PROFILE, PROFILE])
-    if arguments.tables:
-        raise InputError(f"TABLE: {arguments.tables[0]} given; allowed: none with --profile {PROFILE}")
-    folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / PROFILE)
-    clean_up_first()
-    try:
-        held = held_out.gather(folder, arguments.jobs, arguments.draws)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
-    told = what_holds.judge(held)
-    written = pages.write(told, folder)
-    write_json(arguments.json, pages.document(told))
-    say(arguments, pages.finalist_table(told))
-    for path in written:
-        say(arguments, f"written: {path}")

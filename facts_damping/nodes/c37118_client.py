@@ -15,10 +15,10 @@ from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState
 
 from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import InputError, RunError
+from facts_damping.nodes.admission.member import PLANT, Member
 from facts_damping.nodes.base.asyncio_thread import AsyncioThread
 from facts_damping.nodes.base.clock import SimulatedClock
 from facts_damping.nodes.base.discovery import finish
-from facts_damping.nodes.base.member import PLANT, Member
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options, read_stamp
 from facts_damping.nodes.base.qos import LATCHED, PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node

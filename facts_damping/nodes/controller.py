@@ -15,8 +15,8 @@ from facts_damping.case.names import (
 )
 from facts_damping.control.bank import act, set_estimate
 from facts_damping.control.table import kind_of
+from facts_damping.nodes.admission.member import CONTROLLER, Member
 from facts_damping.nodes.base.live_parameters import declare_settings
-from facts_damping.nodes.base.member import CONTROLLER, Member
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node

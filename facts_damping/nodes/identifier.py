@@ -9,8 +9,8 @@ from facts_damping_msgs.msg import JacobianEstimate, PmuDataFrame, VoltageSetpoi
 
 from facts_damping.case.names import acting, identifier_addresses, link_addresses, speakers
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
+from facts_damping.nodes.admission.member import IDENTIFIER, Member
 from facts_damping.nodes.base.live_parameters import declare_settings
-from facts_damping.nodes.base.member import IDENTIFIER, Member
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node

@@ -12,10 +12,10 @@ from facts_damping_msgs.msg import GridEvent, PlantState, PmuDataFrame, RunState
 
 from facts_damping.case.names import link_addresses, served, supervisor_names
 from facts_damping.errors import RunError
+from facts_damping.nodes.admission.member import PLANT, Member
 from facts_damping.nodes.base.clock import SimulatedClock
 from facts_damping.nodes.base.discovery import finish
 from facts_damping.nodes.base.live_parameters import MeasurementParameters
-from facts_damping.nodes.base.member import PLANT, Member
 from facts_damping.nodes.base.parameters import read_case, read_options, read_stamp
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node

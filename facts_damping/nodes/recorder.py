@@ -18,8 +18,8 @@ from facts_damping.case.names import (
     supervisor_addresses,
 )
 from facts_damping.control.table import kind_of
+from facts_damping.nodes.admission.member import RECORDER, Member
 from facts_damping.nodes.admission.publishers import PLANT
-from facts_damping.nodes.base.member import RECORDER, Member
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import LATCHED_SUBSCRIBER_QOS, SUBSCRIBER_QOS
 from facts_damping.nodes.base.run import run_node

@@ -19,8 +19,8 @@ from facts_damping.case.names import (
     supervisor_names,
 )
 from facts_damping.errors import RunError
+from facts_damping.nodes.admission.member import PLANT, Member
 from facts_damping.nodes.base.discovery import finish
-from facts_damping.nodes.base.member import PLANT, Member
 from facts_damping.nodes.base.parameters import declare, descriptor, read_case, read_options
 from facts_damping.nodes.base.qos import LATCHED, PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node

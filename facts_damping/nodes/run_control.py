@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.parameter import Parameter
 
-    from facts_damping.nodes.base.member import Member
+    from facts_damping.nodes.admission.member import Member
     from facts_damping.nodes.base.spinner import Spinner
     from facts_damping.nodes.live_plant import LivePlant
 

@@ -15,8 +15,8 @@ from facts_damping_msgs.srv import Apply
 from facts_damping.case.names import link_addresses, listeners, served, speakers
 from facts_damping.errors import InputError, RunError, one_line
 from facts_damping.link.transfer import downlink, uplink
+from facts_damping.nodes.admission.member import LINK, Member
 from facts_damping.nodes.base.live_parameters import StageParameters
-from facts_damping.nodes.base.member import LINK, Member
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
 from facts_damping.nodes.base.qos import PUBLISHER_QOS
 from facts_damping.nodes.base.run import run_node

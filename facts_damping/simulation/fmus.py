@@ -27,7 +27,7 @@ from facts_damping.parameters.run import Fmu
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.simulation.policies import Spec
+    from facts_damping.simulation.spec import Spec
 
 REAL = {"2.0": "Real", "3.0": "Float64"}  # how numbers are called, by the version of FMI
 ERROR = 3  # status of log messages from there on

@@ -17,8 +17,6 @@ import ctypes
 import inspect
 import time
 from array import array
-from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -28,8 +26,8 @@ from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError, RunError
 from facts_damping.signals import NANOSECONDS
 from facts_damping.simulation.fmus import FmuController
+from facts_damping.simulation.spec import spec_of
 from facts_damping.simulation.user_code import file_of, find, running, told, users
-from facts_damping.small_signal import linear_plant, modal_analysis
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,35 +36,9 @@ if TYPE_CHECKING:
 
     from facts_damping.case.model import Case
     from facts_damping.control.bank import BankState
-    from facts_damping.parameters.system import System
 
 STEP = ("t_s", "y", "age_s", "fresh")
 _C_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)  # as `control.called` calls it
-
-
-@dataclass(frozen=True)
-class Spec:
-    """What a controller of the user's own is made for.
-
-    `limits`: (devices,), p.u., of setpoints; `rates`: (devices,), p.u./s, at which the devices follow; `frame_rate`:
-    frames/s; `seed`: of its own randomness, made of the run's and its place; `parameters`: as the run gives them.
-    """
-
-    name: str
-    signals: list[str]
-    devices: list[str]
-    limits: NDArray[np.float64]
-    rates: NDArray[np.float64]
-    frame_rate: int
-    seed: int
-    parameters: dict[str, Any]
-    system: System = field(repr=False)
-    installed: list[str] = field(repr=False)  # devices of the run, those of other controllers too
-
-    @cached_property
-    def plant(self) -> linear_plant.LinearPlant:
-        """The linearised plant at the start, of all signals and installed devices (docs/own_linear.md)."""
-        return linear_plant.of(modal_analysis.analyse(self.system, self.installed))
 
 
 class StepTimes(NamedTuple):
@@ -177,24 +149,6 @@ def _made(case: Case, c: int, where: str) -> tuple[str, Callable[..., Any], bool
         if callable(getattr(made, "reset", None)):
             made.reset()
         return file, _step_of(made, found.__name__, where), bool(getattr(made, "once_a_tick", False))
-
-
-def spec_of(case: Case, c: int) -> Spec:
-    """What controller c is made for."""
-    controller = case.controllers[c]
-    own = [case.system.device(name) for name in controller.devices]
-    return Spec(
-        controller.name,
-        list(controller.signals),
-        list(controller.devices),
-        np.array([device.v_max for device in own]),
-        np.array([device.rate_max for device in own]),
-        case.run.frame_rate,
-        int(np.random.SeedSequence([case.run.seed, c]).generate_state(1)[0]),
-        dict(controller.parameters),
-        case.system,
-        list(case.run.devices),
-    )
 
 
 def _step_of(made: Any, name: str, where: str) -> Callable[..., Any]:

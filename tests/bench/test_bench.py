@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from facts_damping_bench import ours, pages, study, ticks
+from facts_damping_bench.figures import Result, Rung, Sweep, at_equal_error, difference, ratio, sweep_step
+from facts_damping_bench.grid import FAULT_END, FAULT_START, LOAD, RATE, SYSTEM, TimedRun, grid, swings
+from facts_damping_bench.programs import HELICS, OURS, PROGRAMS, Program, missing
+from facts_damping_bench.session import session
 
-from facts_damping.bench import ours, pages, study, ticks
-from facts_damping.bench.figures import Result, Rung, Sweep, at_equal_error, difference, ratio, sweep_step
-from facts_damping.bench.grid import FAULT_END, FAULT_START, LOAD, RATE, SYSTEM, TimedRun, grid, swings
-from facts_damping.bench.programs import HELICS, OURS, PROGRAMS, Program, missing
-from facts_damping.bench.session import session
 from facts_damping.case.loading import load_system
 from facts_damping.cli.main import main
 from facts_damping.errors import RunError
@@ -32,7 +32,7 @@ FAKE = '''
 import os
 import re
 import numpy as np
-from facts_damping.bench.grid import TimedRun
+from facts_damping_bench.grid import TimedRun
 
 def prepare(grid, folder):
     """What is made once."""
@@ -110,7 +110,7 @@ def test_steps_meet_instants_and_fault(name: str) -> None:
 
 
 def test_the_extra_names_what_the_table_asks_for() -> None:
-    text = (Path(__file__).parents[2] / "setup.py").read_text()
+    text = (Path(__file__).parents[2] / "reproduction" / "pyproject.toml").read_text()
     for name in (*HELICS, *(one for row in PROGRAMS.values() for one in row.distributions)):
         assert re.search(rf"['\"]{name}==", text)
     assert missing(("numpy", "no-such-distribution")) == "not installed (pip install no-such-distribution)"
@@ -203,7 +203,7 @@ def test_a_killed_command_leaves_no_process(
     table: dict[str, Program], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, starts: bool
 ) -> None:
     """Whether it is killed while the other starts, or while that is at work."""
-    text = "import sys\nfrom facts_damping.bench.session import session\nwith session('waits') as one:\n"
+    text = "import sys\nfrom facts_damping_bench.session import session\nwith session('waits') as one:\n"
     waits(tmp_path)
     monkeypatch.setenv("TMPDIR", str(tmp_path))  # its folder is left
     told = [sys.executable, "-c", text + "    print(one.process.pid, flush=True)\n    sys.stdin.read()\n"]

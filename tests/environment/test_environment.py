@@ -18,7 +18,7 @@ from facts_damping.environment.vector import WideAreaDampingVector
 from facts_damping.environment.window import Window
 from facts_damping.errors import InputError, RunError
 from facts_damping.simulation import loop
-from facts_damping.simulation.policies import Spec, spec_of
+from facts_damping.simulation.spec import Spec, spec_of
 
 if TYPE_CHECKING:
     from pathlib import Path

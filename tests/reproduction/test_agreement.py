@@ -10,11 +10,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import spearmanr
-
-from facts_damping.reproduction.agreement import (
+from facts_damping_reproduction.agreement import (
     ALL,
     ComparedRun,
     Figures,
@@ -26,9 +22,12 @@ from facts_damping.reproduction.agreement import (
     signs,
     statements,
 )
-from facts_damping.reproduction.agreement import value_text as text_of
-from facts_damping.reproduction.printed import DIRECT, LLC, Cell, ControllerId, cells
-from facts_damping.reproduction.ranking import correlation, mean_ranks, rankings, totals
+from facts_damping_reproduction.agreement import value_text as text_of
+from facts_damping_reproduction.printed import DIRECT, LLC, Cell, ControllerId, cells
+from facts_damping_reproduction.ranking import correlation, mean_ranks, rankings, totals
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import spearmanr
 
 CELLS = cells()
 Found = dict[ComparedRun, dict[str, float]]

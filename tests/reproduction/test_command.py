@@ -8,13 +8,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from facts_damping_reproduction import pictures, results
+from facts_damping_reproduction.printed import SCENARIOS, cells
+from facts_damping_reproduction.results import TITLES
 
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.cli.main import main
-from facts_damping.reproduction import pictures, results
-from facts_damping.reproduction.printed import SCENARIOS, cells
-from facts_damping.reproduction.results import TITLES
 from facts_damping.simulation import loop
 
 WHO = {"LLC", "ANFTSC"}

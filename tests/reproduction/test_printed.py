@@ -9,13 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-
-from facts_damping.analysis.indices import INDICES
-from facts_damping.errors import InputError
-from facts_damping.neurofuzzy.table import VARIANTS
-from facts_damping.parameters.files import shipped
-from facts_damping.reproduction import printed
-from facts_damping.reproduction.printed import (
+from facts_damping_reproduction import printed
+from facts_damping_reproduction.printed import (
     DIRECT,
     LLC,
     TABLES,
@@ -26,6 +21,11 @@ from facts_damping.reproduction.printed import (
     inconsistent,
     operations,
 )
+
+from facts_damping.analysis.indices import INDICES
+from facts_damping.errors import InputError
+from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.parameters.files import shipped
 
 if TYPE_CHECKING:
     from pathlib import Path

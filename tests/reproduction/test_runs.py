@@ -2,16 +2,16 @@ import json
 from pathlib import Path
 
 import pytest
+from facts_damping_reproduction import explanations
+from facts_damping_reproduction.agreement import ComparedRun, name
+from facts_damping_reproduction.printed import LLC, SCENARIOS, TABLES, ControllerId, cells
+from facts_damping_reproduction.results import FOUND
+from facts_damping_reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
 
 from facts_damping.analysis.indices import THESIS_INDICES
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case
 from facts_damping.parameters.stages import Noise
-from facts_damping.reproduction import explanations
-from facts_damping.reproduction.agreement import ComparedRun, name
-from facts_damping.reproduction.printed import LLC, SCENARIOS, TABLES, ControllerId, cells
-from facts_damping.reproduction.results import FOUND
-from facts_damping.reproduction.runs import BASELINES, carry_out, changes, ensemble, figures, nominal, reached, whos
 from facts_damping.simulation import loop
 from facts_damping.studies.sweeps import axes, sweep
 from facts_damping.studies.sweeps.batch import Base, make

@@ -8,15 +8,15 @@ import shutil
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from facts_damping_reproduction import contenders as who
+from facts_damping_reproduction import held_out, what_holds
+from facts_damping_reproduction.runs import shipped as shipped_study
 
 from facts_damping.case.controllers import chosen
 from facts_damping.case.loading import changed_case
 from facts_damping.cli.main import main
 from facts_damping.parameters.files import read_table, shipped
 from facts_damping.parameters.study import Axis
-from facts_damping.reproduction import contenders as who
-from facts_damping.reproduction import held_out, what_holds
-from facts_damping.reproduction.runs import shipped as shipped_study
 from facts_damping.studies.search import scoring
 from facts_damping.studies.sweeps import sweep
 from facts_damping.studies.sweeps.batch import make

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from facts_damping.studies.margins.margin_plots import draw_margins
+from facts_damping.studies.sweeps.margin_plots import draw_margins
 from facts_damping.studies.sweeps.results import margin_table
 
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from facts_damping.control.table import Value
     from facts_damping.studies.search.scoring import Draw
-    from facts_damping.studies.search.tune import Scheme
+    from facts_damping.studies.sweeps.enumerated_axes import Scheme
 
 TINY = ["smib", "gaussian+sam", "--budget", "1", "--seed", "4", "--jobs", "1"]
 BEST = sorted(name for name in shipped("runs") if name.startswith(("best_", "lead_lag_", "search_")))

@@ -22,7 +22,6 @@ from facts_damping.terminal import heeded
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-    from facts_damping.nodes.admission.message_filter import MessageFilter
 
 REQUESTS_S = 0.05  # wall time between two looks for requests, and for whether the node was told to stop
 HEARD_S = 2.0  # wall time that a node that was stopped waits at most for its last messages to arrive
@@ -62,10 +61,25 @@ def check_wanted() -> None:
         raise Stopped
 
 
+class Refuses(Protocol):
+    """What a spinner needs of a message filter."""
+
+    def done(self) -> bool:
+        """Whether the run is over."""
+
+    def refuse(self, topic: str, cause: str) -> None:
+        """Count what was refused."""
+
+    def remark(self) -> str:
+        """What it adds to an error."""
+
+
 class Filtered(Protocol):
     """What a node is that lets in only what may act, as Member is."""
 
-    message_filter: MessageFilter
+    @property
+    def message_filter(self) -> Refuses:
+        """Its message filter."""
 
     def look(self, last: bool = False) -> None:
         """Now and then: report what there is to be told."""

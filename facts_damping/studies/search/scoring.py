@@ -28,11 +28,10 @@ from facts_damping.errors import FactsDampingError, InputError
 from facts_damping.parameters.files import shipped
 from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Controller
-from facts_damping.studies.search.tune import SCENARIO
 from facts_damping.studies.sweeps import sweep
 from facts_damping.studies.sweeps.axes import drawn_columns
 from facts_damping.studies.sweeps.batch import closed_loop, make, names
-from facts_damping.studies.sweeps.enumerated_axes import NONE
+from facts_damping.studies.sweeps.enumerated_axes import NONE, SCENARIO
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.parameters.run import Controller
-    from facts_damping.studies.search.tune import Scheme
+    from facts_damping.studies.sweeps.enumerated_axes import Scheme
 
 KEPT = 4  # of so many structures one goes on
 POPULATION = 16

@@ -8,8 +8,7 @@ from facts_damping.parameters.profile import DEFAULT_PROFILE
 from facts_damping.parameters.run import Tuned, TunedController
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.studies.search.scoring import REFERENCE, trained_on
-from facts_damping.studies.search.tune import SCENARIO
-from facts_damping.studies.sweeps.enumerated_axes import NONE
+from facts_damping.studies.sweeps.enumerated_axes import NONE, SCENARIO
 from facts_damping.terminal import table
 
 if TYPE_CHECKING:

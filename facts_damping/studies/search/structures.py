@@ -19,7 +19,7 @@ from facts_damping.parameters.run import Controller
 from facts_damping.simulation.build import plant_residues
 from facts_damping.studies.search.scoring import REFERENCE
 from facts_damping.studies.search.space import GUARDS, Space
-from facts_damping.studies.search.tune import every_scheme
+from facts_damping.studies.sweeps.enumerated_axes import every_scheme
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from facts_damping.control.table import Value
     from facts_damping.parameters.run import Run
     from facts_damping.parameters.system import System
-    from facts_damping.studies.search.tune import Scheme
+    from facts_damping.studies.sweeps.enumerated_axes import Scheme
 
 # What a network is given with these devices; a lead-lag takes the first.
 PORTS: dict[tuple[str, ...], list[str]] = {("sssc",): ["speed"], ("sssc", "statcom"): ["speed", "power"]}

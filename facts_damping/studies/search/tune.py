@@ -11,7 +11,7 @@ synchronism counts 1000 less the time that it lasted.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from facts_damping.simulation import loop
 from facts_damping.simulation.build import build_control, plant_residues
 from facts_damping.studies.search.optimisers import differential_evolution
 from facts_damping.studies.search.space import Space
+from facts_damping.studies.sweeps.enumerated_axes import SCENARIO, Scheme, every_scheme
 from facts_damping.studies.sweeps.pool import run_all
 
 if TYPE_CHECKING:
@@ -37,13 +38,9 @@ if TYPE_CHECKING:
     from facts_damping.control.table import Value
     from facts_damping.small_signal.residues import Residues
 
-SCENARIO = "training"
 POPULATION = 24
 RHO = 1e-4  # p.u. of speed that the device's limit costs
 LOST = 1000.0  # objective of a run that loses synchronism at once
-
-
-Scheme = Literal["direct", "indirect"] | None
 
 
 class TuningTask(NamedTuple):
@@ -74,12 +71,6 @@ def rows(names: Sequence[str]) -> list[tuple[str, Scheme]]:
         if not kind(name, "CONTROLLER").tuned:
             raise InputError(f"CONTROLLER: '{name}' given; allowed: {', '.join(tunable)}, or antecedent+consequent")
     return every_scheme(list(names) or tunable)
-
-
-def every_scheme(names: Sequence[str]) -> list[tuple[str, Scheme]]:
-    """Controllers in the schemes that they have: a network in both, a lead-lag in none."""
-    schemes: dict[bool, tuple[Scheme, ...]] = {True: ("direct", "indirect"), False: (None,)}
-    return [(name, scheme) for name in names for scheme in schemes[kind(name, "CONTROLLER").network is not None]]
 
 
 class Trainer:

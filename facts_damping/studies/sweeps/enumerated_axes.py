@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from facts_damping.case.controllers import tuned
 from facts_damping.control.table import CONTROLLERS, kind
 from facts_damping.errors import InputError
 from facts_damping.parameters import files
 from facts_damping.parameters.study import Axis, Study
-from facts_damping.studies.search.tune import SCENARIO, every_scheme
 from facts_damping.studies.sweeps.batch import CUSTOM, Base, make, names
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from facts_damping.case.model import Case
 
+Scheme = Literal["direct", "indirect"] | None  # of a controller; None: it has none
+SCENARIO = "training"  # the one that controllers are chosen on
 NONE = "none"
 ANY = "ANFTSC"  # takes whatever signals and devices there are
 RESTS_ON = ("system", "devices", "profile")  # fields of a run that say which scenarios and controllers there are
@@ -102,3 +105,9 @@ def _cut(label: str, case: Case) -> dict[str, Any]:
     most = kind(label.partition(" ")[0]).signals
     own = {f"controllers.{i}.signals": one.signals for i, one in enumerate(case.run.controllers)}
     return {path: signals[:most] for path, signals in own.items() if len(signals) > most}
+
+
+def every_scheme(names: Sequence[str]) -> list[tuple[str, Scheme]]:
+    """Controllers in the schemes that they have: a network in both, a lead-lag in none."""
+    schemes: dict[bool, tuple[Scheme, ...]] = {True: ("direct", "indirect"), False: (None,)}
+    return [(name, scheme) for name in names for scheme in schemes[kind(name, "CONTROLLER").network is not None]]

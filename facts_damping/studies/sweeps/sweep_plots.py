@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 from facts_damping.analysis.convergence import MARK
 from facts_damping.analysis.plots import COLOURS
-from facts_damping.studies.margins.margin_plots import draw_margins
 from facts_damping.studies.margins.margins import failed_fraction
 from facts_damping.studies.pages import save
 from facts_damping.studies.sweeps.batch import QUANTILES
+from facts_damping.studies.sweeps.margin_plots import draw_margins
 from facts_damping.studies.sweeps.results import by_scenario, label, varying
 from facts_damping.studies.sweeps.sweep import FAILED, differ
 

@@ -1,0 +1,48 @@
+"""The case by this package."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from facts_damping.simulation import loop
+from facts_damping_bench.grid import DURATION, Grid, TimedRun, case
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from facts_damping.case.model import Case
+
+
+def prepare(grid: Grid, folder: Path) -> None:
+    """Nothing: kernels compile in a run that is not counted."""
+
+
+def run(
+    made: None,  # noqa: ARG001 (what every program's module takes)
+    grid: Grid,
+    step: float,
+    model: str = "genrou",
+    more: tuple[str, ...] = (),
+    end: float = DURATION,
+) -> TimedRun:
+    """One run; its set-up reads the file, solves the power flow, starts the machines and reduces the network.
+
+    With another machine model, and more fields of the machines as of `--set`, it is the twin of another program.
+    """
+    return timed(lambda: case(step, grid.load, model, more, end))
+
+
+def timed(make: Callable[[], Case]) -> TimedRun:
+    """A run of a case, which is made as a part of its set-up."""
+    began = time.perf_counter()
+    parts = loop.build_loop(make())
+    ready = time.perf_counter()
+    loop.run_loop(parts)
+    ended = time.perf_counter()
+    ticks, kept = int(parts.signals.used[0]), parts.signals
+    time_s = np.asarray(kept.time_ns[:ticks] * 1e-9, np.float64)
+    return TimedRun(ready - began, ended - ready, time_s, kept.machines["speed_deviation"][:ticks])

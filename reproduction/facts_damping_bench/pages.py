@@ -1,0 +1,147 @@
+"""What is shown of a comparison: tables for a terminal, JSON, a picture."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from facts_damping.terminal import save_picture, table
+from facts_damping_bench import grid
+from facts_damping_bench.figures import EQUAL_ERROR, at_equal_error, ratio
+from facts_damping_bench.grid import SHOWN
+from facts_damping_bench.programs import OURS
+from facts_damping_bench.study import FINER
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from facts_damping_bench.figures import Result
+    from facts_damping_bench.grid import Shown
+    from facts_damping_bench.ticks import Rate
+
+NOTHING = "-"
+MARKS = ["o", "s", "^", "D", "v", "P"]
+
+
+def case(shown: Shown) -> str:
+    """What is run, and what an error is."""
+    return (
+        f"{grid.DURATION:g} s of {shown.text}, three-phase fault at {shown.fault} through j {grid.FAULT_X:g} p.u. from "
+        f"{grid.FAULT_START:g} to {grid.FAULT_END:g} s, one core. error: of a swing over the largest swing, against "
+        f"the same program with a step {FINER} times finer than its finest here."
+    )
+
+
+def ladder(results: Iterable[Result]) -> list[str]:
+    """Every program at every step."""
+    rows = [
+        [one.title, f"{1e3 * x.step_s:g}", f"{x.error:.1e}", _s(x.wall_s), _times(grid.DURATION / x.wall_s)]
+        for one in results
+        for x in one.rungs
+    ]
+    return table(["program", "step ms", "error", "run s", "times real time"], rows)
+
+
+def summary(results: Sequence[Result]) -> list[str]:
+    """A row a program: at equal error, in a sweep, and what differs from ours."""
+    titles = ["program", "version", f"s at {EQUAL_ERROR:g}", "times ours", "with step ms", "set-up s"]
+    titles += ["sweep runs/s", "ours over it", "from ours"]
+    return table(titles, [_row(one, results[0]) for one in results], left=2)
+
+
+def _row(one: Result, ours: Result) -> list[str]:
+    if one.failed and not one.rungs:
+        return [one.title, one.version or NOTHING, *[NOTHING] * 7]
+    found, beside = at_equal_error(one.rungs), at_equal_error(ours.rungs)
+    cells = [NOTHING] * 3
+    if found is not None:
+        times = ratio(found.at_error_s, None if beside is None else beside.at_error_s)
+        cells = [_s(found.at_error_s), _times(times), f"{1e3 * found.step_s:g}"]
+    cells.append(_s(one.rungs[0].setup_s))
+    if one.sweep is None or ours.sweep is None:
+        cells += [NOTHING, NOTHING]
+    else:
+        cells += [f"{1.0 / one.sweep.run_s:.3g}", _times(one.sweep.run_s / ours.sweep.run_s)]
+    return [one.title, one.version, *cells, NOTHING if one.name == OURS else f"{100 * one.from_ours:.2g} %"]
+
+
+def _s(value: float) -> str:
+    return f"{value:.4f}" if value < 0.1 else f"{value:.3f}"
+
+
+def _times(value: float) -> str:
+    if math.isnan(value):
+        return NOTHING
+    return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
+
+
+def exchange(rates: Sequence[Rate]) -> list[str]:
+    """Ticks a second of ours beside another."""
+    rows = [
+        [one.title, NOTHING if one.failed else f"{one.per_s:.0f}", _times(ratio(one.per_s, rates[0].per_s))]
+        for one in rates
+    ]
+    return table(["in step", "ticks/s", "ratio"], rows)
+
+
+def notes(results: Iterable[Result]) -> list[str]:
+    """What each is, and why one is missing."""
+    return [f"{one.title}: {one.failed or one.note}" for one in results]
+
+
+def text(results: Sequence[Result], rates: Sequence[Rate], shown: Shown = SHOWN) -> list[str]:
+    """Everything for a terminal."""
+    lines = []
+    if results:
+        lines += [case(shown), "", *ladder(results), "", *summary(results), "", *notes(results)]
+    if rates:
+        lines += ["", *exchange(rates), "", *(f"{one.title}: {one.failed or one.note}" for one in rates)]
+    return lines
+
+
+def document(results: Sequence[Result], rates: Sequence[Rate]) -> dict[str, Any]:
+    """The same as JSON (docs/results_json.md)."""
+    return {"equal_error": EQUAL_ERROR, "programs": [_document(one, results[0]) for one in results]} | {
+        "lockstep": [{**one._asdict(), "failed": one.failed or None} for one in rates]
+    }
+
+
+def _document(one: Result, ours: Result) -> dict[str, Any]:
+    found, beside = at_equal_error(one.rungs), at_equal_error(ours.rungs)
+    costs = None if found is None else found.at_error_s
+    return {
+        "name": one.name,
+        "version": one.version or None,
+        "failed": one.failed or None,
+        "note": one.note,
+        "steps": [x._asdict() for x in one.rungs],
+        "reference_step_s": one.reference_step_s,
+        "from_ours": one.from_ours,
+        "at_equal_error": None if found is None else found._asdict(),
+        "ratio": ratio(costs, None if beside is None else beside.at_error_s),
+        "sweep": None if one.sweep is None else {**one.sweep._asdict(), "runs_per_s": 1.0 / one.sweep.run_s},
+    }
+
+
+def draw(results: Iterable[Result], path: Path, of: Shown = SHOWN) -> Path:
+    """Error over the time of a run, log-log, a line a program, a marker a step, as PNG."""
+    figure = Figure(figsize=(7.5, 5.0), layout="constrained")
+    axes = figure.add_subplot()
+    shown = [one for one in results if one.rungs]
+    steps = sorted({x.step_s for one in shown for x in one.rungs}, reverse=True)
+    marks = dict(zip(steps, MARKS * len(steps), strict=False))
+    for one in shown:
+        (line,) = axes.loglog([x.wall_s for x in one.rungs], [x.error for x in one.rungs], label=one.title)
+        for x in one.rungs:
+            axes.plot(x.wall_s, x.error, marks[x.step_s], color=line.get_color(), ms=6)
+    axes.axhline(EQUAL_ERROR, color="black", lw=0.8, ls="--")
+    axes.set(xlabel=f"time of {grid.DURATION:g} s of {of.name} on one core [s]", ylabel="error over largest swing")
+    axes.grid(visible=True, which="both", alpha=0.3)
+    axes.add_artist(axes.legend(fontsize=9, loc="lower right"))
+    kinds = [Line2D([], [], color="black", ls="", marker=marks[step], label=f"{1e3 * step:g} ms") for step in steps]
+    axes.legend(handles=kinds, fontsize=9, loc="lower center", title="step")
+    return save_picture(figure, path, dpi=150)

@@ -1,0 +1,134 @@
+"""All programs side by side in one run: they take turns, so that what slows the machine hits all alike."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from importlib.metadata import version
+from statistics import median
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from facts_damping import __version__
+from facts_damping.errors import RunError
+from facts_damping_bench.figures import Result, Sweep, difference, rung, sweep_step
+from facts_damping_bench.programs import OURS, PROGRAMS, Program, missing
+from facts_damping_bench.session import Session, session
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+T = TypeVar("T")
+FINER = 8  # times finer than the finest step is a program's own reference
+REPEATS = 5
+VARIED = {OURS: 100}  # runs of a sweep
+OTHERS = 5
+SPREAD = 0.1  # of the load in a sweep, about 1
+
+
+class Field(NamedTuple):
+    """The programs that still run, each in its process, what was found of each, and the turns each has left."""
+
+    table: Mapping[str, Program]
+    sessions: dict[str, Session]
+    results: dict[str, Result]
+    left: dict[str, int]
+    tell: Callable[[], None]
+
+
+def each(field: Field, act: Callable[[str, Session, Program], T]) -> dict[str, T]:
+    """Do something with every program that still runs; one that fails is left out from then on, but not ours."""
+    found = {}
+    for name, one in list(field.sessions.items()):
+        try:
+            found[name] = act(name, one, field.table[name])
+            field.left[name] -= 1
+        except RunError as error:
+            if name == OURS:
+                raise
+            note(field, name, failed=str(error))
+            del field.sessions[name]
+            field.left[name] = 0
+        field.tell()
+    return found
+
+
+def note(field: Field, name: str, **found: Any) -> None:
+    """Enter what was found of a program."""
+    field.results[name] = field.results[name]._replace(**found)
+
+
+def measure(
+    names: Sequence[str],
+    progress: Callable[[int, int], None],
+    repeats: int = REPEATS,
+    table: Mapping[str, Program] = PROGRAMS,
+    *,
+    sweep: bool = True,
+) -> list[Result]:
+    """Ladders of steps, sweeps, and the difference from ours, of these programs; ours is always there, and first."""
+    wanted = list(dict.fromkeys([OURS, *names]))
+    there = [name for name in wanted if not missing(table[name].distributions)]
+    rungs = max(len(table[name].steps) for name in there)
+    turns = 3 + rungs * repeats + (OTHERS if sweep else 0)
+    left = dict.fromkeys(there, turns)
+    of = len(there) * turns
+    field = Field(table, {}, {}, left, lambda: progress(of - sum(left.values()), of))
+    for name in wanted:
+        row = table[name]
+        lacking = missing(row.distributions)
+        known = "" if lacking else version(row.distributions[0]) if row.distributions else __version__
+        field.results[name] = Result(name, row.title, known, row.note, lacking)
+    field.tell()
+    with ExitStack() as stack:
+        for name in there:
+            field.sessions[name] = stack.enter_context(session(table[name].module))
+        _measure(field, repeats, rungs)
+        if sweep:
+            _sweep(field)
+    return [field.results[name] for name in wanted]
+
+
+def _measure(field: Field, repeats: int, rungs: int) -> None:
+    """From programs that are starting to their ladders."""
+    each(field, lambda _name, one, _row: one.read())
+    each(field, lambda _name, one, row: one.ask(row.steps[0]))  # warm: not counted
+    fine = each(field, lambda _name, one, row: one.ask(row.steps[-1] / FINER)["swings"])
+    _compare(field, fine)
+    runs: dict[tuple[str, float], list[dict[str, Any]]] = {}
+    for _ in range(repeats):
+        for i in range(rungs):
+            made = each(field, lambda _name, one, row, i=i: one.ask(row.steps[i]) if i < len(row.steps) else None)  # type: ignore[misc]
+            for name, run in made.items():
+                if run is not None:
+                    runs.setdefault((name, field.table[name].steps[i]), []).append(run)
+    for name in list(field.sessions):
+        steps = field.table[name].steps
+        found = tuple(rung(step, fine[name], runs[name, step]) for step in steps)
+        note(field, name, rungs=found, reference_step_s=steps[-1] / FINER)
+
+
+def _compare(field: Field, fine: Mapping[str, Any]) -> None:
+    """The fine run of each beside ours with the machine's equations that it has."""
+    step = field.table[OURS].steps[-1] / FINER
+    for name, swings in fine.items():
+        row = field.table[name]
+        if name != OURS:
+            twin = field.sessions[OURS].ask(step, model=row.model, more=row.more)["swings"]
+            note(field, name, from_ours=difference(swings, twin))
+
+
+def _sweep(field: Field) -> None:
+    """Runs of varied load, in as many turns for each; of ours several a turn."""
+    took: dict[str, list[float]] = {}
+
+    def some(name: str, one: Session, _row: Program, turn: int) -> None:
+        many = VARIED.get(name, OTHERS) // OTHERS
+        step = sweep_step(field.results[name].rungs)
+        for i in range(many):
+            share = (turn * many + i + 0.5) / (many * OTHERS)
+            took.setdefault(name, []).append(one.ask(step, 1.0 + SPREAD * (share - 0.5))["total_s"])
+
+    for turn in range(OTHERS):
+        each(field, lambda name, one, row, turn=turn: some(name, one, row, turn))  # type: ignore[misc]
+    for name in field.sessions:
+        found = Sweep(sweep_step(field.results[name].rungs), len(took[name]), median(took[name]))
+        note(field, name, sweep=found)

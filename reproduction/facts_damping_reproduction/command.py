@@ -1,0 +1,90 @@
+"""The command `reproduce` of `facts-damping`, by the entry point `facts_damping.commands`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from facts_damping.cli.options import common, jobs, whole
+
+if TYPE_CHECKING:
+    import argparse
+
+    from facts_damping.cli.commands import Add
+
+
+def add_to(add: Add) -> None:
+    """What the command takes."""
+    command = add(
+        "reproduce",
+        "facts_damping_reproduction.command:reproduce",
+        "Compare with the thesis, table by table; with --profile deployment: rank controllers in a deployment.",
+        "reproduce 3.1 --draws 2 --out results/reproduction",
+    )
+    command.add_argument("tables", nargs="*", metavar="TABLE", help="3.1, 4.1 ... 6.2; none: all")
+    text = "thesis (its tables) or deployment (held-out cases); default: thesis"
+    command.add_argument("--profile", default="thesis", metavar="NAME", help=text)
+    text = "cases of each ensemble, 2 or more; default: as its file says"
+    command.add_argument("--draws", type=whole(2, 100_000), metavar="N", help=text)
+    jobs(command)
+    common(command, sets=False)
+
+
+def reproduce(arguments: argparse.Namespace) -> None:
+    """The thesis's tables, ours beside them: agreement, ensembles, explanations, pictures."""
+    from facts_damping.cli.runs import say
+    from facts_damping.parameters import files
+    from facts_damping.parameters.profile import DEFAULT_PROFILE
+    from facts_damping.terminal import clean_up_first, write_json
+    from facts_damping_reproduction import pages
+    from facts_damping_reproduction.agreement import markdown
+    from facts_damping_reproduction.findings import find
+    from facts_damping_reproduction.results import gather
+
+    if arguments.profile != DEFAULT_PROFILE:
+        _what_holds(arguments)
+        return
+    folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / "reproduction")
+    clean_up_first()
+    try:
+        found = gather(arguments.tables, arguments.draws, folder, arguments.jobs)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+    judged = find(found)
+    written = pages.write(found, judged, folder)
+    write_json(arguments.json, pages.document(found, judged))
+    for title, one in (("the scenarios as they are", judged.plain), ("medians over the ensembles", judged.drawn)):
+        if one.signs:
+            signs, ranks = ("statements", "agree", "share"), ("rankings", "mean_rho", "same_best", "same_second")
+            lines = [*markdown(one.signs, ["table", "what"], signs), "", *markdown(one.totals, ["table"], ranks)]
+            say(arguments, "\n".join([f"Agreement with the thesis, {title}:", "", *lines, ""]))
+    for path in written:
+        say(arguments, f"written: {path}")
+
+
+def _what_holds(arguments: argparse.Namespace) -> None:
+    """Who helps in a deployment, on draws that no search has seen: the page and its figures."""
+    from facts_damping.cli.runs import say
+    from facts_damping.errors import InputError, check_known
+    from facts_damping.parameters import files
+    from facts_damping.parameters.profile import DEFAULT_PROFILE
+    from facts_damping.terminal import clean_up_first, write_json
+    from facts_damping_reproduction import held_out, what_holds
+    from facts_damping_reproduction import what_holds_pages as pages
+    from facts_damping_reproduction.contenders import PROFILE
+
+    check_known("--profile", arguments.profile, [DEFAULT_PROFILE, PROFILE])
+    if arguments.tables:
+        raise InputError(f"TABLE: {arguments.tables[0]} given; allowed: none with --profile {PROFILE}")
+    folder = files.new_folder(Path(arguments.out) if arguments.out is not None else Path("results") / PROFILE)
+    clean_up_first()
+    try:
+        held = held_out.gather(folder, arguments.jobs, arguments.draws)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on where it stopped: {folder}") from None
+    told = what_holds.judge(held)
+    written = pages.write(told, folder)
+    write_json(arguments.json, pages.document(told))
+    say(arguments, pages.finalist_table(told))
+    for path in written:
+        say(arguments, f"written: {path}")
