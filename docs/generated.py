@@ -64,8 +64,8 @@ COMMANDS = """# Commands
 
 All commands of the program `facts-damping` and their options. After `make demo` it is in `.venv/bin`; activate the
 environment first with `. .venv/bin/activate`. `python -m facts_damping` is the same program, and so is
-`ros2 run facts_damping facts-damping` in a colcon workspace. `bench` and `reproduce` come with a checkout. What the commands write is explained in
-[running](running.md).
+`ros2 run facts_damping facts-damping` in a colcon workspace. `bench` and `reproduce` come with a checkout. What the
+commands write is explained in [running](running.md).
 
 Shells complete commands, options and names after `eval "$(register-python-argcomplete facts-damping)"`.
 """
