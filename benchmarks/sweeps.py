@@ -19,8 +19,8 @@ from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.oscillation import settling_time
-from facts_damping.analysis.ringdown import ringdown_modes
+from facts_damping.analysis.modes.oscillation import settling_time
+from facts_damping.analysis.modes.ringdown import ringdown_modes
 from facts_damping.analysis.summary import summarise
 from facts_damping.analysis.verdict import judge
 from facts_damping.case.loading import load_case

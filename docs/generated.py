@@ -23,13 +23,13 @@ from facts_damping.parameters.campaign import Campaign
 from facts_damping.parameters.linear_law import LinearLaw
 from facts_damping.parameters.link import Link
 from facts_damping.parameters.measurement import Measurement
+from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.profile import Profile
 from facts_damping.parameters.run import Run, Scenario, Tuned, Weights
 from facts_damping.parameters.security import Keys
 from facts_damping.parameters.streams import Streams
 from facts_damping.parameters.study import Study
 from facts_damping.parameters.supervision import Supervision
-from facts_damping.parameters.system import System
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

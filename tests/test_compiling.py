@@ -44,7 +44,7 @@ EXACT = {"ceil", "floor", "memcpy", "memmove", "memset", "rint", "trunc"}
 SEVERAL = {
     *("facts_damping.matrices._multiply", "facts_damping.matrices._eliminate", "facts_damping.matrices.size_of_pivot"),
     *(f"facts_damping.link.transfer.{name}" for name in ("_push", "_first_before", "_count_delivered")),
-    *(f"facts_damping.plant.sparse.{name}" for name in ("_eliminate", "_substitute", "_reach")),
+    *(f"facts_damping.plant.grid.sparse.{name}" for name in ("_eliminate", "_substitute", "_reach")),
     "facts_damping.simulation.tick._append",
 }
 SHORT = ["duration=0.5", "controllers.0.name=HBsWC", "controllers.0.scheme=indirect"]
@@ -193,7 +193,7 @@ def test_of_an_entry_point_that_is_called_types_count_alone() -> None:
 @pytest.mark.parametrize(
     ("changed", "concerned"),
     [
-        ("facts_damping.plant.governor", {"derivatives", "measure"}),
+        ("facts_damping.plant.machines.governor", {"derivatives", "measure"}),
         ("facts_damping.link.chain", {"uplink", "downlink"}),
         ("facts_damping.neurofuzzy.consequent", {"forward", "by_inputs"}),
         ("facts_damping.supervision.monitors", {"_take_frames", "_judge"}),

@@ -21,7 +21,7 @@ from facts_damping import extensions
 from facts_damping.analysis.indices import INDICES, Index
 from facts_damping.control.table import ControllerKind
 from facts_damping.errors import InputError
-from facts_damping.parameters.devices import DeviceModel
+from facts_damping.parameters.plant.devices import DeviceModel
 from facts_damping.recording import load
 
 if sys.version_info >= (3, 11):

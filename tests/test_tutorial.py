@@ -13,7 +13,7 @@ from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case, load_system
 from facts_damping.cli.main import main
 from facts_damping.plant.build import build
-from facts_damping.plant.power_flow import solve
+from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise, modes
 from facts_damping.studies.sweeps.sweep import plan

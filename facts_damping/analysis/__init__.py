@@ -1,6 +1,6 @@
 """What a record says about the control: records in, figures out. Knows neither plant nor ROS.
 
-Plots are in `facts_damping.analysis.plots`, apart, because loading Matplotlib takes longer than a run.
+Plots are in `facts_damping.analysis.plotting.plots`, apart, because loading Matplotlib takes longer than a run.
 """
 
 from facts_damping.analysis.summary import summarise, table

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.analysis.indices import INDICES, improvement, index_curves, regions
 from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.oscillation import is_stable
-from facts_damping.analysis.ringdown import COVERED
+from facts_damping.analysis.modes.oscillation import is_stable
+from facts_damping.analysis.modes.ringdown import COVERED
 from facts_damping.terminal import table
 
 if TYPE_CHECKING:

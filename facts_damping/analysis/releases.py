@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from facts_damping.parameters.watchdog import Watchdog
+from facts_damping.parameters.plant.watchdog import Watchdog
 from facts_damping.signals import REFUSED
 
 if TYPE_CHECKING:

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping import terminal
-from facts_damping.analysis import ambient, convergence, releases, supervision
+from facts_damping.analysis import convergence, releases, supervision
 from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency, left_out
 from facts_damping.analysis.limits import warnings
 from facts_damping.analysis.measures import columns, event_times, speed_differences
-from facts_damping.analysis.oscillation import instability, is_stable, settling_time, unknown
-from facts_damping.analysis.ringdown import METHOD, fit_ringdown
+from facts_damping.analysis.modes import ambient
+from facts_damping.analysis.modes.oscillation import instability, is_stable, settling_time, unknown
+from facts_damping.analysis.modes.ringdown import METHOD, fit_ringdown
 from facts_damping.analysis.run_warnings import odd_findings
 from facts_damping.analysis.verdict import DAMPED, LIMIT_CYCLE, LOST, UNDECIDED, judge
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.analysis.ringdown import Fit
+    from facts_damping.analysis.modes.ringdown import Fit
     from facts_damping.signals import Record
 
 # Rows of the table: label, path into a summary, format.

@@ -22,16 +22,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from facts_damping.analysis.confidence import student_quantile
-from facts_damping.analysis.oscillation import BAND, RESOLUTION, WINDOW, envelope
-from facts_damping.analysis.ringdown import COVERED, SKIP, block_means, fit_ringdown
+from facts_damping.analysis.modes.confidence import student_quantile
+from facts_damping.analysis.modes.oscillation import BAND, RESOLUTION, WINDOW, envelope
+from facts_damping.analysis.modes.ringdown import COVERED, SKIP, block_means, fit_ringdown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.analysis.ringdown import Fit
+    from facts_damping.analysis.modes.ringdown import Fit
 
 DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, LOST = "damped", "growing", "limit cycle", "undecided", "lost synchronism"
 ORDER = (GROWING, LIMIT_CYCLE, UNDECIDED, DAMPED)  # the worst that any signal says is what a run's is

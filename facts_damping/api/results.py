@@ -66,7 +66,7 @@ class Result(Record):
         `beside`: other records by their names, drawn over it; of several of one name, seeds of a run say, the median in
         a band. Matplotlib's styles apply. Raises `InputError` for a name that is none.
         """
-        from facts_damping.analysis import plots  # noqa: PLC0415 (pictures' library takes longer than a run)
+        from facts_damping.analysis.plotting import plots  # noqa: PLC0415 (pictures' library takes longer than a run)
 
         others = {name: [one] if isinstance(one, Record) else list(one) for name, one in (beside or {}).items()}
         own = findings.names([self, *(one for group in others.values() for one in group)])[0] if others else ""

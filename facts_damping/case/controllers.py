@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from facts_damping.parameters.link import Link
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
 
 SPAN = 6.0  # frames of `identifier_span`, where an identifier predicts: with one value it does not know an oscillation
 

@@ -16,9 +16,9 @@ from facts_damping.parameters.validation import check, origin
 
 if TYPE_CHECKING:
     from facts_damping.parameters.measurement import Measurement
+    from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Controller
     from facts_damping.parameters.stages import StageModel
-    from facts_damping.parameters.system import System
 
 
 def read_links(run: Run, source: str, sets: dict[str, str] | None) -> tuple[Link, list[Link], list[int]]:

@@ -16,9 +16,9 @@ from facts_damping.errors import InputError, check_known
 from facts_damping.input_files import naming_no_files
 from facts_damping.measurement.filters import reference_filter
 from facts_damping.parameters.files import check_kind, each_path, find, read_sets, read_table, set_field
-from facts_damping.parameters.placement import place
+from facts_damping.parameters.plant.placement import place
+from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.run import Run, Scenario
-from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check, origin
 
 if TYPE_CHECKING:

@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.parameters.devices import Series
-from facts_damping.plant.network import Branch, Topology, branches, device_section
-from facts_damping.plant.power_flow import PowerFlow, solve
+from facts_damping.parameters.plant.devices import Series
+from facts_damping.plant.grid.network import Branch, Topology, branches, device_section
+from facts_damping.plant.grid.power_flow import PowerFlow, solve
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.grid import InfiniteBus
-    from facts_damping.parameters.machines import Machine
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.grid import InfiniteBus
+    from facts_damping.parameters.plant.machines import Machine
+    from facts_damping.parameters.plant.system import System
 
 HEADS = {
     "bus": "bus_i type Pd Qd Gs Bs area Vm Va baseKV zone Vmax Vmin",

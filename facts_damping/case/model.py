@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from facts_damping.measurement.filters import Filter
     from facts_damping.parameters.link import Link
     from facts_damping.parameters.measurement import Measurement
+    from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Controller, Run, Scenario
     from facts_damping.parameters.supervision import Supervision
-    from facts_damping.parameters.system import System
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from facts_damping.parameters.validation import check, origin
 
 if TYPE_CHECKING:
     from facts_damping.case.model import Case
+    from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Run
-    from facts_damping.parameters.system import System
 
 FOLDER = "supervision"  # below config
 

@@ -418,5 +418,5 @@ KINDS = (
     "studies",
     "campaigns",
 )
-# facts_damping.analysis.poles.METHODS, which take long to load.
+# facts_damping.analysis.modes.poles.METHODS, which take long to load.
 MODES = ("auto", "matrix_pencil", "prony", "era", "ssi")

@@ -76,7 +76,8 @@ def replay(arguments: argparse.Namespace) -> None:
 
 def _tell(arguments: argparse.Namespace, result: dict[str, Any], lines: list[str]) -> None:
     """Notes on standard error; verdict, and of other setpoints the table."""
-    from facts_damping.analysis import releases, shadow
+    from facts_damping.analysis import releases
+    from facts_damping.analysis.plotting import shadow
 
     for line in result["notes"]:
         note(f"{arguments.recording}: {line}")
@@ -137,7 +138,7 @@ def _by_nodes(arguments: argparse.Namespace, case: Case, played: Record, folder:
 
 
 def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], folder: Path) -> Path:
-    from facts_damping.analysis import shadow
+    from facts_damping.analysis.plotting import shadow
 
     grids = {
         name: (again.on_grid(played, again.acted(played), d), again.on_grid(played, issued, d))

@@ -55,7 +55,7 @@ def summarise(record: Record, wall_s: float | None, recording: str | None, metho
 
 def plot(records: Sequence[tuple[str, Record]], folder: Path) -> list[Path]:
     """Plots of speeds, tie flow and injected voltage as PNG."""
-    from facts_damping.analysis.plots import plot_comparison
+    from facts_damping.analysis.plotting.plots import plot_comparison
 
     return plot_comparison(records, folder)
 
@@ -156,7 +156,7 @@ def simulate(arguments: argparse.Namespace) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """The same loop as a ROS 2 graph."""
-    from facts_damping.analysis import plots, summary  # noqa: F401 (while what nodes need is loaded, too)
+    from facts_damping.analysis import summary  # noqa: F401 (while what nodes need is loaded, too)
     from facts_damping.nodes.launching import graph
 
     case = loading.load_case(arguments.run, arguments.set, arguments.supervised)
@@ -237,7 +237,7 @@ def _distributions(
     """Time-frequency pictures, where they are asked for: a line each."""
     if arguments.spwvd is None:
         return []
-    from facts_damping.analysis.time_frequency_plots import Settings, distribution_figures, save
+    from facts_damping.analysis.plotting.time_frequency_plots import Settings, distribution_figures, save
 
     asked = Settings()
     if arguments.windows:

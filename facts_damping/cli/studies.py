@@ -160,7 +160,7 @@ def sweep(arguments: argparse.Namespace) -> None:
 
 def _check_report(path: str | None, plan: Plan, folder: Path) -> None:
     """Raise `InputError` where the runs of a study cannot stand on one page, or where that cannot be written."""
-    from facts_damping.analysis.plots import COLOURS
+    from facts_damping.analysis.plotting.plots import COLOURS
 
     if path is None:
         return

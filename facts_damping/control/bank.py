@@ -46,8 +46,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from facts_damping.control.plant_prior import PlantPrior
+    from facts_damping.parameters.plant.stations import Signal
     from facts_damping.parameters.run import Controller
-    from facts_damping.parameters.stations import Signal
 
 law_of = branching(LAWS)  # a code, and what a law takes
 RULES = 2  # of every network (thesis, chapter 3)

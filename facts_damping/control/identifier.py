@@ -35,7 +35,7 @@ from facts_damping.signals import NANOSECONDS, Deliveries, Estimates, Setpoints,
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.parameters.stations import Signal
+    from facts_damping.parameters.plant.stations import Signal
 
 SPARE = 4  # frames, beyond the loop's delay, for which setpoints are kept
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.stations import Signal
+    from facts_damping.parameters.plant.stations import Signal
 
 UNSET = -1
 IMPLAUSIBLE = 1e6  # p.u. or rad: a quantity of this size or more counts as not available

@@ -10,7 +10,7 @@ from facts_damping.errors import InputError
 from facts_damping.grid_formats.conversion import Imported, MatpowerCase, convert
 from facts_damping.input_files import GRID, is_file, read_text
 from facts_damping.parameters.files import read_table
-from facts_damping.parameters.system import System
+from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.validation import check, short
 
 if TYPE_CHECKING:

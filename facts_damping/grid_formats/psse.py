@@ -13,7 +13,7 @@ from facts_damping.grid_formats.conversion import Imported, filled, joined_to, m
 from facts_damping.grid_formats.psse_dyr import read_dyr
 from facts_damping.grid_formats.psse_machines import machines_of, step_ups, units_of
 from facts_damping.grid_formats.psse_raw import read_raw
-from facts_damping.parameters.system import System
+from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.validation import check
 
 if TYPE_CHECKING:

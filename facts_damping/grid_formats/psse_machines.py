@@ -8,7 +8,7 @@ from facts_damping.errors import InputError
 from facts_damping.grid_formats.conversion import PQ, REFERENCE, TYPICAL, without_data
 from facts_damping.grid_formats.psse_network import bus_of
 from facts_damping.grid_formats.psse_raw import Row
-from facts_damping.parameters.blocks import MODELS, SHORTEST, TABLES, quantity_of
+from facts_damping.parameters.plant.blocks import MODELS, SHORTEST, TABLES, quantity_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -10,9 +10,9 @@ from pydantic import Field, StringConstraints, field_validator, model_validator
 from facts_damping.parameters.base import Name, ParameterModel, quantity
 from facts_damping.parameters.faults import ControllerFault
 from facts_damping.parameters.linear_law import LinearLaw
-from facts_damping.parameters.load_noise import LoadNoise
+from facts_damping.parameters.plant.load_noise import LoadNoise
+from facts_damping.parameters.plant.watchdog import Watchdog
 from facts_damping.parameters.security import Security
-from facts_damping.parameters.watchdog import Watchdog
 
 # A ROS namespace below that of the graph: parts of letters, digits and underscores, joined by slashes.
 _PART = "[A-Za-z][A-Za-z0-9_]*"

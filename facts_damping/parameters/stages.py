@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from facts_damping.extensions import rows
 from facts_damping.parameters.base import Name, ParameterModel, quantity
-from facts_damping.parameters.stations import Channel
+from facts_damping.parameters.plant.stations import Channel
 
 LONGEST_S = 60.0  # most that a stage may delay
 

@@ -9,26 +9,19 @@ import numpy as np
 
 from facts_damping.elementary import magnitude, phase, rect
 from facts_damping.errors import InputError
-from facts_damping.parameters.blocks import MODELS
-from facts_damping.parameters.devices import Series, Transmission
+from facts_damping.parameters.plant.blocks import MODELS
+from facts_damping.parameters.plant.devices import Series, Transmission
 from facts_damping.phasors import magnitudes, over, times
-from facts_damping.plant import (
-    block_controls,
-    blocks,
-    devices,
-    excitation,
-    governor,
-    load,
-    load_noise,
-    machine,
-    stabiliser,
-)
-from facts_damping.plant.dead_time import line
+from facts_damping.plant import load_noise
+from facts_damping.plant.converters import devices
+from facts_damping.plant.converters.dead_time import line
+from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
 from facts_damping.plant.events import TopologyInterval, topology_intervals
+from facts_damping.plant.grid import load
+from facts_damping.plant.grid.power_flow import PowerFlow, solve
+from facts_damping.plant.grid.reduction import Place, reduce_network
+from facts_damping.plant.machines import block_controls, blocks, excitation, governor, machine, stabiliser
 from facts_damping.plant.model import Plant, PlantState
-from facts_damping.plant.power_flow import PowerFlow, solve
-from facts_damping.plant.reduction import Place, reduce_network
-from facts_damping.plant.site import DEVICE, LOAD, OTHER_END, PORT, SALIENT, Site
 from facts_damping.plant.watchdog import initial_watch
 from facts_damping.signals import to_ns
 
@@ -37,9 +30,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.grid import Load
+    from facts_damping.parameters.plant.grid import Load
+    from facts_damping.parameters.plant.system import Device, System
     from facts_damping.parameters.run import Event
-    from facts_damping.parameters.system import Device, System
 
 
 class Built(NamedTuple):

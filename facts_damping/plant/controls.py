@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from facts_damping.compiling import compiled
 from facts_damping.elementary import magnitude
-from facts_damping.plant import blocks, excitation, governor, stabiliser
-from facts_damping.plant.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VD, VQ, VREF, VS, VT
+from facts_damping.plant.machines import blocks, excitation, governor, stabiliser
+from facts_damping.plant.machines.blocks import ID, IFD, IQ, OMEGA, ONE, PA, PE, PREF, SENSED, VD, VQ, VREF, VS, VT
 
 if TYPE_CHECKING:
     import numpy as np

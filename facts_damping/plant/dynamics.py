@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
 from facts_damping.elementary import magnitude, sin_cos
-from facts_damping.plant import controls, devices, load
+from facts_damping.plant import controls
+from facts_damping.plant.converters import devices
+from facts_damping.plant.grid import load
 from facts_damping.plant.model import Plant, Work
 from facts_damping.plant.ports import solve_ports
 

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from facts_damping.errors import InputError, check_known
 from facts_damping.parameters import run as events
-from facts_damping.plant.network import FaultPlace, Topology, check_islands
+from facts_damping.plant.grid.network import FaultPlace, Topology, check_islands
 from facts_damping.signals import to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Event
-    from facts_damping.parameters.system import System
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 from facts_damping.compiling import compiled
 from facts_damping.elementary import magnitude
-from facts_damping.plant import devices, load
-from facts_damping.plant.site import DEVICE, OTHER_END, SALIENT
+from facts_damping.plant.converters import devices
+from facts_damping.plant.converters.site import DEVICE, OTHER_END, SALIENT
+from facts_damping.plant.grid import load
 
 if TYPE_CHECKING:
     import numpy as np

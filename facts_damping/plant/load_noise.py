@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.grid import Load
-    from facts_damping.parameters.load_noise import LoadNoise
+    from facts_damping.parameters.plant.grid import Load
+    from facts_damping.parameters.plant.load_noise import LoadNoise
     from facts_damping.plant.model import Plant, Work
 
 RATE = 120  # points/s: with 60, 30 or 120 frames/s the integrator's steps are those without noise

@@ -9,7 +9,7 @@ from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Float2
 from facts_damping.elementary import atan2, magnitude, phase
 from facts_damping.plant import controls
-from facts_damping.plant import devices as facts
+from facts_damping.plant.converters import devices as facts
 from facts_damping.plant.dynamics import derivatives, row_times, saturated, solve_network, stator
 from facts_damping.plant.load_noise import begin_noise, move_noise
 from facts_damping.plant.model import Plant, PlantState, Work, begin_interval

@@ -20,15 +20,15 @@ from facts_damping.compiling.structs import (
     Int1,
     Struct,
 )
-from facts_damping.plant.blocks import BLOCK, CONTROLS, SENSED
-from facts_damping.plant.dead_time import UNDER_WAY
-from facts_damping.plant.devices import DEVICE
-from facts_damping.plant.excitation import EXCITER
-from facts_damping.plant.governor import GOVERNOR
-from facts_damping.plant.load import LOAD
-from facts_damping.plant.machine import MACHINE
-from facts_damping.plant.site import PORT
-from facts_damping.plant.stabiliser import STABILISER
+from facts_damping.plant.converters.dead_time import UNDER_WAY
+from facts_damping.plant.converters.devices import DEVICE
+from facts_damping.plant.converters.site import PORT
+from facts_damping.plant.grid.load import LOAD
+from facts_damping.plant.machines.blocks import BLOCK, CONTROLS, SENSED
+from facts_damping.plant.machines.excitation import EXCITER
+from facts_damping.plant.machines.governor import GOVERNOR
+from facts_damping.plant.machines.machine import MACHINE
+from facts_damping.plant.machines.stabiliser import STABILISER
 from facts_damping.plant.watchdog import WATCH
 
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 from facts_damping.compiling import compiled, entry_point
 from facts_damping.compiling.structs import Complex1, Float1
 from facts_damping.elementary import magnitude
+from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.laws import SMALL, characteristic, law
 from facts_damping.plant.model import Plant, Work
-from facts_damping.plant.site import DEVICE, LOAD, OTHER_END, SALIENT
 
 if TYPE_CHECKING:
     import numpy as np

@@ -18,7 +18,7 @@ from facts_damping.signals import NANOSECONDS, to_ns
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.watchdog import Watchdog
+    from facts_damping.parameters.plant.watchdog import Watchdog
 
 NEVER = -1  # ns, of what has not happened yet
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from facts_damping.digest import digest
 from facts_damping.errors import InputError, RecordingError, one_line
+from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.run import Run
-from facts_damping.parameters.system import System
 from facts_damping.parameters.validation import check
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording import decode, epoch, events, gaps

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.analysis.measures import event_times
-from facts_damping.analysis.pictures import PICTURES, Picture, shown, title_of
-from facts_damping.analysis.ringdown import interval
+from facts_damping.analysis.modes.ringdown import interval
+from facts_damping.analysis.plotting.pictures import PICTURES, Picture, shown, title_of
 from facts_damping.report.contents import Chart, Curve, Panel
 from facts_damping.report.traces import detailed, steps
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from facts_damping.analysis import pictures as analysed
+    from facts_damping.analysis.plotting import pictures as analysed
     from facts_damping.report.contents import ReportedRun
 
 # What each picture says, by its stem, and what the report calls its section.

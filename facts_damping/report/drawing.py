@@ -20,7 +20,7 @@ from bokeh.models.annotations import ColorBar, Span
 from bokeh.palettes import RdBu, interp_palette
 from bokeh.plotting import figure
 
-from facts_damping.analysis.plots import COLOURS
+from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.report.contents import Chart, Maps
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from facts_damping.analysis.plots import COLOURS
+from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.errors import InputError
 from facts_damping.escaping import escaped
 from facts_damping.report.build import MOST_EVENTS, build

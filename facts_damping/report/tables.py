@@ -9,7 +9,7 @@ import numpy as np
 from facts_damping.analysis.details import JUDGED, together
 from facts_damping.analysis.indices import INDICES
 from facts_damping.analysis.latency import HOPS, alike, hops_ms, statistics
-from facts_damping.analysis.ringdown import COVERED
+from facts_damping.analysis.modes.ringdown import COVERED
 from facts_damping.analysis.summary import ROWS, find, more_rows, row_text
 from facts_damping.analysis.supervision import cause_text, probe_text
 from facts_damping.digest import digest

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
 
 
 @dataclass(frozen=True)

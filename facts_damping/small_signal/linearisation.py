@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.measurement.filters import Filter
-    from facts_damping.parameters.stations import Signal
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.stations import Signal
+    from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
 STEP = 1e-6  # of the central differences, p.u., rad

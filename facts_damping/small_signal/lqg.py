@@ -42,8 +42,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Controller
-    from facts_damping.parameters.system import System
     from facts_damping.small_signal.residues import Residues
     from facts_damping.small_signal.sampled_output import Filtered
 

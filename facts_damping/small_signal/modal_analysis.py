@@ -14,7 +14,7 @@ from facts_damping.terminal import table
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
 
 SHOWN_STATES = 4
 # Of large systems no more is shown: modes in a picture, machines of a side and residues of a mode in a table.

@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from facts_damping.parameters.devices import Series, Transmission
-from facts_damping.plant.devices import losses_of
-from facts_damping.plant.network import Topology, branches, device_section
+from facts_damping.parameters.plant.devices import Series, Transmission
+from facts_damping.plant.converters.devices import losses_of
+from facts_damping.plant.grid.network import Topology, branches, device_section
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import Device, System
-    from facts_damping.plant.power_flow import PowerFlow
+    from facts_damping.parameters.plant.system import Device, System
+    from facts_damping.plant.grid.power_flow import PowerFlow
     from facts_damping.small_signal.linearisation import Eigenmode
 
     Places = dict[str, NDArray[np.float64]]

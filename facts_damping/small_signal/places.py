@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.errors import FactsDampingError, one_line
-from facts_damping.parameters.devices import Parallel, Series, Sssc, Statcom
-from facts_damping.parameters.placement import place
-from facts_damping.parameters.stations import Signal, Station
+from facts_damping.parameters.plant.devices import Parallel, Series, Sssc, Statcom
+from facts_damping.parameters.plant.placement import place
+from facts_damping.parameters.plant.stations import Signal, Station
 from facts_damping.plant.build import build
 from facts_damping.small_signal import linearisation
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.stations import Channel
-    from facts_damping.parameters.system import Device, System
+    from facts_damping.parameters.plant.stations import Channel
+    from facts_damping.parameters.plant.system import Device, System
     from facts_damping.small_signal.linearisation import Eigenmode
 
 NEW = "damper"  # name of a device that the system does not have yet

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
 ALIKE = 1e9  # largest over smallest gain of signals that say the same: they have no array

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.measurement.filters import Filter
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
 CLEAR_DEG = 60.0  # so near 0 or 180 degrees a residue has a sign

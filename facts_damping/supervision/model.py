@@ -18,8 +18,8 @@ from facts_damping.signals import CHANNELS, NANOSECONDS, to_ns
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from facts_damping.parameters.plant.stations import Signal
     from facts_damping.parameters.run import Controller
-    from facts_damping.parameters.stations import Signal
     from facts_damping.parameters.supervision import Supervision
 
 NEVER = np.iinfo(np.int64).max  # ns

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from facts_damping.analysis.ambient import fit_ambient
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.ringdown import COVERED
+from facts_damping.analysis.modes.ambient import fit_ambient
+from facts_damping.analysis.modes.ringdown import COVERED
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
 from facts_damping.small_signal.modal_analysis import analyse

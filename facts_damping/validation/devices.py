@@ -8,8 +8,8 @@ import numpy as np
 from scipy.integrate import simpson
 
 from facts_damping.case.loading import load_system
-from facts_damping.parameters.placement import place
-from facts_damping.parameters.system import System
+from facts_damping.parameters.plant.placement import place
+from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import build
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from facts_damping.parameters.system import System
+from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import build
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.ringdown import ringdown_modes
+from facts_damping.analysis.modes.ringdown import ringdown_modes
 from facts_damping.case.loading import load_case, load_system, read_system
-from facts_damping.parameters.placement import place
-from facts_damping.parameters.system import System
+from facts_damping.parameters.plant.placement import place
+from facts_damping.parameters.plant.system import System
 from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise

@@ -8,8 +8,8 @@ from facts_damping.case.loading import load_case, load_system
 from facts_damping.parameters.files import shipped
 from facts_damping.plant.build import build
 from facts_damping.plant.dynamics import derivatives
+from facts_damping.plant.grid.power_flow import solve
 from facts_damping.plant.model import copy, workspace
-from facts_damping.plant.power_flow import solve
 from facts_damping.signals import CHANNELS
 from facts_damping.simulation import loop
 from facts_damping.validation.table import Row, ValidationTable, compare, figures, within

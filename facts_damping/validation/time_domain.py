@@ -21,7 +21,7 @@ from facts_damping.validation.table import Row, ValidationTable, figures, within
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
 
 FINER = 8  # times the shipped step, of the reference
 # System, scenario, devices, controlled by LLC, largest error of a speed in p.u.

@@ -15,8 +15,8 @@ from facts_damping.case.supervision import reserves
 from facts_damping.control.bank import controller_network
 from facts_damping.monitor_table import MONITORS
 from facts_damping.neurofuzzy.start import groups
-from facts_damping.parameters.devices import Series as SeriesDevice
-from facts_damping.parameters.devices import Transmission
+from facts_damping.parameters.plant.devices import Series as SeriesDevice
+from facts_damping.parameters.plant.devices import Transmission
 from facts_damping.parameters.supervision import Supervision, watches
 from facts_damping.simulation.build import identifier_network
 

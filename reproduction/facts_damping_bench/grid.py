@@ -13,13 +13,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from facts_damping.case.loading import load_case
-from facts_damping.plant import power_flow
+from facts_damping.plant.grid import power_flow
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.parameters.machines import Machine
+    from facts_damping.parameters.plant.machines import Machine
 
 SYSTEM = "kundur_12_6"
 DURATION = 20.0  # s

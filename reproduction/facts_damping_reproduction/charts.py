@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.indices import THESIS_INDICES
-from facts_damping.analysis.plots import COLOURS
+from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping_reproduction.printed import LLC, SMOOTHNESS
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.pictures import PICTURES
-from facts_damping.analysis.plots import COLOURS, mark_events
+from facts_damping.analysis.plotting.pictures import PICTURES
+from facts_damping.analysis.plotting.plots import COLOURS, mark_events
 from facts_damping.analysis.recorded import recorded
 from facts_damping.analysis.time_frequency import BAND, analyse
 from facts_damping.errors import InputError
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from facts_damping.analysis.pictures import Panel
+    from facts_damping.analysis.plotting.pictures import Panel
     from facts_damping.signals import Record
 
 BY_STEM = {picture.stem: picture for picture in PICTURES}

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from pyarrow import csv
 
 from facts_damping import terminal
-from facts_damping.analysis.plots import COLOURS
+from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.studies.pages import save
 from facts_damping.studies.sweeps.paired import Effect
 from facts_damping.studies.sweeps.results import table

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis import summarise
-from facts_damping.analysis.ambient import covariances, fit_ambient
 from facts_damping.analysis.details import details, lines
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.ringdown import COVERED, interval
+from facts_damping.analysis.modes.ambient import covariances, fit_ambient
+from facts_damping.analysis.modes.ringdown import COVERED, interval
 from facts_damping.case.loading import load_case
 from facts_damping.simulation import loop
 from facts_damping.studies.margins.linear_closed_loop import delayed_loop, eigen, sampled
 from tests.analysis.ambient_signals import MODES, RATE, SHAPES, ambient, same_noise
 
 if TYPE_CHECKING:
-    from facts_damping.analysis.ringdown import Fit
+    from facts_damping.analysis.modes.ringdown import Fit
     from facts_damping.case.model import Case
 
 # Of `ambient(same_noise())` by pyOMA-2 1.4.3 (`functions.ssi`: build_hank(method="cov", br=15, nb=20), SSI_fast and

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from facts_damping.analysis import ambient, summarise
+from facts_damping.analysis import summarise
 from facts_damping.analysis.details import compare, details, lines
-from facts_damping.analysis.poles import METHODS
+from facts_damping.analysis.modes import ambient
+from facts_damping.analysis.modes.poles import METHODS
 from facts_damping.analysis.summary import AUTO
 from facts_damping.cli.commands import MODES
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from facts_damping.analysis.oscillation import envelope, is_stable, settling_time
+from facts_damping.analysis.modes.oscillation import envelope, is_stable, settling_time
 
 if TYPE_CHECKING:
     from collections.abc import Callable

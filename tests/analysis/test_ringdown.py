@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.poles import METHODS
-from facts_damping.analysis.ringdown import Fit, fit_ringdown, interval, ringdown_modes
+from facts_damping.analysis.modes.poles import METHODS
+from facts_damping.analysis.modes.ringdown import Fit, fit_ringdown, interval, ringdown_modes
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.plant.build import build as build_plant

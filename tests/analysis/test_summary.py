@@ -11,7 +11,7 @@ from matplotlib.image import imread
 
 from facts_damping.analysis import summarise, table
 from facts_damping.analysis.measures import event_times, speed_differences
-from facts_damping.analysis.plots import plot_comparison, plot_record
+from facts_damping.analysis.plotting.plots import plot_comparison, plot_record
 from facts_damping.errors import InputError
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH
 

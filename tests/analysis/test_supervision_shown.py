@@ -9,8 +9,8 @@ import pytest
 
 from facts_damping import report
 from facts_damping.analysis import details, summarise
-from facts_damping.analysis.pictures import PICTURES
-from facts_damping.analysis.plots import plot_record
+from facts_damping.analysis.plotting.pictures import PICTURES
+from facts_damping.analysis.plotting.plots import plot_record
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES
 from facts_damping.report.build import build

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.special import stdtrit
 
-from facts_damping.analysis.confidence import student_quantile
 from facts_damping.analysis.measures import columns, event_times, speed_differences
+from facts_damping.analysis.modes.confidence import student_quantile
 from facts_damping.analysis.summary import summarise
 from facts_damping.analysis.verdict import DAMPED, GROWING, LIMIT_CYCLE, UNDECIDED, judge
 from facts_damping.api import simulate

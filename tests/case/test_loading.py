@@ -20,7 +20,7 @@ from facts_damping.parameters.files import read_table, shipped
 from facts_damping.parameters.stages import Noise
 from facts_damping.parameters.yaml_text import dump
 from facts_damping.plant.build import build as build_grid
-from facts_damping.plant.network import series_devices
+from facts_damping.plant.grid.network import series_devices
 from facts_damping.simulation import build, loop
 from facts_damping.studies.sweeps import sweep
 

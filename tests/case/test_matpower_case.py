@@ -13,9 +13,9 @@ from facts_damping.case.matpower_case import text
 from facts_damping.cli.main import main
 from facts_damping.grid_formats.matpower import import_case
 from facts_damping.parameters.files import shipped
-from facts_damping.parameters.system import System
+from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.validation import check
-from facts_damping.plant.power_flow import solve
+from facts_damping.plant.grid.power_flow import solve
 from tests.commands import assert_one_line
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from facts_damping.control.bank import act, bank, settings
 from facts_damping.control.plant_prior import PlantPrior
 from facts_damping.control.table import SETTINGS, defaults, kind
 from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.parameters.plant.stations import Signal
 from facts_damping.parameters.run import Controller
-from facts_damping.parameters.stations import Signal
 from facts_damping.signals import CHANNELS, DELIVERY, NANOSECONDS, SETPOINT
 
 if TYPE_CHECKING:

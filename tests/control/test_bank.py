@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from facts_damping.control.bank import act, bank
 from facts_damping.control.inputs import IMPLAUSIBLE
 from facts_damping.control.lead_lag import step
+from facts_damping.parameters.plant.stations import Signal
 from facts_damping.parameters.run import Controller
-from facts_damping.parameters.stations import Signal
 from facts_damping.signals import CHANNELS, SETPOINT
 from tests.control.bench import FRAMES, LIMITS, MS, SIGNALS, STATIONS, Bench, Entry, delivery, llc, settings_of
 

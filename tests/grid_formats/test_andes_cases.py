@@ -22,7 +22,7 @@ from tests.plant.running import follow
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "andes_cases.json").read_text())

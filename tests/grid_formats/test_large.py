@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from facts_damping.analysis.angles import centres_of_angle, mean_speeds
-from facts_damping.analysis.pictures import LARGEST, PICTURES, shown, title_of
-from facts_damping.analysis.plots import plot_record
+from facts_damping.analysis.plotting.pictures import LARGEST, PICTURES, shown, title_of
+from facts_damping.analysis.plotting.plots import plot_record
 from facts_damping.case.loading import load_system, make_case
 from facts_damping.cli.main import main
 from facts_damping.simulation import loop

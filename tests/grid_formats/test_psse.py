@@ -16,13 +16,13 @@ from facts_damping.case.loading import load_system
 from facts_damping.cli.main import main
 from facts_damping.grid_formats.psse import import_case
 from facts_damping.plant.build import build
-from facts_damping.plant.power_flow import solve
+from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
 
 GRID_FILES = int(os.environ.get("GRID_FILES", "160"))  # more of it: GRID_FILES=5000 python -m pytest tests/grid_formats
 DATA = Path(__file__).parents[1] / "data"

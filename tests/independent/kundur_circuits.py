@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from facts_damping.case.loading import load_system
-from facts_damping.plant.power_flow import solve
+from facts_damping.plant.grid.power_flow import solve
 
 from .reference_controls import Damper, exciter_of
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
 
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]

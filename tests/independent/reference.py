@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from facts_damping.parameters.devices import Hvdc, Sssc, Statcom, Svc
-from facts_damping.parameters.placement import place
+from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
+from facts_damping.parameters.plant.placement import place
 
 from .reference_controls import Damper, Turbine, exciter_of
 from .reference_devices import Link, Ramp, Series, Shunt, Susceptance
@@ -26,8 +26,8 @@ from .reference_network import Known, Network
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Event
-    from facts_damping.parameters.system import System
 
     from .reference_controls import Control
     from .reference_devices import Targets

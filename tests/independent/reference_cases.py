@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facts_damping.parameters.placement import place
-from facts_damping.parameters.system import System
+from facts_damping.parameters.plant.placement import place
+from facts_damping.parameters.plant.system import System
 from tests.plant.running import shipped
 
 if TYPE_CHECKING:

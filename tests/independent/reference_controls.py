@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from facts_damping.parameters.machines import DcExciter, Exciter, Governor, Stabiliser, StaticExciter
+    from facts_damping.parameters.plant.machines import DcExciter, Exciter, Governor, Stabiliser, StaticExciter
 
     Values = list[float]
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Hvdc, Sssc, Statcom, Svc
+    from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom, Svc
 
     Values = list[float]
     Targets = Sequence[tuple[float, float]]  # (time in s, value)

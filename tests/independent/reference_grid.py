@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from facts_damping.parameters.devices import Hvdc, Sssc, Statcom
-from facts_damping.parameters.grid import InfiniteBus
+from facts_damping.parameters.plant.devices import Hvdc, Sssc, Statcom
+from facts_damping.parameters.plant.grid import InfiniteBus
 from facts_damping.parameters.run import Clear
 
 from .reference_devices import Link, losses
@@ -19,10 +19,10 @@ from .reference_devices import Link, losses
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from facts_damping.parameters.grid import Line
-    from facts_damping.parameters.machines import Machine
+    from facts_damping.parameters.plant.grid import Line
+    from facts_damping.parameters.plant.machines import Machine
+    from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Event
-    from facts_damping.parameters.system import System
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

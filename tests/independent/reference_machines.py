@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from scipy.optimize import root
 
 if TYPE_CHECKING:
-    from facts_damping.parameters.machines import Machine
+    from facts_damping.parameters.plant.machines import Machine
 
     Values = list[float]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.parameters.devices import Hvdc
+from facts_damping.parameters.plant.devices import Hvdc
 
 from .reference_grid import Array, Complex, Grid, Stage
 

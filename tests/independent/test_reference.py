@@ -24,7 +24,7 @@ from tests.plant.test_power_flow import PRINTED
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
 SAME = {"limited_fine": "limited"}  # systems that differ by the package's step alone

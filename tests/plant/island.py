@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from facts_damping.parameters.system import System
+from facts_damping.parameters.plant.system import System
 
 P, X, H, V = 0.8, 0.3, 5.0, 1.0  # p.u., p.u., s, p.u.
 

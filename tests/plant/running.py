@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from facts_damping.case.loading import load_system
-from facts_damping.parameters.devices import Sssc
+from facts_damping.parameters.plant.devices import Sssc
+from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.run import Scenario
-from facts_damping.parameters.system import System
 from facts_damping.plant.build import Built, build
 from facts_damping.plant.dynamics import derivatives
+from facts_damping.plant.grid.network import series_devices
 from facts_damping.plant.integration import advance
 from facts_damping.plant.measurement import measure
 from facts_damping.plant.model import copy, workspace
-from facts_damping.plant.network import series_devices
 from facts_damping.signals import CHANNELS, DEVICE_TRUTH, MACHINE_TRUTH, SETPOINT, to_ns
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from facts_damping.parameters.placement import place
-from facts_damping.parameters.system import System
+from facts_damping.parameters.plant.placement import place
+from facts_damping.parameters.plant.system import System
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.blocks import MODELS
-from facts_damping.parameters.machines import BLOCK_CONTROLS
-from facts_damping.plant import block_controls, blocks
-from facts_damping.plant.block_controls import GIVES
-from facts_damping.plant.blocks import SENSED
+from facts_damping.parameters.plant.blocks import MODELS
+from facts_damping.parameters.plant.machines import BLOCK_CONTROLS
+from facts_damping.plant.machines import block_controls, blocks
+from facts_damping.plant.machines.block_controls import GIVES
+from facts_damping.plant.machines.blocks import SENSED
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_case
-from facts_damping.parameters.watchdog import Watchdog
+from facts_damping.parameters.plant.watchdog import Watchdog
 from facts_damping.plant import watchdog
 from facts_damping.plant.build import build
 from facts_damping.plant.integration import advance

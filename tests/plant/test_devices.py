@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from facts_damping.parameters.placement import place
-from facts_damping.plant import devices
+from facts_damping.parameters.plant.placement import place
+from facts_damping.plant.converters import devices
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
 if TYPE_CHECKING:
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
 # One of each kind: a new kind must be entered here.

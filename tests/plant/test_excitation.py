@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from facts_damping.parameters.files import shipped as names
-from facts_damping.parameters.machines import StaticExciter
-from facts_damping.parameters.system import System
-from facts_damping.plant.excitation import derivatives, field_voltage, steady_state
+from facts_damping.parameters.plant.machines import StaticExciter
+from facts_damping.parameters.plant.system import System
+from facts_damping.plant.machines.excitation import derivatives, field_voltage, steady_state
 from facts_damping.small_signal.linearisation import linearise
 from facts_damping.validation.small_signal import PRINTED
 from tests.independent import kundur_circuits

@@ -13,8 +13,8 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.nodes.live_plant import LivePlant
-from facts_damping.parameters.grid import Load
-from facts_damping.parameters.load_noise import LoadNoise
+from facts_damping.parameters.plant.grid import Load
+from facts_damping.parameters.plant.load_noise import LoadNoise
 from facts_damping.plant.integration import advance
 from facts_damping.plant.load_noise import RATE, draw
 from facts_damping.plant.measurement import measure

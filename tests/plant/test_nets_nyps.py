@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from facts_damping.case.loading import load_case, read_system
-from facts_damping.parameters.placement import place
-from facts_damping.plant.power_flow import solve
+from facts_damping.parameters.plant.placement import place
+from facts_damping.plant.grid.power_flow import solve
 from facts_damping.simulation import loop
 from facts_damping.small_signal.linearisation import linearise, modes
 from facts_damping.studies.margins import linear_margin
 from tests.plant.running import REFERENCES, figures, follow, plant, shipped
 
 if TYPE_CHECKING:
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
 
 NO_LIMIT = {"minimum": -99.0, "maximum": 99.0}
 FAULT = [  # as in tests/data/make_andes_systems.py

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facts_damping.plant.power_flow import solve
+from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise, modes
 from tests.plant.running import figures, follow, frame_times, plant, shipped
 

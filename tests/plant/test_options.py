@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from facts_damping.parameters.grid import Line
-from facts_damping.plant.network import line_section
-from facts_damping.plant.power_flow import solve
+from facts_damping.parameters.plant.grid import Line
+from facts_damping.plant.grid.network import line_section
+from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
 from tests.independent import kundur_circuits
 from tests.independent.reference_cases import CURRENT, IMPEDANCE, MACHINES, MIXED_P, MIXED_Q, POWER
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
 
 CLOSE = 0.01  # 1/s
 SATURATION = {"S10": 0.0392, "S12": 0.2227}

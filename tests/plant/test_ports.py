@@ -10,11 +10,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from facts_damping.plant.devices import KINDS
+from facts_damping.plant.converters.devices import KINDS
+from facts_damping.plant.converters.site import DEVICE, LOAD, OTHER_END, SALIENT
 from facts_damping.plant.dynamics import solve_network
 from facts_damping.plant.laws import law
 from facts_damping.plant.model import copy, workspace
-from facts_damping.plant.site import DEVICE, LOAD, OTHER_END, SALIENT
 from tests.plant.channels import ACTIVE, REACTIVE, VOLTAGE
 from tests.plant.running import changed, follow, frame_times, moved, plant, shipped, slopes
 from tests.plant.small import SPUR, between_infinite_buses
@@ -23,8 +23,8 @@ from tests.plant.test_properties import branches, everywhere
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.grid import Load
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.grid import Load
+    from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 

@@ -5,7 +5,7 @@ import pytest
 
 from facts_damping.errors import InputError
 from facts_damping.parameters.files import shipped as names
-from facts_damping.plant.power_flow import TOLERANCE, solve
+from facts_damping.plant.grid.power_flow import TOLERANCE, solve
 from tests.plant.running import changed, shipped
 
 PRINTED = np.array([0.7778 + 0.1021j, 0.7777 + 0.1307j, 0.7989 + 0.0914j, 0.7778 + 0.0919j])  # on 900 MVA

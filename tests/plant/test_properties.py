@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import simpson
 
-from facts_damping.plant.network import series_devices
+from facts_damping.plant.grid.network import series_devices
 from facts_damping.small_signal.linearisation import linearise
 from tests.plant.channels import ACTIVE, ANGLE, REACTIVE, VOLTAGE
 from tests.plant.running import Trace, changed, events, follow, frame_times, moved, plant, shipped, ssscs, with_device
@@ -16,9 +16,9 @@ from tests.plant.running import Trace, changed, events, follow, frame_times, mov
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Series
-    from facts_damping.parameters.grid import Line, Transformer
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.devices import Series
+    from facts_damping.parameters.plant.grid import Line, Transformer
+    from facts_damping.parameters.plant.system import System
 
 LOAD_STEP = {"time": 0.1, "kind": "load_step", "load": "load_2", "change": -0.1}
 some = settings(deadline=None, max_examples=8)

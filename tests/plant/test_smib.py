@@ -16,7 +16,7 @@ from tests.plant.channels import ACTIVE, ANGLE, VOLTAGE
 from tests.plant.running import changed, follow, frame_times, plant, shipped, slopes
 
 if TYPE_CHECKING:
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
     from facts_damping.signals import Record
 
 LOADINGS = ("nominal", "light", "heavy")

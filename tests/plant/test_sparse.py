@@ -10,10 +10,10 @@ from scipy.sparse import csc_array
 
 from facts_damping.case.loading import load_system
 from facts_damping.grid_formats.matpower import import_case
-from facts_damping.parameters.system import System
+from facts_damping.parameters.plant.system import System
 from facts_damping.parameters.validation import check
-from facts_damping.plant import power_flow, sparse
 from facts_damping.plant.build import build
+from facts_damping.plant.grid import power_flow, sparse
 from tests.andes_cases import CASES
 
 if TYPE_CHECKING:

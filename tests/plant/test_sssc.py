@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.integrate import simpson
 from scipy.linalg import expm
 
-from facts_damping.parameters.placement import place
-from facts_damping.parameters.system import System
+from facts_damping.parameters.plant.placement import place
+from facts_damping.parameters.plant.system import System
 from tests.plant.channels import ACTIVE, ANGLE, REACTIVE, VOLTAGE
 from tests.plant.running import changed, follow, frame_times, moved, plant, shipped, slopes, ssscs
 from tests.plant.small import TIE, between_infinite_buses
@@ -21,7 +21,7 @@ from tests.plant.test_properties import LOAD_STEP, everywhere
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Sssc
+    from facts_damping.parameters.plant.devices import Sssc
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.integrate import simpson
 from scipy.linalg import expm
 
-from facts_damping.parameters.devices import Statcom
-from facts_damping.plant import statcom
+from facts_damping.parameters.plant.devices import Statcom
+from facts_damping.plant.converters import statcom
 from tests.plant.channels import ACTIVE, ANGLE, REACTIVE, VOLTAGE
 from tests.plant.running import follow, frame_times, moved, plant, slopes, with_device
 from tests.plant.small import SPUR, between_infinite_buses
@@ -21,7 +21,7 @@ from tests.plant.test_properties import everywhere
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 

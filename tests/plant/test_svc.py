@@ -19,7 +19,7 @@ from tests.plant.test_properties import everywhere
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
     from tests.plant.running import Trace
 

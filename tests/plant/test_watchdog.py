@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from facts_damping.analysis.summary import summarise, table
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
-from facts_damping.parameters.watchdog import Watchdog
+from facts_damping.parameters.plant.watchdog import Watchdog
 from facts_damping.plant import watchdog
 from facts_damping.plant.integration import advance
 from facts_damping.plant.model import copy, workspace

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from facts_damping.plant.power_flow import solve
+from facts_damping.plant.grid.power_flow import solve
 from facts_damping.small_signal.linearisation import linearise
 from tests.plant.running import changed, follow, frame_times, plant, shipped
 from tests.small_signal.test_modes import furthest, moving
 
 if TYPE_CHECKING:
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
 
 FAULT = [  # example 2.7: five cycles at bus 7, cleared by opening line 5-7
     {"time": 0.0, "kind": "fault", "bus": "B7"},

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import tf2ss
 
-from facts_damping.analysis.ringdown import ringdown_modes
+from facts_damping.analysis.modes.ringdown import ringdown_modes
 from facts_damping.plant.dynamics import derivatives
 from facts_damping.plant.model import copy, workspace
 from facts_damping.signals import CHANNELS
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
     from facts_damping.small_signal.linearisation import Eigenmode, Residue
     from facts_damping.small_signal.modal_analysis import Modal
 

@@ -7,7 +7,7 @@ import pytest
 
 from facts_damping.case.loading import read_system
 from facts_damping.parameters.files import shipped as names
-from facts_damping.parameters.placement import place
+from facts_damping.parameters.plant.placement import place
 from facts_damping.small_signal import linearisation
 from facts_damping.small_signal.linearisation import Eigenmode, linearise, modes
 from tests.independent.reference import Model
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
     from facts_damping.plant.build import Built
 
 # Files of ANDES: how many eigenvalues, bound of their distances, 1/s.

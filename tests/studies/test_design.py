@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from facts_damping.analysis.summary import summarise
 from facts_damping.case.loading import load_case, make_case, read_system
 from facts_damping.errors import InputError
-from facts_damping.parameters.placement import place
+from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.build import build
 from facts_damping.simulation import loop
 from facts_damping.small_signal import linearisation, places

@@ -8,7 +8,7 @@ import numpy as np
 
 from facts_damping.analysis.indices import performance_indices
 from facts_damping.analysis.measures import columns, speed_differences
-from facts_damping.analysis.oscillation import is_stable
+from facts_damping.analysis.modes.oscillation import is_stable
 from facts_damping.monitor_table import ARMED, CODES, FALLBACK, NO_CAUSE, TRIPPED, cause_name
 from facts_damping.signals import NANOSECONDS
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from facts_damping.case.loading import make_case, read_system
 from facts_damping.errors import InputError, check_known
-from facts_damping.parameters.placement import place
+from facts_damping.parameters.plant.placement import place
 from facts_damping.plant.build import build
 from facts_damping.small_signal import linearisation, places
 from facts_damping.studies.design import lead_lag, scenario_generation
@@ -22,7 +22,7 @@ from facts_damping.studies.sweeps.pool import run_all
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
     from facts_damping.small_signal.linearisation import Eigenmode
     from facts_damping.small_signal.places import Tried
     from facts_damping.studies.design.lead_lag import Tuned

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.plots import COLOURS
+from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.case.names import controller_names
-from facts_damping.plant import power_flow
+from facts_damping.plant.grid import power_flow
 from facts_damping.small_signal.modal_analysis import figures
 from facts_damping.terminal import save_picture
 

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from facts_damping.analysis.measures import columns, event_times, speed_differences
-from facts_damping.analysis.oscillation import WINDOW, envelope
-from facts_damping.analysis.ringdown import ringdown_modes
+from facts_damping.analysis.modes.oscillation import WINDOW, envelope
+from facts_damping.analysis.modes.ringdown import ringdown_modes
 from facts_damping.analysis.verdict import DAMPED, judge
 from facts_damping.parameters.run import Scenario
 from facts_damping.simulation import loop
@@ -21,7 +21,7 @@ from facts_damping.studies.margins.margins import edge
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from facts_damping.analysis.ringdown import RingdownMode
+    from facts_damping.analysis.modes.ringdown import RingdownMode
     from facts_damping.case.model import Case
     from facts_damping.signals import Record
     from facts_damping.studies.margins.linear_margin import Margin

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.control.table import Value
+    from facts_damping.parameters.plant.system import System
     from facts_damping.parameters.run import Run
-    from facts_damping.parameters.system import System
     from facts_damping.studies.sweeps.enumerated_axes import Scheme
 
 # What a network is given with these devices; a lead-lag takes the first.

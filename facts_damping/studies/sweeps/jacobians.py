@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.plots import COLOURS
+from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.simulation import loop
 from facts_damping.studies.pages import save
 from facts_damping.studies.sweeps.true_jacobian import follow

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from facts_damping.analysis.convergence import MARK
-from facts_damping.analysis.plots import COLOURS
+from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.studies.sweeps.results import beneath, cell, label, margin_names, ranked, reach, spans, told_margin
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.measures import speed_differences
-from facts_damping.analysis.plots import COLOURS
+from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.control.bank import controller_network
 from facts_damping.neurofuzzy.network import Network, forward, passes
 from facts_damping.simulation import loop

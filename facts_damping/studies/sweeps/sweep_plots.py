@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from facts_damping.analysis.convergence import MARK
-from facts_damping.analysis.plots import COLOURS
+from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.studies.margins.margins import failed_fraction
 from facts_damping.studies.pages import save
 from facts_damping.studies.sweeps.batch import QUANTILES

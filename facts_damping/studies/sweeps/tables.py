@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from facts_damping import terminal
 from facts_damping.analysis.convergence import MARK, text
 from facts_damping.analysis.indices import INDICES
-from facts_damping.analysis.plots import COLOURS
+from facts_damping.analysis.plotting.plots import COLOURS
 from facts_damping.analysis.verdict import DAMPED
 from facts_damping.studies.pages import save
 from facts_damping.studies.sweeps.results import cell

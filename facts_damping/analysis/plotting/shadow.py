@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.plots import COLOURS, DPI, MARGIN, PANEL_HEIGHT, WIDTH
+from facts_damping.analysis.plotting.plots import COLOURS, DPI, MARGIN, PANEL_HEIGHT, WIDTH
 from facts_damping.terminal import save_picture
 
 if TYPE_CHECKING:

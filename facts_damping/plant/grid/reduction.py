@@ -9,7 +9,7 @@ import numpy as np
 from facts_damping.errors import InputError
 from facts_damping.matrices import parts, product
 from facts_damping.phasors import over, times
-from facts_damping.plant.network import (
+from facts_damping.plant.grid.network import (
     Branch,
     Topology,
     admittance,
@@ -20,16 +20,16 @@ from facts_damping.plant.network import (
     series_devices,
     shunts,
 )
-from facts_damping.plant.sparse import as_needed, solve_network
+from facts_damping.plant.grid.sparse import as_needed, solve_network
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Series
-    from facts_damping.parameters.stations import Station
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.devices import Series
+    from facts_damping.parameters.plant.stations import Station
+    from facts_damping.parameters.plant.system import System
 
 
 STRAY = 1e-9j  # p.u., stray susceptance of buses that hang on nothing with a path to ground

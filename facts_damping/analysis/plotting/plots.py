@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.pictures import PICTURES, Curve, Panel, Picture, shown, title_of
+from facts_damping.analysis.plotting.pictures import PICTURES, Curve, Panel, Picture, shown, title_of
 from facts_damping.analysis.supervision import supervision, trips
 from facts_damping.errors import InputError, check_known
 from facts_damping.signals import NANOSECONDS
@@ -51,7 +51,7 @@ def plot_record(record: Record, folder: Path | str) -> list[Path]:
 def plot_comparison(records: Sequence[tuple[str, Record]], folder: Path | str) -> list[Path]:
     """Plot several records (name, record) over each other: paths of the PNG files in `folder`.
 
-    Those of `facts_damping.analysis.pictures.PICTURES` that are not empty. Of records of the same name, seeds of a run
+    Those of `pictures.PICTURES` that are not empty. Of records of the same name, seeds of a run
     say, there is the median in a band from the least to the most. Vertical lines mark the events of the first record.
     Raises InputError without records.
     """

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from facts_damping.analysis.confidence import errors, fit_waves
-from facts_damping.analysis.poles import METHODS, amplitudes, pencil, within
+from facts_damping.analysis.modes.confidence import errors, fit_waves
+from facts_damping.analysis.modes.poles import METHODS, amplitudes, pencil, within
 from facts_damping.errors import check_known
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def fit_ringdown(
     """Fit damped waves to the last part of a record, its modes of 0.1 to 2.5 Hz, the strongest first.
 
     `time_s`: (ticks,), s, evenly spaced; `signals`: (ticks, n), p.u.; `since`: s, the last event, whose first second
-    does not count, nor what is later than two minutes after that; `method`: of `facts_damping.analysis.poles.METHODS`.
+    does not count, nor what is later than two minutes after that; `method`: one of `poles.METHODS`.
     None if less than 3 s are left, a value is not finite, or nothing swings. Raises InputError for an unknown method.
     """
     check_known("method", method, METHODS)

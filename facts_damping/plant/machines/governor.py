@@ -12,7 +12,7 @@ from facts_damping.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.machines import Governor
+    from facts_damping.parameters.plant.machines import Governor
 
 STATE_NAMES = ["filter", "gate_wanted", "gate", "flow"]
 FIELDS = ("R", "r", "Tr", "Tf", "Tg", "rate_max", "gate_min", "gate_max", "Tw", "At", "Dt", "q_nl")

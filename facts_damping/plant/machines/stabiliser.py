@@ -11,7 +11,7 @@ from facts_damping.compiling import compiled
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.machines import Stabiliser
+    from facts_damping.parameters.plant.machines import Stabiliser
 
 STATE_NAMES = ["washout", "lead_1", "lead_2"]
 FIELDS = ("K", "Tw", "T1", "T2", "T3", "T4", "minimum", "maximum")

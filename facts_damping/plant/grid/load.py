@@ -17,7 +17,7 @@ from facts_damping.elementary import atan2, magnitude
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.grid import Load
+    from facts_damping.parameters.plant.grid import Load
 
 LOAD = np.dtype(
     [

@@ -10,7 +10,7 @@ import numpy as np
 from facts_damping.compiling import branching, compiled
 from facts_damping.elementary import expm1
 from facts_damping.extensions import rows
-from facts_damping.plant import hvdc, sssc, statcom, svc
+from facts_damping.plant.converters import hvdc, sssc, statcom, svc
 from facts_damping.plant.watchdog import WATCHDOG
 from facts_damping.signals import to_ns
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Series
-    from facts_damping.parameters.system import Device
-    from facts_damping.plant.site import Site, Start
+    from facts_damping.parameters.plant.devices import Series
+    from facts_damping.parameters.plant.system import Device
+    from facts_damping.plant.converters.site import Site, Start
 
 
 @compiled

@@ -13,15 +13,15 @@ import numpy as np
 
 from facts_damping.compiling import compiled
 from facts_damping.errors import InputError
-from facts_damping.plant.site import Start
+from facts_damping.plant.converters.site import Start
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Statcom
-    from facts_damping.plant.site import Site
+    from facts_damping.parameters.plant.devices import Statcom
+    from facts_damping.plant.converters.site import Site
 
 STATE_NAMES = ["id", "iq", "vdc", "x_ac", "x_dc", "x_d", "x_q"]
 STATES = len(STATE_NAMES)

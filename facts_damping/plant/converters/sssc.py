@@ -14,13 +14,13 @@ import numpy as np
 
 from facts_damping.compiling import compiled
 from facts_damping.errors import InputError
-from facts_damping.plant.site import Start
+from facts_damping.plant.converters.site import Start
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Sssc
-    from facts_damping.plant.site import Site
+    from facts_damping.parameters.plant.devices import Sssc
+    from facts_damping.plant.converters.site import Site
 
 STATE_NAMES = ["x_ac", "x_dc", "vdc"]
 STATES = len(STATE_NAMES)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from facts_damping.analysis.confidence import improved
+from facts_damping.analysis.modes.confidence import improved
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,7 +14,7 @@ import numpy as np
 
 from facts_damping.errors import InputError
 from facts_damping.matrices import parts
-from facts_damping.parameters.devices import Series
+from facts_damping.parameters.plant.devices import Series
 from facts_damping.phasors import line_factors, over, polar, times
 
 if TYPE_CHECKING:
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.grid import Line, Transformer
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.grid import Line, Transformer
+    from facts_damping.parameters.plant.system import System
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from facts_damping.errors import InputError
-from facts_damping.parameters.devices import Series
-from facts_damping.parameters.grid import Bus
+from facts_damping.parameters.plant.devices import Series
+from facts_damping.parameters.plant.grid import Bus
 
 if TYPE_CHECKING:
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.system import System
 
 
 def place(system: System) -> System:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal, Union
 from pydantic import Field, model_validator
 
 from facts_damping.parameters.base import Name, ParameterModel, quantity
-from facts_damping.parameters.devices import DEVICES, Parallel, Series, Transmission
-from facts_damping.parameters.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
-from facts_damping.parameters.machines import Exciter, Governor, Machine, Stabiliser
-from facts_damping.parameters.stations import Measures, Signal, Station
+from facts_damping.parameters.plant.devices import DEVICES, Parallel, Series, Transmission
+from facts_damping.parameters.plant.grid import Bus, InfiniteBus, Line, Load, Shunt, Transformer
+from facts_damping.parameters.plant.machines import Exciter, Governor, Machine, Stabiliser
+from facts_damping.parameters.plant.stations import Measures, Signal, Station
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

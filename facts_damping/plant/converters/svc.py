@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from facts_damping.compiling import compiled
-from facts_damping.plant.site import Start
+from facts_damping.plant.converters.site import Start
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Svc
-    from facts_damping.plant.site import Site
+    from facts_damping.parameters.plant.devices import Svc
+    from facts_damping.plant.converters.site import Site
 
 STATE_NAMES = ["B"]
 FIELDS = ("K", "T", "B_min", "B_max")

@@ -13,15 +13,15 @@ import numpy as np
 
 from facts_damping.compiling import compiled
 from facts_damping.errors import InputError
-from facts_damping.plant.site import Start
+from facts_damping.plant.converters.site import Start
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.devices import Hvdc
-    from facts_damping.plant.site import Site
+    from facts_damping.parameters.plant.devices import Hvdc
+    from facts_damping.plant.converters.site import Site
 
 STATE_NAMES = ["V_to", "V_from"]
 POWERS = ("P", "P_min", "P_max")

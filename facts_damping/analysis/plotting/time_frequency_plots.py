@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from facts_damping.analysis.plots import COLOURS, DPI, mark_events
+from facts_damping.analysis.plotting.plots import COLOURS, DPI, mark_events
 from facts_damping.analysis.recorded import recorded
 from facts_damping.analysis.time_frequency import BAND, LAG, TIME, analyse
 from facts_damping.errors import InputError

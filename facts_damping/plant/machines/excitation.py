@@ -14,7 +14,7 @@ from facts_damping.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.machines import Exciter
+    from facts_damping.parameters.plant.machines import Exciter
 
 CONSTANT, STATIC, DC = 0, 1, 2
 CODES = {"static": STATIC, "dc": DC}

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from facts_damping.analysis.ringdown import BAND, RESOLUTION, Fit, RingdownMode, block_means, without_line
+from facts_damping.analysis.modes.ringdown import BAND, RESOLUTION, Fit, RingdownMode, block_means, without_line
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

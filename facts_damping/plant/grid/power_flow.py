@@ -9,11 +9,11 @@ import numpy as np
 
 from facts_damping.errors import InputError
 from facts_damping.matrices import product
-from facts_damping.parameters.devices import Parallel, Transmission
+from facts_damping.parameters.plant.devices import Parallel, Transmission
 from facts_damping.phasors import magnitudes, over, polar, times
-from facts_damping.plant import load as loads
-from facts_damping.plant.devices import consumed_power, losses_of
-from facts_damping.plant.network import (
+from facts_damping.plant.converters.devices import consumed_power, losses_of
+from facts_damping.plant.grid import load as loads
+from facts_damping.plant.grid.network import (
     Topology,
     admittance,
     branches,
@@ -21,16 +21,16 @@ from facts_damping.plant.network import (
     device_section,
     series_devices,
 )
-from facts_damping.plant.sparse import DENSE, as_needed, filled, joined, solve_network
+from facts_damping.plant.grid.sparse import DENSE, as_needed, filled, joined, solve_network
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.grid import InfiniteBus
-    from facts_damping.parameters.machines import Machine
-    from facts_damping.parameters.system import System
+    from facts_damping.parameters.plant.grid import InfiniteBus
+    from facts_damping.parameters.plant.machines import Machine
+    from facts_damping.parameters.plant.system import System
 
 TOLERANCE = 1e-9  # p.u., largest power mismatch
 LOSS_TOLERANCE = 1e-13  # p.u., of the resistance that stands for a device's losses

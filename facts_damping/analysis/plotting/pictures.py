@@ -11,7 +11,7 @@ from facts_damping.analysis.histories import jacobian_histories, learning_rate_h
 from facts_damping.analysis.indices import INDICES, index_curves, regions
 from facts_damping.analysis.latency import HOPS, cdf, hops_ms
 from facts_damping.analysis.measures import columns, measure_weights, setpoint_limits, speed_differences, station_speeds
-from facts_damping.analysis.oscillation import is_stable
+from facts_damping.analysis.modes.oscillation import is_stable
 from facts_damping.analysis.supervision import on_ticks, strained, supervised
 from facts_damping.monitor_table import STATES
 from facts_damping.signals import CHANNELS

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from facts_damping.parameters.machines import Machine
+    from facts_damping.parameters.plant.machines import Machine
 
 SWING = ["delta", "omega"]
 ROOT_STEPS = 100  # of which a half or more halve

@@ -1,0 +1,1 @@
+"""Models of a system's file: grid, machines, devices, stations."""

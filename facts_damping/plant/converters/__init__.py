@@ -1,0 +1,1 @@
+"""FACTS devices and HVDC: states, references, losses, dead times."""

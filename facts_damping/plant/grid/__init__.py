@@ -1,0 +1,1 @@
+"""The network: admittances, power flow, reduction, ports, loads."""

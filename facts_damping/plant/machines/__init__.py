@@ -1,0 +1,1 @@
+"""Synchronous machines and their controls: circuits, exciters, governors, stabilisers, tables of blocks."""
