@@ -164,6 +164,29 @@ DeviceTruths = Annotated[NDArray[Any], Array(DEVICE_TRUTH, 1)]
 
 
 @dataclass(frozen=True)
+class RunChange:
+    """What was changed in a run under way, from a tick on: by which node, in its role and place."""
+
+    tick: int
+    node: str
+    role: str  # plant, link, controller, identifier, supervisor
+    index: int
+    kind: str  # parameter, link, event, start, arm, ...
+    name: str
+    value: Any
+
+
+@dataclass(frozen=True)
+class Absence:
+    """Ticks, from the first to before the end, at which a node of a run (its role, its place) was not there."""
+
+    role: str
+    index: int
+    first: int
+    end: int
+
+
+@dataclass(frozen=True)
 class Record:
     """Everything that one closed loop left behind: from `loop.run` or from a recording alike.
 
@@ -209,8 +232,8 @@ class Record:
     events: list[dict[str, Any]] = field(default_factory=list)
     refused: list[dict[str, Any]] = field(default_factory=list)
     joined: list[dict[str, Any]] = field(default_factory=list)
-    changes: list[dict[str, Any]] = field(default_factory=list)
-    absences: list[dict[str, Any]] = field(default_factory=list)
+    changes: list[RunChange] = field(default_factory=list)
+    absences: list[Absence] = field(default_factory=list)
     heard: dict[tuple[str, int, str], NDArray[np.int64]] = field(default_factory=dict)
     links: int = 1
     publishers: dict[str, str] = field(default_factory=dict)

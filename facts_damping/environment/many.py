@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from facts_damping.compiling import entry_point
 from facts_damping.compiling.structs import Array, Bool1, Float1, Float2, Float3, Int1, Struct, Table
 from facts_damping.environment.observation import AgentInputs, observe
+from facts_damping.link.transfer import RING_DELIVERED
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.tick import Loop, run_half_ticks
 
@@ -51,7 +52,7 @@ def step_many(all_of: Episodes, first: int, stride: int) -> None:
         observe(
             all_of.eyes[e],
             links.up.out[link],
-            links.up.ring[link, 2],
+            links.up.ring[link, RING_DELIVERED],
             tick_ns(tick + 1, loop.pmus.frame_rate),
             all_of.windows[e],
             all_of.scale,

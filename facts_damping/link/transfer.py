@@ -48,6 +48,11 @@ STATISTICS = np.dtype(
 )
 
 
+# Columns of a ring: index of the first entry, how many are under way, how many were delivered in the tick, how many
+# found no room.
+RING_HEAD, RING_COUNT, RING_DELIVERED, RING_NO_ROOM = range(4)
+
+
 class FrameDirection(Struct):
     """One direction of a link: its chain, and the state: a ring of entries under way, ordered by arrival."""
 
@@ -56,7 +61,7 @@ class FrameDirection(Struct):
     entries: Annotated[NDArray[Any], Array(DELIVERY, 1)]  # (capacity,)
     arrival_ns: Int1  # (capacity,)
     sent_ns: Int1  # (capacity,)
-    ring: Int1  # head, count, how many were delivered in the tick, how many found no room
+    ring: Int1  # RING_...
     statistics: Annotated[NDArray[Any], Array(STATISTICS, 1)]  # (channels,)
     out: Annotated[NDArray[Any], Array(DELIVERY, 1)]  # entries delivered in the tick, (capacity,)
 
@@ -167,11 +172,11 @@ def _roomier(own: Directions, capacity: int) -> Directions:
     def wide(ring: NDArray[Any]) -> NDArray[Any]:
         found = np.zeros((n, capacity), ring.dtype)
         for link in range(n):
-            found[link, :old] = np.roll(ring[link], -own.ring[link, 0])
+            found[link, :old] = np.roll(ring[link], -own.ring[link, RING_HEAD])
         return found
 
     entries, arrival_ns, sent_ns = wide(own.entries), wide(own.arrival_ns), wide(own.sent_ns)
-    own.ring[:, 0] = 0
+    own.ring[:, RING_HEAD] = 0
     out = np.zeros((n, capacity), own.out.dtype)
     out[:, :old] = own.out
     return own._replace(entries=entries, arrival_ns=arrival_ns, sent_ns=sent_ns, out=out)
@@ -191,9 +196,9 @@ def _push(
 ) -> int:
     """Place for an entry that arrives at `at_ns` in the ring, ordered by arrival, first come first; -1: it is full."""
     capacity = arrivals.size
-    head, count = ring[0], ring[1]
+    head, count = ring[RING_HEAD], ring[RING_COUNT]
     if count == capacity:
-        ring[3] += 1
+        ring[RING_NO_ROOM] += 1
         return -1
     place = count
     while place > 0:
@@ -207,7 +212,7 @@ def _push(
         place -= 1
     here = (head + place) % capacity
     arrivals[here] = at_ns
-    ring[1] = count + 1
+    ring[RING_COUNT] = count + 1
     return here  # type: ignore[no-any-return]
 
 
@@ -225,11 +230,11 @@ def _count_sent(p: Packets, statistics: NDArray[Any], channel: int, arriving: in
 @compiled
 def _first_before(way: Any, end_ns: int) -> int:
     """Slot of the first entry that arrives before `end_ns`, taken off the ring; -1 when there is none."""
-    head = way.ring[0]
-    if way.ring[1] == 0 or way.arrival_ns[head] >= end_ns:
+    head = way.ring[RING_HEAD]
+    if way.ring[RING_COUNT] == 0 or way.arrival_ns[head] >= end_ns:
         return -1
-    way.ring[0] = (head + 1) % way.arrival_ns.size
-    way.ring[1] -= 1
+    way.ring[RING_HEAD] = (head + 1) % way.arrival_ns.size
+    way.ring[RING_COUNT] -= 1
     return head  # type: ignore[no-any-return]
 
 
@@ -296,7 +301,7 @@ def uplink(
         _count_delivered(way, way.entries[slot].station, slot)
         count += 1
         slot = _first_before(way, end_ns)
-    way.ring[2] = count
+    way.ring[RING_DELIVERED] = count
     return count
 
 
@@ -335,7 +340,7 @@ def downlink(made: Links, link: int, tick: int, end_ns: int, setpoints: Setpoint
         _count_delivered(way, way.entries[slot].device, slot)
         count += 1
         slot = _first_before(way, end_ns)
-    way.ring[2] = count
+    way.ring[RING_DELIVERED] = count
     return count
 
 

@@ -14,7 +14,7 @@ from facts_damping_msgs.srv import Apply
 
 from facts_damping.case.names import link_addresses, listeners, served, speakers
 from facts_damping.errors import InputError, RunError, one_line
-from facts_damping.link.transfer import downlink, uplink
+from facts_damping.link.transfer import RING_NO_ROOM, downlink, uplink
 from facts_damping.nodes.admission.member import LINK, Member
 from facts_damping.nodes.base.live_parameters import StageParameters
 from facts_damping.nodes.base.parameters import read_case, read_index, read_options
@@ -172,7 +172,7 @@ class WanLink:
         said = count if self.member.joining.acts else 0
         self.to_plant.publish(self.setpoints.fill(self.tick, start, self.links.down.out[self.index, :said], ""))
         self.missing = set()
-        lost = int(self.links.up.ring[self.index, 3] + self.links.down.ring[self.index, 3])
+        lost = int(self.links.up.ring[self.index, RING_NO_ROOM] + self.links.down.ring[self.index, RING_NO_ROOM])
         if lost and not self.options.paced:
             raise RunError(f"{lost} entries found no room under way; its delays are not what was allowed for")
         if (self.tick + 1) % self.case.run.frame_rate == 0:

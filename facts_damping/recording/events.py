@@ -11,7 +11,7 @@ import numpy as np
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.yaml_text import UNREADABLE, parse
 from facts_damping.recording.decode import time_ns
-from facts_damping.signals import NANOSECONDS
+from facts_damping.signals import NANOSECONDS, RunChange
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -63,25 +63,27 @@ def refused(found: Iterable[Block]) -> list[dict[str, Any]]:
     ]
 
 
-def changes(found: Iterable[Block]) -> list[dict[str, Any]]:
+def changes(found: Iterable[Block]) -> list[RunChange]:
     """What was changed under way, by tick, then as recorded: `tick`, `node`, `role`, `index`, `kind`, `name`, `value`.
 
     Messages that nobody of this package's says are left out: of other roles and kinds, or whose value is no YAML.
     """
-    told: list[tuple[int, int, dict[str, Any]]] = []
+    told: list[tuple[int, RunChange]] = []
     for block in found:
         message = block.message
         if message.role not in ROLES or message.kind not in KINDS:
             continue
-        same = {"node": message.node, "role": message.role, "kind": message.kind, "name": message.name}
         with suppress(*UNREADABLE):
             value = parse(message.value)
             told += [
-                (int(tick), int(row), {"tick": int(tick), **same, "index": int(index), "value": value})
+                (
+                    int(row),
+                    RunChange(int(tick), message.node, message.role, int(index), message.kind, message.name, value),
+                )
                 for row, tick, index in zip(block.rows, message.tick, message.index, strict=True)
                 if tick < MOST_TICKS
             ]
-    return [change for *_, change in sorted(told, key=lambda one: one[:2])]
+    return [change for _, change in sorted(told, key=lambda one: (one[1].tick, one[0]))]
 
 
 def run_ended(found: Iterable[Block]) -> str | None:

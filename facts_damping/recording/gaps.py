@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from itertools import islice
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from facts_damping.recording import decode
+from facts_damping.signals import Absence
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.recording.decode import Series
+    from facts_damping.signals import RunChange
 
 OF_LINKS = ("delivered", "applied")  # of these each link has its own
 ROLES = {
@@ -34,18 +36,9 @@ NEEDED_FOR_REPLAY = (
 LISTED = 5  # so many lost ticks are named one by one
 
 
-class Absence(NamedTuple):
-    """Ticks, from the first to before the end, at which a node of a run (its role, its place) was not there."""
-
-    role: str
-    place: int
-    first: int
-    end: int
-
-
-def late_starts(changes: Sequence[dict[str, Any]]) -> set[tuple[str, int, int]]:
+def late_starts(changes: Sequence[RunChange]) -> set[tuple[str, int, int]]:
     """Role, index and first tick of nodes that began later than the run."""
-    return {(change["role"], change["index"], change["tick"]) for change in changes if change["kind"] == "start"}
+    return {(change.role, change.index, change.tick) for change in changes if change.kind == "start"}
 
 
 def first_complete_tick(found: dict[str, list[Series]], late: set[tuple[str, int, int]]) -> int:
@@ -83,7 +76,7 @@ def missing_ticks(
         for i, one in enumerate(parts):
             gaps = _gaps(one, first, end)
             if kind in ROLES:
-                ends = [x.end for x in away if (x.role, x.place) == _owner(kind, i, one)]
+                ends = [x.end for x in away if (x.role, x.index) == _owner(kind, i, one)]
                 gaps = [(max((e for e in ends if a < e <= b), default=a), b) for a, b in gaps]
             yield kind, one, [(a, b) for a, b in gaps if a < b]
 

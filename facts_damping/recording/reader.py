@@ -159,7 +159,7 @@ def _assemble(content: Content, configuration: dict[str, Any], notes: list[str])
         refused=events.refused(block for topic in topics["refused"] for block in messages[topic]),
         joined=events.joined(block for topic in topics["diagnostics"] for block in messages[topic]),
         changes=changes,
-        absences=[dict(zip(("role", "index", "first", "end"), one, strict=True)) for one in away],
+        absences=away,
         heard=decode.heard("controller", cut["learning"], attrgetter("controller"))
         | decode.heard("identifier", cut["estimates"], attrgetter("identifier"))
         | decode.heard("supervisor", cut["supervision"], attrgetter("controller")),

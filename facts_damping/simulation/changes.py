@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from facts_damping.measurement.pmu import Pmus
     from facts_damping.parameters.link import Link
     from facts_damping.plant.build import Built
-    from facts_damping.signals import Record
+    from facts_damping.signals import Record, RunChange
     from facts_damping.simulation.tick import Loop
     from facts_damping.supervision.model import Supervisors, SupervisorState
 
@@ -117,15 +117,15 @@ def reset_plant(case: Case, at_ns: int) -> tuple[Built, Case]:
     return build_plant(again), again
 
 
-def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[Loop, Case]:
+def apply(loop: Loop, now: Case, start: Case, change: RunChange) -> tuple[Loop, Case]:
     """A loop after a change, and its case as it is by now; `start`: as the run began.
 
-    `change`: tick, role, index, kind, name, value, as `Record.changes` has them.
+    `change`: as in `Record.changes`.
     """
-    at, what, value = tick_ns(change["tick"], loop.pmus.frame_rate), change["kind"], change["value"]
-    index = change["index"]
+    at, what, value = tick_ns(change.tick, loop.pmus.frame_rate), change.kind, change.value
+    index = change.index
     change_watch(now.run.devices, loop.plant_state.watch, change, at)
-    if change["role"] == "supervisor":  # whose reset is not the plant's
+    if change.role == "supervisor":  # whose reset is not the plant's
         ask(loop.control.supervisors, loop.control.supervisor_state, change)
     elif what == "event":
         now = with_event(now, value, at)
@@ -140,57 +140,57 @@ def apply(loop: Loop, now: Case, start: Case, change: dict[str, Any]) -> tuple[L
         issued = setpoint_buffer(commands(now), links.up.out.shape[1])
         control = loop.control._replace(issued=issued, passed=issued.copy())
         loop = loop._replace(links=links, control=control, applied=np.zeros(links.down.out.size, SETPOINT))
-    elif what == "parameter" and change["role"] == "plant":
-        measured, now = measured_otherwise(now, change["name"], float(value), loop.pmus)
+    elif what == "parameter" and change.role == "plant":
+        measured, now = measured_otherwise(now, change.name, float(value), loop.pmus)
         loop = loop._replace(pmus=measured)
-    elif what == "parameter" and change["role"] == "link":
-        links, now = renumbered(loop.links, now, index, change["name"], float(value))
+    elif what == "parameter" and change.role == "link":
+        links, now = renumbered(loop.links, now, index, change.name, float(value))
         loop = loop._replace(links=links)
     elif what == "parameter":
         set_parameter(now, loop.control.bank, loop.control.identifiers, change)
     return loop, now
 
 
-def change_watch(devices: Sequence[str], watch: NDArray[Any], change: dict[str, Any], at_ns: int) -> None:
+def change_watch(devices: Sequence[str], watch: NDArray[Any], change: RunChange, at_ns: int) -> None:
     """What a change, at a time, does to the watchdogs of a plant's devices; most do nothing."""
-    if change["role"] != "plant":
+    if change.role != "plant":
         return
-    if change["kind"] == "rearm":
+    if change.kind == "rearm":
         rearm(watch, at_ns)
-    elif change["kind"] == "reset":
+    elif change.kind == "reset":
         watch[:] = initial_watch(len(watch))
-    elif change["kind"] == "release" and change["name"] in devices:
-        let_go(watch, devices.index(change["name"]))
+    elif change.kind == "release" and change.name in devices:
+        let_go(watch, devices.index(change.name))
 
 
-def by_tick(changes: Sequence[dict[str, Any]]) -> dict[int, list[dict[str, Any]]]:
+def by_tick(changes: Sequence[RunChange]) -> dict[int, list[RunChange]]:
     """Changes by the tick from which they act, in their order."""
-    found: dict[int, list[dict[str, Any]]] = {}
+    found: dict[int, list[RunChange]] = {}
     for change in changes:
-        found.setdefault(change["tick"], []).append(change)
+        found.setdefault(change.tick, []).append(change)
     return found
 
 
-def set_parameter(case: Case, bank: Any, identifiers: Any, change: dict[str, Any]) -> None:
+def set_parameter(case: Case, bank: Any, identifiers: Any, change: RunChange) -> None:
     """A parameter of a controller or its identifier, changed in their settings."""
-    c, name = change["index"], change["name"]
+    c, name = change.index, change.name
     rows: NDArray[Any] = bank.settings[c]
-    if change["role"] == "identifier":
+    if change.role == "identifier":
         rows = identifiers.settings[list(identifiers.controller).index(c)]
-    put(rows, name, kind_of(case.controllers[c]).parameters[name], change["value"], bank.mode_shape[c])
+    put(rows, name, kind_of(case.controllers[c]).parameters[name], change.value, bank.mode_shape[c])
 
 
-def ask(supervisors: Supervisors, state: SupervisorState, change: dict[str, Any]) -> None:
+def ask(supervisors: Supervisors, state: SupervisorState, change: RunChange) -> None:
     """What an operator asks of a supervisor, which obeys at the start of its next tick."""
     own = list(supervisors.settings["controller"])
-    if change["kind"] in COMMANDS and change["index"] in own:
-        state.rows["asked"][own.index(change["index"])] = COMMANDS[change["kind"]]
+    if change.kind in COMMANDS and change.index in own:
+        state.rows["asked"][own.index(change.index)] = COMMANDS[change.kind]
 
 
-def rerun(case: Case, changes: Sequence[dict[str, Any]]) -> Record:
+def rerun(case: Case, changes: Sequence[RunChange]) -> Record:
     """A closed loop in process with changes under way, as a recording has them: what a lockstep graph recorded."""
     loop, now, events = build_loop(case), case, grid_events(case)
-    if any(change["kind"] in ("link", "parameter") for change in changes):  # copies of entries, stamps of their own
+    if any(change.kind in ("link", "parameter") for change in changes):  # copies of entries, stamps of their own
         loop = loop._replace(signals=signals_for(case, stamps=len(case.system.stations), up=2, down=2))
     told: list[dict[str, Any]] = []
     acting, restarts = by_tick(changes), Restarts(loop.control.bank, loop.control.bank_state)

@@ -11,6 +11,7 @@ import numpy as np
 from facts_damping.case.names import controller_names
 from facts_damping.errors import RunError
 from facts_damping.link.stages import SPOOF
+from facts_damping.link.transfer import RING_NO_ROOM
 from facts_damping.measurement.build import clocks_differ
 from facts_damping.plant.model import workspace
 from facts_damping.signals import (
@@ -163,7 +164,7 @@ def finish(case: Case, loop: Loop) -> Record:
 def record(case: Case, loop: Loop) -> Record:
     """The record of what a loop has run through."""
     kept = loop.signals
-    refused = int(loop.links.up.ring[:, 3].sum() + loop.links.down.ring[:, 3].sum())
+    refused = int(loop.links.up.ring[:, RING_NO_ROOM].sum() + loop.links.down.ring[:, RING_NO_ROOM].sum())
     if refused:
         raise RunError(f"link: {refused} entries found no room under way; its delays are not what was allowed for")
     ticks, delivered, issued, applied, estimates, learning, passed, told = (int(n) for n in kept.used)

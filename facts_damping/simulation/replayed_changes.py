@@ -13,6 +13,7 @@ from facts_damping.control.table import kind_of
 from facts_damping.errors import InputError
 from facts_damping.monitor_table import COMMANDS
 from facts_damping.parameters.run import Weights
+from facts_damping.signals import Absence
 from facts_damping.simulation.build import build_control
 from facts_damping.simulation.changes import ask, set_parameter
 from facts_damping.simulation.restarts import restore
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from facts_damping.case.model import Case
-    from facts_damping.signals import Record
+    from facts_damping.signals import Record, RunChange
     from facts_damping.simulation.tick import ControlSystem
 
 
@@ -38,25 +39,25 @@ class ReplayedChanges:
         """`control`: controllers, identifiers and supervisors, as built."""
         before = record.configuration.get("controllers") or []
         same = {c for c, one in enumerate(case.controllers) if c < len(before) and before[c].get("name") == one.name}
-        own = [one for one in record.changes if one["index"] in same and _possible(case, one)]
+        own = [one for one in record.changes if one.index in same and _possible(case, one)]
         self._case, self._control = case, control
         self._changes = list(own)  # by tick; those before the first one are known of late recordings, too
-        starts = any(one["kind"] == "start" and one["role"] != "supervisor" for one in own)
+        starts = any(one.kind == "start" and one.role != "supervisor" for one in own)
         self._fresh = deepcopy(control) if starts else control
-        self._absences = [one for one in record.absences if one["role"] != "link" and one["index"] in same]
+        self._absences = [one for one in record.absences if one.role != "link" and one.index in same]
         self._silent = [*self._absences, *_disarmed(own)]
 
     def begin(self, tick: int) -> None:
         """What acts from a tick on."""
-        while self._changes and self._changes[0]["tick"] <= tick:
+        while self._changes and self._changes[0].tick <= tick:
             one = self._changes.pop(0)
-            if one["role"] == "supervisor":
+            if one.role == "supervisor":
                 self._oversee(one)
-            elif one["kind"] == "start":
-                self._begin_again(one["role"], one["index"])
-            elif one["kind"] == "weights":
-                self._learnt(one["role"], one["index"], one["value"])
-            elif one["kind"] == "parameter":
+            elif one.kind == "start":
+                self._begin_again(one.role, one.index)
+            elif one.kind == "weights":
+                self._learnt(one.role, one.index, one.value)
+            elif one.kind == "parameter":
                 set_parameter(self._case, self._control.bank, self._control.identifiers, one)
 
     def _learnt(self, role: str, c: int, given: dict[str, Any]) -> None:
@@ -72,26 +73,26 @@ class ReplayedChanges:
 
     def absent(self, role: str, index: int, tick: int) -> bool:
         """Whether a node was not there at a tick."""
-        return any(one["role"] == role and one["index"] == index and _within(one, tick) for one in self._absences)
+        return any(one.role == role and one.index == index and _within(one, tick) for one in self._absences)
 
     def silent(self, role: str, index: int, tick: int) -> bool:
         """Whether what a node found at a tick was not said: it was not there, or disarmed."""
-        return any(one["role"] == role and one["index"] == index and _within(one, tick) for one in self._silent)
+        return any(one.role == role and one.index == index and _within(one, tick) for one in self._silent)
 
     def said(self, role: str, rows: NDArray[Any]) -> NDArray[Any]:
         """Rows, of controllers or of identifiers, without those that were not said."""
         keep = np.ones(len(rows), np.bool_)
         for one in self._silent:
-            if one["role"] == role:
-                keep &= ~(_within(one, rows["tick"]) & (rows["controller"] == one["index"]))
+            if one.role == role:
+                keep &= ~(_within(one, rows["tick"]) & (rows["controller"] == one.index))
         return np.asarray(rows[keep])
 
-    def _oversee(self, change: dict[str, Any]) -> None:
+    def _oversee(self, change: RunChange) -> None:
         """What a supervisor was asked, or that it began again."""
         made, state = self._control.supervisors, self._control.supervisor_state
         own = list(made.settings["controller"])
-        if change["kind"] == "start" and change["index"] in own:
-            begin(state, own.index(change["index"]))
+        if change.kind == "start" and change.index in own:
+            begin(state, own.index(change.index))
         else:
             ask(made, state, change)
 
@@ -107,40 +108,40 @@ class ReplayedChanges:
             now.identifiers.settings[place] = fresh.identifiers.settings[place]
 
 
-def _within(absence: dict[str, Any], tick: Any) -> Any:
+def _within(absence: Absence, tick: Any) -> Any:
     """Whether a tick, or each of several, is in an absence."""
-    return (tick >= absence["first"]) & (tick < absence["end"])
+    return (tick >= absence.first) & (tick < absence.end)
 
 
-def _possible(case: Case, change: dict[str, Any]) -> bool:
+def _possible(case: Case, change: RunChange) -> bool:
     """Whether a change can be one of a controller or an identifier of a case: anybody may have said it."""
-    if change["role"] == "supervisor":
-        return change["kind"] == "start" or change["kind"] in COMMANDS
-    if change["role"] not in ("controller", "identifier"):
+    if change.role == "supervisor":
+        return change.kind == "start" or change.kind in COMMANDS
+    if change.role not in ("controller", "identifier"):
         return False
-    controller = case.controllers[change["index"]]
-    if change["role"] == "identifier" and controller.scheme != "indirect":
+    controller = case.controllers[change.index]
+    if change.role == "identifier" and controller.scheme != "indirect":
         return False
-    if change["kind"] not in ("parameter", "weights"):
-        return change["kind"] in ("start", "arm")
+    if change.kind not in ("parameter", "weights"):
+        return change.kind in ("start", "arm")
     table = kind_of(controller).parameters
     try:
-        if change["kind"] == "weights":
-            with_weights(controller, Weights.model_validate(change["value"]))
+        if change.kind == "weights":
+            with_weights(controller, Weights.model_validate(change.value))
             return True
-        check_parameter("", change["name"], change["value"], table, sizes(controller))
+        check_parameter("", change.name, change.value, table, sizes(controller))
     except (InputError, TypeError, ValueError):  # the latter of what is neither number nor text
         return False
     return True
 
 
-def _disarmed(changes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _disarmed(changes: Sequence[RunChange]) -> list[Absence]:
     """From when to when nodes were disarmed, as `Record.absences` has it."""
     found = []
     for one in changes:
-        if one["kind"] == "start" and one["value"] == "disarmed":
-            whose = [other for other in changes if (other["role"], other["index"]) == (one["role"], one["index"])]
-            later = [other["tick"] for other in whose if other["kind"] in ("arm", "start")]
-            end = min([tick for tick in later if tick > one["tick"]], default=np.iinfo(np.int64).max)
-            found.append({**one, "first": one["tick"], "end": end})
+        if one.kind == "start" and one.value == "disarmed":
+            whose = [other for other in changes if (other.role, other.index) == (one.role, one.index)]
+            later = [other.tick for other in whose if other.kind in ("arm", "start")]
+            end = min([tick for tick in later if tick > one.tick], default=np.iinfo(np.int64).max)
+            found.append(Absence(one.role, one.index, one.tick, end))
     return found

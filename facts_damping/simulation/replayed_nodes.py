@@ -61,7 +61,7 @@ class NewMessages:
         self._newest = {key: dict(rows.tolist()) for key, rows in record.heard.items()}
         self._tells = {key[:2] for key in record.heard}
         self._used: dict[tuple[str, int, str], int] = {}
-        self._begun = {(one["role"], one["index"], one["tick"]) for one in record.changes if one["kind"] == "start"}
+        self._begun = {(one.role, one.index, one.tick) for one in record.changes if one.kind == "start"}
 
     def new(self, role: str, index: int, what: str, tick: int, usual: int) -> range:
         """Ticks of the messages that are new at a tick; `usual`: that of the newest, where nothing is told.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from facts_damping.control.inputs import inputs
 from facts_damping.control.sensing import sense, sensed
 from facts_damping.control.table import GIVEN
+from facts_damping.link.transfer import RING_DELIVERED
 from facts_damping.simulation.measured_plant import tick_ns
 from facts_damping.simulation.policies import check
 from facts_damping.simulation.restarts import Restarts
@@ -73,7 +74,7 @@ class Stepper:
         """Take what the links have delivered in this tick."""
         up, end_ns = self.loop.links.up, tick_ns(self.tick + 1, self._case.run.frame_rate)
         for c, link in enumerate(self._case.used_links):
-            sense(*self._eyes, self._sensed, c, up.out[link], up.ring[link, 2], end_ns)
+            sense(*self._eyes, self._sensed, c, up.out[link], up.ring[link, RING_DELIVERED], end_ns)
 
     def delivered(self) -> dict[str, Delivered]:
         """The signals of all controllers by name; of those that several have, the first one's."""

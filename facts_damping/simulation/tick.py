@@ -15,7 +15,7 @@ from facts_damping.control.bank import Bank, BankState, act, set_estimate
 from facts_damping.control.identifier import identify, store_setpoints, write_estimates
 from facts_damping.control.identifier_model import Identifiers, IdentifierState
 from facts_damping.control.table import DIRECT, INDIRECT
-from facts_damping.link.transfer import Links, downlink, merge, uplink
+from facts_damping.link.transfer import RING_DELIVERED, Links, downlink, merge, uplink
 from facts_damping.measurement.pmu import Pmus, PmuState
 from facts_damping.neurofuzzy.learning import write_learning
 from facts_damping.neurofuzzy.network import shape_of
@@ -41,8 +41,12 @@ if TYPE_CHECKING:
     import numpy as np
 
 
+# Places in `Signals.used`: how many ticks, and rows of each table, are filled.
+TICKS, DELIVERED, ISSUED, APPLIED, ESTIMATES, LEARNED, SUPERVISED, STATUSES = range(8)
+
+
 class Signals(Struct):
-    """Arrays that a run fills: see `signals.Record`; `used` holds ticks and the rows of the tables, in this order."""
+    """Arrays that a run fills, as in `signals.Record`; `used`: how many entries of each are filled."""
 
     time_ns: Int1
     frames: Float3
@@ -117,22 +121,24 @@ def control_step(
     ids, id_state = control.identifiers, control.identifier_state
     issued = 0
     for c in range(bank.code.size):
-        issued = act(bank, bank_state, c, tick, delivered[used[c]], ring[used[c], 2], control.issued, issued)
-    kept.used[2] = _append(kept.issued, kept.used[2], control.issued, issued)
+        issued = act(
+            bank, bank_state, c, tick, delivered[used[c]], ring[used[c], RING_DELIVERED], control.issued, issued
+        )
+    kept.used[ISSUED] = _append(kept.issued, kept.used[ISSUED], control.issued, issued)
     acting = issued
     if control.supervisors.settings.size == 0:
         for i in range(issued):
             control.passed[i] = control.issued[i]
     else:
         acting = _supervised(control, delivered, ring, issued, tick, devices, kept)
-    rows = kept.used[4]
+    rows = kept.used[ESTIMATES]
     for n in range(ids.controller.size):
         c = ids.controller[n]
-        identify(ids, id_state, n, delivered[used[c]], ring[used[c], 2])
+        identify(ids, id_state, n, delivered[used[c]], ring[used[c], RING_DELIVERED])
         store_setpoints(ids, id_state, n, control.passed, acting)
         rows = write_estimates(ids, id_state, n, tick, kept.estimates, rows)
         set_estimate(bank_state, c, id_state.jacobian[n], id_state.change[n], id_state.held.newest_ns[n])
-    kept.used[4], rows = rows, kept.used[5]
+    kept.used[ESTIMATES], rows = rows, kept.used[LEARNED]
     for c in range(bank.code.size):
         if bank.code[c] == DIRECT or bank.code[c] == INDIRECT:
             net = shape_of(bank.shape[c])
@@ -142,7 +148,7 @@ def control_step(
         net = shape_of(ids.shape[n])
         own, fall = id_state.learner.each[n], id_state.lyapunov[n]
         rows = write_learning(net, own, fall, tick, ids.controller[n], 1, kept.learning, rows)
-    kept.used[5] = rows
+    kept.used[LEARNED] = rows
     return acting
 
 
@@ -170,16 +176,16 @@ def _supervised(
             start,
             end,
             delivered[own.link],
-            ring[own.link, 2],
+            ring[own.link, RING_DELIVERED],
             control.issued,
             issued,
             devices,
             control.passed,
             acting,
         )
-        if write_status(supervisors, state, s, tick, kept.supervision, kept.used[7]):
-            kept.used[7] += 1
-    kept.used[6] = _append(kept.supervised, kept.used[6], control.passed, acting)
+        if write_status(supervisors, state, s, tick, kept.supervision, kept.used[STATUSES]):
+            kept.used[STATUSES] += 1
+    kept.used[SUPERVISED] = _append(kept.supervised, kept.used[SUPERVISED], control.passed, acting)
     return acting
 
 
@@ -212,17 +218,17 @@ def run_half_ticks(loop: Loop, first: int, until: int) -> bool:
             )
             kept.time_ns[tick] = start
             kept.in_synchronism[tick] = sound
-            kept.used[0] = tick + 1
+            kept.used[TICKS] = tick + 1
             for link in range(several):
                 delivered = uplink(links, link, tick, start, end, frame, measured_ns, status)
-                kept.used[1] = _append(kept.delivered, kept.used[1], links.up.out[link], delivered)
+                kept.used[DELIVERED] = _append(kept.delivered, kept.used[DELIVERED], links.up.out[link], delivered)
             continue
         acting = control_step(control, links.used, links.up.out, links.up.ring, tick, kept.devices[tick], kept)
         applied = 0
         for link in range(several):
             arrived = downlink(links, link, tick, end, control.passed, acting)
             applied = merge(loop.applied, applied, links.down.out[link], arrived)
-        kept.used[3] = _append(kept.applied, kept.used[3], loop.applied, applied)
+        kept.used[APPLIED] = _append(kept.applied, kept.used[APPLIED], loop.applied, applied)
         if not kept.in_synchronism[tick] or control.bank_state.calls.failed.any():
             return False
         advance_with_pmus(loop.plant, loop.plant_state, pmus, loop.pmu_state, tick, loop.applied, applied, loop.work)

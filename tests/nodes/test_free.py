@@ -88,9 +88,9 @@ def test_a_plant_alone_publishes_at_once_and_others_come_go_and_come_again(
     assert 5 * part * RATE <= first
     assert last == round(WHOLE_S * RATE) - 1
     assert record.ticks.tolist() == list(range(first, last + 1))  # frames without a gap
-    kinds = sorted((one["role"], one["kind"]) for one in record.changes)
+    kinds = sorted((one.role, one.kind) for one in record.changes)
     assert kinds == [*[("controller", "start")] * 2, *[("link", "start")] * 2, ("plant", "rearm")]
-    came = [one["tick"] / RATE for one in record.changes if one["role"] == "controller"]
+    came = [one.tick / RATE for one in record.changes if one.role == "controller"]
     assert first / RATE < came[0]
     reference = record.devices["reference"][:, 0]
     assert np.all(reference[record.time_s < came[0]] == 0.0)

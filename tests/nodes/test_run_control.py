@@ -101,7 +101,7 @@ def test_a_run_that_was_changed_under_way_is_its_recording_to_the_bit(
 
     case = load_case(None, SETS)
     record = load(tmp_path / "recording")
-    kinds = [(one["role"], one["kind"], one["name"]) for one in record.changes]
+    kinds = [(one.role, one.kind, one.name) for one in record.changes]
     assert sorted(kinds) == sorted(
         [
             *(("plant", kind, "") for kind in ("pause", "step", "event", "step", "step", "reset", "event", "resume")),

@@ -176,7 +176,7 @@ def test_services_do_what_an_operator_asks_for_or_say_why_not(
     recorder.terminate()
     recorder.communicate(timeout=PATIENCE_S)
     record = load(tmp_path / "recording")
-    own = [(one["tick"], one["kind"]) for one in record.changes if one["role"] == "supervisor"]
+    own = [(one.tick, one.kind) for one in record.changes if one.role == "supervisor"]
     assert own == [(30, "probe"), (240, "arm"), (320, "reset"), (322, "disarm")]
     assert states(record) == [
         ("shadow", ""),
@@ -273,7 +273,7 @@ def test_a_supervisor_that_dies_in_real_time_comes_back_in_shadow_and_is_armed_b
     assert client(Trigger, "/supervisor/arm", Trigger.Request()).success
     record = run.finish()
     assert say(second) == ""
-    own = [(one["kind"], one["tick"]) for one in record.changes if one["role"] == "supervisor"]
+    own = [(one.kind, one.tick) for one in record.changes if one.role == "supervisor"]
     assert [kind for kind, _ in own] == ["start", "arm"]
     began = own[0][1]
     of_second = [(STATES[r["state"]], cause_name(int(r["cause"]))) for r in record.supervision if r["tick"] >= began]

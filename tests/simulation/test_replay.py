@@ -14,6 +14,7 @@ from facts_damping.analysis import releases
 from facts_damping.case.loading import load_case
 from facts_damping.errors import InputError
 from facts_damping.neurofuzzy.table import VARIANTS
+from facts_damping.signals import RunChange
 from facts_damping.simulation import loop, replay
 from facts_damping.simulation.changes import rerun
 from tests.two_devices import centralised, decentralised
@@ -263,7 +264,8 @@ def test_another_watchdog_is_judged_on_what_was_applied() -> None:
 def test_changes_that_nobody_can_have_made_are_passed_over(odd: dict[str, Any]) -> None:
     """Anybody may speak on a topic that a bag holds."""
     record = recorded(None, ["controllers.0.name=ANFTSC", "controllers.0.scheme=direct", "duration=3"])
-    change = {"tick": 60, "node": "/n", "role": "controller", "index": 0, "kind": "parameter"} | odd
+    made: dict[str, Any] = {"tick": 60, "node": "/n", "role": "controller", "index": 0, "kind": "parameter"} | odd
+    change = RunChange(**made)
     case = replay.case_of(record, "it", None, [])
     part = replay.fitted(dataclasses.replace(record, changes=[change]), case)
     assert replay.first_difference(part, replay.play(case, part)[0]) is None
@@ -271,8 +273,7 @@ def test_changes_that_nobody_can_have_made_are_passed_over(odd: dict[str, Any]) 
 
 def test_a_parameter_changed_under_way_is_changed_in_the_replay() -> None:
     case = load_case(None, ["duration=3", "scenario=large"])
-    change = {"tick": 90, "node": "/n", "role": "controller", "index": 0, "kind": "parameter"}
-    change |= {"name": "gain", "value": 3.0}
+    change = RunChange(90, "/n", "controller", 0, "parameter", "gain", 3.0)
     record = rerun(case, [change])
     part = replay.fitted(record, case)
     assert replay.first_difference(part, replay.play(case, part)[0]) is None

@@ -12,6 +12,7 @@ import pytest
 from facts_damping.case.loading import load_case
 from facts_damping.monitor_table import STATES, cause_name
 from facts_damping.parameters.faults import ControllerFault
+from facts_damping.signals import RunChange
 from facts_damping.simulation import loop, replay
 from facts_damping.simulation.changes import rerun
 from facts_damping.simulation.loop import build_loop, record, run_loop
@@ -131,8 +132,8 @@ def test_in_shadow_the_controller_works_and_nothing_acts() -> None:
     assert {tuple(one) for one in found.supervision[["state", "cause"]].tolist()} == {(1, -1)}
 
 
-def ask(tick: int, what: str, index: int = 0) -> dict[str, Any]:
-    return {"tick": tick, "node": "/n", "role": "supervisor", "index": index, "kind": what, "name": "", "value": None}
+def ask(tick: int, what: str, index: int = 0) -> RunChange:
+    return RunChange(tick, "/n", "supervisor", index, what, "", None)
 
 
 def test_what_an_operator_asked_for_under_way_is_replayed() -> None:
