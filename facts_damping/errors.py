@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 VERBOSE = "FACTS_DAMPING_VERBOSE"  # variable by which `--verbose` reaches all processes of a command
+OLD_NAMES = {"beds": "base_runs", "v_max": "setpoint_max", "smoothness": "roughness"}  # of keys and figures
 SHORT = range(3, 6)  # letters of a word
 
 
@@ -60,6 +61,8 @@ def traced(error: BaseException) -> str:
 
 def meant(name: str, allowed: Iterable[str]) -> str:
     """What a mistyped name may have been, as a part of a message; nothing where none is close."""
+    if name in OLD_NAMES:
+        return f" (called {OLD_NAMES[name]} now)"
     from difflib import get_close_matches  # noqa: PLC0415 (asked for by errors alone)
 
     by_small = {one.lower(): one for one in allowed}

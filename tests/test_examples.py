@@ -119,7 +119,7 @@ def test_the_environment_is_it_bit_for_bit() -> None:
     law = example("lead_lag").LeadLag(SimpleNamespace(parameters={}))
     env.reset(seed=0)
     record, over = None, False
-    limit = load_case("two_area_large", []).system.device("sssc").v_max
+    limit = load_case("two_area_large", []).system.device("sssc").setpoint_max
     while not over:
         held = env.episode.eyes.held
         y, measured = held.signal[0], held.newest_ns[0]

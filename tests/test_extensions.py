@@ -133,7 +133,7 @@ def carried(tmp_path_factory: pytest.TempPathFactory, module_domain: int) -> Car
     root, folder = tmp_path_factory.mktemp("installed"), tmp_path_factory.mktemp("commands")
     install(root, FILES, PROJECT["entry-points"])
     grid = (ROOT / "config" / "systems" / "two_area.yaml").read_text(encoding="utf-8")
-    device = "  - {name: source, kind: current_source, bus: B8W, v_max: 0.5, rate_max: 5}\n"
+    device = "  - {name: source, kind: current_source, bus: B8W, setpoint_max: 0.5, rate_max: 5}\n"
     own = re.sub(r"(\ndevices:.*\n)", rf"\1{device}", grid.replace("name: two_area", "name: my_grid", 1), count=1)
     assert own.count("my_grid") == own.count("current_source") == 1
     step = f"name: step\nduration: 1\nevents: [{EVENT}]\n"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 TOLERANCE = 0.01  # relative change of an index by half the step
 DIGITS = 4  # that are printed at most
 MARK = "~"  # before a figure that is not converged
-FIGURES = ("settling_time_s", "smoothness", "max_injected_voltage_pu")  # beside the indices, for their digits alone
+FIGURES = ("settling_time_s", "roughness", "max_injected_voltage_pu")  # beside the indices, for their digits alone
 
 
 def compare(told: Mapping[str, Any], finer: Mapping[str, Any]) -> dict[str, Any]:

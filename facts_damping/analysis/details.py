@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from facts_damping.signals import Record
 
-JUDGED = (*INDICES, "smoothness")  # of which improvement is told
+JUDGED = (*INDICES, "roughness")  # of which improvement is told
 PARTS = ("up", "wait", "down")  # of the whole way, which the summary tells
 
 
@@ -39,7 +39,7 @@ def details(record: Record) -> dict[str, Any]:
 def compare(results: Sequence[dict[str, Any]], baseline: int) -> None:
     """Put into each result its `improvement_percent` on that of the baseline (4.109).
 
-    Of the indices and the smoothness; None where one of the two is not stable.
+    Of the indices and the roughness; None where one of the two is not stable.
     """
     first = _judged(results[baseline])
     for result in results:
@@ -73,7 +73,7 @@ def lines(names: Sequence[str], results: Sequence[Mapping[str, Any]], baseline: 
 
 def _judged(result: Mapping[str, Any]) -> dict[str, float] | None:
     """What improvement is told of."""
-    return result["indices"] and {**result["indices"], "smoothness": result["smoothness"]}
+    return result["indices"] and {**result["indices"], "roughness": result["roughness"]}
 
 
 def _values(parts: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, ...]]:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 
-def smoothness(setpoints: NDArray[np.float64], dt: float = 1.0) -> float:
-    """Control-effort smoothness `sqrt(1/N sum_k ((u_k+1 - 2 u_k + u_k-1) / dt^2)^2)`; small is smooth.
+def roughness(setpoints: NDArray[np.float64], dt: float = 1.0) -> float:
+    """Control-effort roughness `sqrt(1/N sum_k ((u_k+1 - 2 u_k + u_k-1) / dt^2)^2)`; small is smooth.
 
     `setpoints`: (ticks,) or (ticks, devices), p.u., the setpoints in force on the grid of frames (N is the
     number of differences of all devices together); `dt`: s, the frame's length, gives p.u./s^2; 1 gives
@@ -26,14 +26,14 @@ def smoothness(setpoints: NDArray[np.float64], dt: float = 1.0) -> float:
     return float(np.sqrt(np.mean((np.diff(setpoints, 2, axis=0) / dt**2) ** 2)))
 
 
-def record_smoothness(record: Record) -> dict[str, float]:
+def record_roughness(record: Record) -> dict[str, float]:
     """Both forms of (5.34) for a record: `per_second` (over dt^2, p.u./s^2) and `per_frame` (plain, p.u.).
 
     A lost frame stretches dt only where it was lost, so dt is the median.
     """
     dt = float(np.median(np.diff(record.time_s))) if len(record.time_ns) > 1 else 1.0
     setpoints = record.devices["setpoint"]
-    return {"per_second": smoothness(setpoints, dt), "per_frame": smoothness(setpoints)}
+    return {"per_second": roughness(setpoints, dt), "per_frame": roughness(setpoints)}
 
 
 def saturation_duty(record: Record, since: float = 0.0) -> dict[str, float]:

@@ -68,9 +68,9 @@ def _against_the_first(system: Mapping[str, Any]) -> dict[str, Mapping[str, floa
 
 
 def setpoint_limits(configuration: Mapping[str, Any]) -> dict[str, float]:
-    """Largest setpoint of each device, p.u., from a system inline: {device: `v_max`}."""
+    """Largest setpoint of each device, p.u., from a system inline: {device: `setpoint_max`}."""
     devices = inline_system(configuration).get("devices") or []
-    return {one["name"]: float(one["v_max"]) for one in devices if "v_max" in one}
+    return {one["name"]: float(one["setpoint_max"]) for one in devices if "setpoint_max" in one}
 
 
 def inline_system(configuration: Mapping[str, Any]) -> Mapping[str, Any]:

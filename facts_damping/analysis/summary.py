@@ -9,7 +9,7 @@ import numpy as np
 
 from facts_damping import terminal
 from facts_damping.analysis import convergence, releases, supervision
-from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty
+from facts_damping.analysis.effort import max_injected_voltage, record_roughness, saturation_duty
 from facts_damping.analysis.indices import INDICES, performance_indices
 from facts_damping.analysis.latency import frames_lost, latency, left_out
 from facts_damping.analysis.limits import warnings
@@ -38,7 +38,7 @@ ROWS = (
     *((name, ("indices", name), ".4g") for name in INDICES),
     ("settling time [s]", ("settling_time_s",), ".2f"),
     ("max injected voltage [p.u.]", ("max_injected_voltage_pu",), ".4f"),
-    ("smoothness [p.u./s²]", ("smoothness",), ".4g"),
+    ("roughness [p.u./s²]", ("roughness",), ".4g"),
     ("strongest mode [Hz]", ("modes", 0, "frequency_hz"), ".3f"),
     ("  its damping ratio", ("modes", 0, "damping_ratio"), ".4f"),
     ("latency, mean [ms]", ("latency_ms", "mean"), ".2f"),
@@ -63,12 +63,12 @@ def summarise(
     from the noise of a run that has loads with noise and no event, else from the ringdown; None: not at all.
     Of a run that is not stable (or of which that is not known: `stable` None) indices and
     settling time are None, and there are no modes. `indices` count from t = 0, `indices_since_event` from the
-    first event; `smoothness` is (5.34) over dt^2, `smoothness_per_frame` without. Raises InputError if the speed
+    first event; `roughness` is (5.34) over dt^2, `roughness_per_frame` without. Raises InputError if the speed
     differences do not fit the record, or for an unknown method.
     """
     given = speed_differences(record) if differences is None else differences
     stable = is_stable(record)
-    smooth, swings = record_smoothness(record), _oscillation(record, given, method, stable)
+    smooth, swings = record_roughness(record), _oscillation(record, given, method, stable)
     duty, late = saturation_duty(record), latency(record)
     watched = supervision.supervision(record, find(swings, ("modes", 0, "frequency_hz")))
     return {
@@ -77,8 +77,8 @@ def summarise(
         "instability": instability(record),
         **swings,
         "duration_s": _duration(record),
-        "smoothness": smooth["per_second"],
-        "smoothness_per_frame": smooth["per_frame"],
+        "roughness": smooth["per_second"],
+        "roughness_per_frame": smooth["per_frame"],
         "max_injected_voltage_pu": max_injected_voltage(record),
         "saturation_duty": duty,
         "latency_ms": late,

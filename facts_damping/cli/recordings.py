@@ -144,7 +144,7 @@ def _picture(case: Case, record: Record, played: Record, issued: NDArray[Any], f
         name: (again.on_grid(played, again.acted(played), d), again.on_grid(played, issued, d))
         for d, name in enumerate(case.run.devices)
     }
-    limits = {name: case.system.device(name).v_max for name in case.run.devices}
+    limits = {name: case.system.device(name).setpoint_max for name in case.run.devices}
     names = ", ".join(record.controller_names) or "none", ", ".join(played.controller_names)
     return shadow.plot(played.time_s, grids, limits, names, folder / "setpoints.png")
 

@@ -104,7 +104,7 @@ class Episode:
         eyes = inputs(names, case.system.signals, stations, case.system.frequency)
         seen = sensed(1, len(names[0]), len(stations))
         self.eyes = AgentInputs(*eyes, seen)
-        self.limits = np.array([case.system.device(name).v_max for name in agent.devices])
+        self.limits = np.array([case.system.device(name).setpoint_max for name in agent.devices])
         self.weights = weights_of(case)
         window[:] = 0.0
         window[:, :, 2] = 1.0

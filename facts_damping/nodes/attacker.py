@@ -137,7 +137,7 @@ def _setpoints(case: Case, message: SetpointsMessage, sender: str, of: Iterable[
     rows = np.zeros(len(pairs), SETPOINT)
     for row, (c, name) in zip(rows, pairs, strict=True):
         row["controller"], row["device"] = c, case.run.devices.index(name)
-        row["value"] = case.system.device(name).v_max * (1 if tick % 2 else -1)
+        row["value"] = case.system.device(name).setpoint_max * (1 if tick % 2 else -1)
     at = start_of(tick, case.run.frame_rate)
     rows["measured_ns"] = rows["issued_ns"] = rows["effective_ns"] = at
     return message.fill(tick, at, rows, sender)

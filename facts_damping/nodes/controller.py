@@ -80,7 +80,7 @@ class ControllerNode:
         self.spinner = self.member.spin()
         extra = int(self.options.recorder)
         guarded = len(supervisor_addresses(self.case)) > 0  # then the supervisor hears it, and nobody else
-        heard_as_well = guarded and self.controller.fallback_of is None  # also what its inner life is
+        heard_as_well = guarded and self.controller.fallback_of is None  # also the health of its controller
         self.listeners = {self.to_link: 1 + bool(identifier and not guarded) + extra}
         self.listeners[self.to_recorder] = int(heard_as_well) + extra
 

@@ -48,7 +48,7 @@ class Campaign(ParameterModel):
     graph_duration: float = quantity(
         8.0, "s", "simulated time of a graph; its fault begins at least 3 s before the end", gt=0, le=1e3
     )
-    beds: dict[Name, BaseRun] = Field(..., min_length=1, description="name: run; each is drawn equally often")
+    base_runs: dict[Name, BaseRun] = Field(..., min_length=1, description="name: run; each is drawn equally often")
     faults: dict[Name, float] = Field(
         {}, description="fault: how often it is drawn relative to the others, 0 to 1e6; empty: all equally often"
     )

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
 TAKEN_BY = {"runs": "simulate", "studies": "sweep", "campaigns": "campaign", "systems": "modes"}  # command by kind
-MARKS = {"runs": "system", "studies": "sweep", "campaigns": "beds"}  # a field that files of a kind have
+MARKS = {"runs": "system", "studies": "sweep", "campaigns": "base_runs"}  # a field that files of a kind have
 DEEPEST = 20  # levels of a file in which paths are looked for
 # Fields that may name a file, and how a file is named in them.
 PATHS = (

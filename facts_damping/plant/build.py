@@ -62,8 +62,8 @@ def build(
     flow = solve(system, installed)
     states = _States()
     rotating = _machines(system, flow, states)
-    if rotating.strains:
-        raise InputError(str(rotating.strains[0]))
+    if rotating.violations:
+        raise InputError(str(rotating.violations[0]))
     ports = _Ports()
     for g, m in enumerate(system.machines):
         rotating.rows[g]["column"] = g
@@ -155,7 +155,7 @@ class _Rotating(NamedTuple):
     controls: NDArray[Any]
     power: NDArray[np.float64]
     blocks: list[NDArray[Any]]
-    strains: list[block_controls.LimitViolation]
+    violations: list[block_controls.LimitViolation]
 
 
 def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
@@ -193,7 +193,7 @@ def _machines(system: System, flow: PowerFlow, states: _States) -> _Rotating:
             states.add(m.name, governor.STATE_NAMES, governor.start(governors[m.name], start.power))
         seen = _sensed(v, current, start)
         for data in [tables[role, m.name] for role in blocks.ROLES if (role, m.name) in tables]:
-            made.strains.extend(_add_blocks(made, g, data, seen, states))
+            made.violations.extend(_add_blocks(made, g, data, seen, states))
     return made
 
 
@@ -213,7 +213,7 @@ def _sensed(voltage: complex, current: complex, start: machine.MachineStart) -> 
 
 def limit_violations(system: System) -> list[block_controls.LimitViolation]:
     """Limits of controls that are tables of blocks, which do not admit the start of a system without devices."""
-    return _machines(system, solve(system, []), _States()).strains
+    return _machines(system, solve(system, []), _States()).violations
 
 
 def _add_blocks(
@@ -236,7 +236,7 @@ def _add_blocks(
         row["power_offset"] = rest.reference - seen["Pm"]
     made.blocks.append(rows)
     states.add(data.machine, control.states, rest.states)
-    return rest.strains
+    return rest.violations
 
 
 def _loads(

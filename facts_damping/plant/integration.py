@@ -67,8 +67,8 @@ def _take_setpoints(plant: Plant, state: PlantState, setpoints: NDArray[Any], fi
     while first < count and setpoints[first].effective_ns <= now:
         d = setpoints[first].device
         row = plant.devices[d]
-        if accepts(row.watchdog, state.watch[d], setpoints[first], row.v_max, now):
-            value = min(max(setpoints[first].value, -row.v_max), row.v_max)
+        if accepts(row.watchdog, state.watch[d], setpoints[first], row.setpoint_max, now):
+            value = min(max(setpoints[first].value, -row.setpoint_max), row.setpoint_max)
             if row.dead_ns > 0:
                 send(state.under_way, state.waiting, d, now + row.dead_ns, value)
             else:

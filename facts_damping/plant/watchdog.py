@@ -79,17 +79,17 @@ def initial_clock_state(devices: int) -> NDArray[Any]:
 
 
 @compiled
-def accepts(own: Any, watch: Any, setpoint: Any, v_max: float, now: int) -> bool:
+def accepts(own: Any, watch: Any, setpoint: Any, setpoint_max: float, now: int) -> bool:
     """Whether a setpoint may act; what the watchdog knows is brought up to date.
 
-    `own` is a row of WATCHDOG, `watch` one of WATCH, `setpoint` one of SETPOINT, `v_max` the device's limit, p.u.
-    A watchdog that is off refuses only what is not finite: others are limited.
+    `own` is a row of WATCHDOG, `watch` one of WATCH, `setpoint` one of SETPOINT, `setpoint_max`, p.u., the device's
+    limit. A watchdog that is off refuses only what is not finite: others are limited.
     """
     if own.on == 0:
         return math.isfinite(setpoint.value)
     age = now - setpoint.measured_ns
     again = setpoint.issued_ns == watch.issued_ns and setpoint.measured_ns <= watch.measured_ns
-    if not abs(setpoint.value) <= v_max:
+    if not abs(setpoint.value) <= setpoint_max:
         watch.refused_value += 1
     elif age > own.max_age_ns or age < -own.tick_ns or setpoint.issued_ns > now + own.tick_ns:
         watch.refused_stamp += 1

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from facts_damping.recording.bagfile import TopicInfo
 
 
-Heard = dict[tuple[str, int, str], "NDArray[np.int64]"]
+NewestTicks = dict[tuple[str, int, str], "NDArray[np.int64]"]
 
 
 class Series(NamedTuple):
@@ -317,9 +317,9 @@ def learning(controllers: Sequence[Series], identifiers: Sequence[Series]) -> ND
     return table[np.lexsort((_order(parts), table["controller"], table["identifier"], table["tick"]))]
 
 
-def heard(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) -> Heard:
+def heard(role: str, sources: Sequence[Series], sender: Callable[[Any], str]) -> NewestTicks:
     """What nodes had at hand when they acted (`signals.Record.heard`); nothing where their messages do not tell."""
-    found: Heard = {}
+    found: NewestTicks = {}
     for source in sources:
         parts: dict[tuple[str, int, str], list[NDArray[np.int64]]] = {}
         for block in source.blocks:

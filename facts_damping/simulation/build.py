@@ -154,7 +154,7 @@ def build_control(case: Case, plant: Residues | None = None) -> tuple[Bank, Bank
     cannot be designed for it.
     """
     devices = [case.system.device(name) for name in case.run.devices]
-    limits = {d.name: (d.v_max, d.rate_max) for d in devices}
+    limits = {d.name: (d.setpoint_max, d.rate_max) for d in devices}
     stations = [station.name for station in case.system.stations]
     if plant is None and needs_residues(case):
         plant = plant_residues(case)
@@ -185,7 +185,7 @@ def build_supervisors(case: Case, plant: Residues | None = None) -> tuple[Superv
         for c, controller in enumerate(case.controllers)
         if controller.fallback_of is None and case.supervision is not None
     ]
-    limits = {name: case.system.device(name).v_max for name in case.run.devices}
+    limits = {name: case.system.device(name).setpoint_max for name in case.run.devices}
     stations, rate = [station.name for station in case.system.stations], case.run.frame_rate
     given = case.supervision or Supervision()
     known = given, case.system.signals, stations, limits, rate, case.system.frequency, ends(case.system)

@@ -290,7 +290,7 @@ def beside(case: Case, record: Record, issued: NDArray[Any]) -> list[dict[str, A
     found = []
     for d, name in enumerate(case.run.devices):
         one, other = on_grid(record, acted(record), d), on_grid(record, issued, d)
-        limit, moves = case.system.device(name).v_max, bool(np.ptp(one) > 0.0 and np.ptp(other) > 0.0)
+        limit, moves = case.system.device(name).setpoint_max, bool(np.ptp(one) > 0.0 and np.ptp(other) > 0.0)
         found.append(
             {
                 "device": name,

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 EMPTY = {"issued": SETPOINT, "estimates": ESTIMATE, "supervised": SETPOINT, "supervision": SUPERVISION}
 KEPT = 36_000  # ticks for which what was said is kept: nobody goes by what is older
-INNER = ("finite", "norm", "lyapunov", "fall")  # of SUPERVISOR: what a supervisor hears of its controller's inner life
+INNER = ("finite", "norm", "lyapunov", "fall")  # of SUPERVISOR: what a supervisor hears of its controller's health
 
 
 class Played(NamedTuple):

@@ -50,7 +50,7 @@ def spec_of(case: Case, c: int) -> Spec:
         controller.name,
         list(controller.signals),
         list(controller.devices),
-        np.array([device.v_max for device in own]),
+        np.array([device.setpoint_max for device in own]),
         np.array([device.rate_max for device in own]),
         case.run.frame_rate,
         int(np.random.SeedSequence([case.run.seed, c]).generate_state(1)[0]),

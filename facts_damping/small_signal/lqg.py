@@ -77,7 +77,7 @@ def design(plant: Residues | None, system: System, controller: Controller, here:
     rows = [plant.signals.index(name) for name in controller.signals]
     size = magnitudes(plant.mode_shape[rows]) / np.sqrt((magnitudes(product(whole.Z, plant.shape)) ** 2).sum())
     _check(plant, system, controller, size, here)
-    limits = np.array([system.device(name).v_max for name in controller.devices])
+    limits = np.array([system.device(name).setpoint_max for name in controller.devices])
     filters = None if plant.model.filtered is None else plant.model.filtered.of(rows)
     swing = size
     if filters is not None:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from facts_damping.small_signal.linearisation import Eigenmode
 
 NEW = "damper"  # name of a device that the system does not have yet
-STATCOM: dict[str, Any] = {"v_max": 0.1, "rate_max": 10.0, "I_max": 1.0}  # p.u., as that of two_area
+STATCOM: dict[str, Any] = {"setpoint_max": 0.1, "rate_max": 10.0, "I_max": 1.0}  # p.u., as that of two_area
 SPEED: Channel = "speed_deviation"
 FLOW: Channel = "active_power"
 MOST_AREAS = 8  # between more there are too many differences to look at
@@ -75,7 +75,7 @@ class Tried(NamedTuple):
     @property
     def strength(self) -> NDArray[np.float64]:
         """What the device does with all that its setpoint may be, 1/s, (modes,)."""
-        return np.abs(self.controllability) * float(self.place.device.v_max)
+        return np.abs(self.controllability) * float(self.place.device.setpoint_max)
 
 
 def places(system: System) -> list[Place]:

@@ -40,7 +40,7 @@ def interactions(built: Built, system: System, devices: Sequence[str]) -> list[I
     plant = residues(built, system, devices, 1) if len(devices) == 2 else None
     if plant is None:
         return []
-    limits = np.array([system.device(name).v_max for name in devices])
+    limits = np.array([system.device(name).setpoint_max for name in devices])
     found = []
     for hertz in (plant.frequency_hz, *FREQUENCIES_HZ):
         gain = plant.model.response(2j * np.pi * hertz) * limits / np.abs(plant.mode_shape)[:, None]

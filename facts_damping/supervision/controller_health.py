@@ -1,4 +1,4 @@
-"""What a supervisor is told of its controller's inner life, from its state; compiled. A node has it by messages."""
+"""What a supervisor is told of its controller's health, from its state; compiled. A node has it by messages."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ SUPERVISOR = np.dtype(
         ("probe_ns", "i8"),  # when the probe of a device began; UNSET: none is under way
         ("probed", "i8"),  # devices whose probe is done
         ("squares", "f8"),  # of the signal, for a probe's fit
-        ("finite", "i8"),  # of the controller's inner life: whether its outputs are finite,
+        ("finite", "i8"),  # of the controller's health: whether its outputs are finite,
         ("norm", "f8"),  # Euclidean norm of its network's parameters,
         ("lyapunov", "f8"),  # its Lyapunov function
         ("fall", "f8"),  # and the fall of that by the newest step

@@ -15,7 +15,7 @@ from facts_damping.small_signal.modal_analysis import analyse
 from facts_damping.validation.table import Row, ValidationTable, compare
 
 BASE = 100.0  # MVA
-LINK = {"name": "hvdc", "kind": "hvdc", "P_max": 1000.0, "v_max": 0.5, "rate_max": 10.0}
+LINK = {"name": "hvdc", "kind": "hvdc", "P_max": 1000.0, "setpoint_max": 0.5, "rate_max": 10.0}
 BUS: dict[str, float] = {"nominal_voltage": 230.0}
 
 # What the link of the first table is: order (MW), share lost, resistance (p.u.), power factor of both ends.

@@ -1,6 +1,6 @@
 """Our figures beside the printed ones: cell by cell, and how often the thesis's statements of better and worse hold.
 
-A statement is an improvement with its sign: a printed one, or one that follows from two printed figures of smoothness
+A statement is an improvement with its sign: a printed one, or one that follows from two printed figures of roughness
 (figures 5.11, 5.39, 6.22 and what is said beside them):
 
 - `improvement`: an index against that of LLC or direct ANFTSC;
@@ -45,15 +45,15 @@ class ComparedRun(NamedTuple):
 
 Figures = Mapping[
     ComparedRun, Mapping[str, float] | None
-]  # by ITAE ... ISE and `smoothness`; none: the run was unstable
+]  # by ITAE ... ISE and `roughness`; none: the run was unstable
 
 
 class Compared(NamedTuple):
     """A cell with ours; none where a run is without figures."""
 
     cell: Cell
-    figure: float | None  # our index or smoothness of the run itself
-    ours: float | None  # what stands in the cell: improvement, %, or smoothness
+    figure: float | None  # our index or roughness of the run itself
+    ours: float | None  # what stands in the cell: improvement, %, or roughness
     difference: float | None  # ours - corrected
     converged: bool = True  # whether half the integration step leaves our figure as it is, as far as that was tried
 
@@ -107,7 +107,7 @@ def compare(
 
 
 def statements(compared: Sequence[Compared]) -> list[Statement]:
-    """What the tables state; of smoothness what the cells given are enough for."""
+    """What the tables state; of roughness what the cells given are enough for."""
     found = [_improvement(c) for c in compared if c.cell.against is not None]
     smooth = {(c.cell.table, c.cell.scenario, c.cell.who): c for c in compared if c.cell.against is None}
     for (table, scenario, who), c in smooth.items():
@@ -115,7 +115,7 @@ def statements(compared: Sequence[Compared]) -> list[Statement]:
             continue
         for what, over in _smoother(who):
             if (table, scenario, over) in smooth:
-                found.append(_smoothness(what, c, smooth[table, scenario, over]))
+                found.append(_roughness(what, c, smooth[table, scenario, over]))
     return found
 
 
@@ -199,8 +199,8 @@ def _improvement(c: Compared) -> Statement:
     return _statement(c.cell, IMPROVEMENT, c.cell.against or LLC, c.cell.printed, c.cell.corrected, c.ours)
 
 
-def _smoothness(what: str, c: Compared, over: Compared) -> Statement:
-    """The improvement that follows from two figures of smoothness, printed ones never 0."""
+def _roughness(what: str, c: Compared, over: Compared) -> Statement:
+    """The improvement that follows from two figures of roughness, printed ones never 0."""
     printed = _better(over.cell.printed, c.cell.printed) or 0.0
     theirs = _better(over.cell.corrected, c.cell.corrected) or 0.0
     return _statement(c.cell, what, over.cell.who, printed, theirs, _better(over.ours, c.ours))

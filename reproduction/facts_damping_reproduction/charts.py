@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from facts_damping.analysis.indices import THESIS_INDICES
 from facts_damping.analysis.plotting.plots import COLOURS
-from facts_damping_reproduction.printed import LLC, SMOOTHNESS
+from facts_damping_reproduction.printed import LLC, ROUGHNESS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -45,8 +45,8 @@ def improvements(title: str, compared: Sequence[Compared]) -> Figure:
     return figure
 
 
-def smoothness(title: str, compared: Sequence[Compared]) -> Figure:
-    """Smoothness, theirs across, ours upwards, a colour an architecture and scheme."""
+def roughness(title: str, compared: Sequence[Compared]) -> Figure:
+    """Roughness, theirs across, ours upwards, a colour an architecture and scheme."""
     figure = Figure(figsize=(7.0, 4.6), layout="constrained")
     axis: Any = figure.subplots()
     kinds = list(dict.fromkeys((c.cell.architecture, c.cell.scheme or "LLC") for c in compared))
@@ -134,5 +134,5 @@ def variants(told: Sequence[Told]) -> Figure:
 
 def of_table(table: str, title: str, compared: Sequence[Compared]) -> Figure:
     """The picture of a table's agreement."""
-    kind = smoothness if compared[0].cell.quantity == SMOOTHNESS else improvements
+    kind = roughness if compared[0].cell.quantity == ROUGHNESS else improvements
     return kind(f"Table {table}. {title}", compared)

@@ -113,7 +113,7 @@ def better(found: Agreement, first: str, second: str) -> str:
 
 
 def smoother(found: Agreement, what: str) -> str:
-    """In how many cases a statement about smoothness holds here, whatever the thesis says: `44 of 77`."""
+    """In how many cases a statement about roughness holds here, whatever the thesis says: `44 of 77`."""
     own = [one for one in found.statements if one.what == what]
     return f"{sum((one.ours or 0.0) > 0.0 for one in own)} of {len(own)}"
 

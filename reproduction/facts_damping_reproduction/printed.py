@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from facts_damping.studies.sweeps.enumerated_axes import Scheme
 
-SMOOTHNESS = "smoothness"
+ROUGHNESS = "roughness"
 SCENARIOS = {  # as the thesis numbers them, and their names here
     "smib": {"I": "nominal", "II": "light", "III": "heavy", "IV": "multiple"},
     "two_area": {"I": "small", "II": "large", "III": "multiple"},
@@ -41,7 +41,7 @@ REFERENCES = {"ANFTSC": DIRECT, "LLC": LLC}  # of improvements, in all tables
 
 
 class PrintedTable(NamedTuple):
-    """What a table shows; `who` is the architecture and scheme of its rows, in tables of smoothness its columns'."""
+    """What a table shows; `who` is the architecture and scheme of its rows, in tables of roughness its columns'."""
 
     title: str
     system: str
@@ -53,17 +53,17 @@ TABLES = {
     "4.1": PrintedTable("SMIB, direct: improvement", "smib", 336, ("MISO", "direct")),
     "4.2": PrintedTable("Two areas, direct: improvement", "two_area", 252, ("MISO", "direct")),
     "5.1": PrintedTable("SMIB, indirect: improvement", "smib", 352, ("MISO", "indirect")),
-    "5.2": PrintedTable("SMIB: smoothness of the control effort", "smib", 92),
+    "5.2": PrintedTable("SMIB: roughness of the control effort", "smib", 92),
     "5.3": PrintedTable("Two areas, indirect: improvement", "two_area", 264, ("MISO", "indirect")),
-    "5.4": PrintedTable("Two areas: smoothness of the control effort", "two_area", 69),
-    "6.1": PrintedTable("Two areas, SSSC and STATCOM: smoothness of the control effort", "two_area", 33),
+    "5.4": PrintedTable("Two areas: roughness of the control effort", "two_area", 69),
+    "6.1": PrintedTable("Two areas, SSSC and STATCOM: roughness of the control effort", "two_area", 33),
     "6.2": PrintedTable("Two areas, SSSC and STATCOM: improvement", "two_area", 84, ("MIMO", "indirect")),
 }
 COMPLEXITY = "Parameters updated and operations of a forward pass, two inputs and two rules"  # table 3.1
 
 
 class Cell(NamedTuple):
-    """A printed figure: an improvement (4.109), %, or a smoothness (5.34)."""
+    """A printed figure: an improvement (4.109), %, or a roughness (5.34)."""
 
     table: str  # "4.1"
     system: str
@@ -71,8 +71,8 @@ class Cell(NamedTuple):
     architecture: str
     controller: str
     scheme: Scheme
-    quantity: str  # ITAE, IAE, ITSE, ISE or smoothness
-    against: ControllerId | None  # the controller that it is an improvement over; none: a smoothness
+    quantity: str  # ITAE, IAE, ITSE, ISE or roughness
+    against: ControllerId | None  # the controller that it is an improvement over; none: a roughness
     printed: float
     corrected: float  # the same where it is no slip
     reason: str  # of a slip, else empty
@@ -196,7 +196,7 @@ def _meaning(
     scheme: Any
     if table.who is None:
         architecture, scheme = rest
-        quantity, scenario, against = SMOOTHNESS, first, None
+        quantity, scenario, against = ROUGHNESS, first, None
     else:
         architecture, scheme = table.who
         quantity, scenario, against = first, row["scenario"], REFERENCES[rest[-1]]

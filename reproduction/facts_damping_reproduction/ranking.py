@@ -1,7 +1,7 @@
 """Orders of controllers, theirs and ours: rank correlation, the best two, and who is far from its place.
 
 Within a table, a scenario, a quantity and a scheme the controllers are ordered by the figure itself: theirs by the
-improvement over LLC as corrected (or the smoothness), ours by the index (or the smoothness). LLC on the SSSC alone is
+improvement over LLC as corrected (or the roughness), ours by the index (or the roughness). LLC on the SSSC alone is
 the reference of all tables and has no place; with SSSC and STATCOM it has one. Equal figures share the mean of their
 places; runs without figures share the last places. Runs whose figures are not converged have no place, neither theirs
 nor ours. MISO columns of table 6.1 repeat table 5.4 and are left out.

@@ -15,7 +15,7 @@ from facts_damping.studies.sweeps import sweep
 from facts_damping.studies.sweeps.enumerated_axes import NONE
 from facts_damping.terminal import Progress
 from facts_damping_reproduction.agreement import ComparedRun, name
-from facts_damping_reproduction.printed import LLC, SCENARIOS, SMOOTHNESS, ControllerId
+from facts_damping_reproduction.printed import LLC, ROUGHNESS, SCENARIOS, ControllerId
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -32,7 +32,7 @@ FILE = "run"  # in the place of an architecture: the controllers of a run file
 NOBODY, TUNED, BOUND = (ControllerId("MISO", one, None) for one in (NONE, "LLC-tuned", "LQG"))
 LINEAR = (LLC, TUNED, BOUND)
 BASELINES = (NOBODY, *LINEAR)
-FIGURES = (*THESIS_INDICES, SMOOTHNESS)
+FIGURES = (*THESIS_INDICES, ROUGHNESS)
 
 
 def whos(cells: Iterable[Cell], system: str) -> list[ControllerId]:
@@ -108,7 +108,7 @@ def carry_out(study: Study, title: str, folder: Path, jobs: int) -> list[Row]:
 
 
 def figures(rows: Iterable[Row], asked: Sequence[ControllerId]) -> dict[ComparedRun, dict[str, float] | None]:
-    """Indices and smoothness of each run of a system; none where it lost synchronism."""
+    """Indices and roughness of each run of a system; none where it lost synchronism."""
     by_name = {name(who): who for who in asked}
     return {
         ComparedRun(row["system"], row["scenario"], by_name[row["who"]]): {one: row[one] for one in FIGURES}

@@ -12,7 +12,7 @@ from facts_damping_reproduction.agreement import ComparedRun, compare, markdown,
 from facts_damping_reproduction.ensembles import drawn, median
 from facts_damping_reproduction.operations import WHY
 from facts_damping_reproduction.operations import markdown as operations
-from facts_damping_reproduction.printed import LLC, SMOOTHNESS
+from facts_damping_reproduction.printed import LLC, ROUGHNESS
 from facts_damping_reproduction.results import OPERATIONS, TITLES
 from facts_damping_reproduction.runs import BOUND, TUNED
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 HEAD = """# The tables, side by side
 
 Made by `{command}`. In each cell: theirs; ours; ours less theirs; the median of ours over the ensemble with its 95 %
-interval. Improvements (4.109) in %, smoothness (5.34) in p.u./s². `*`: the thesis contradicts itself; its printed
+interval. Improvements (4.109) in %, roughness (5.34) in p.u./s². `*`: the thesis contradicts itself; its printed
 figure stands struck through before the reading that fits. `-`: no figure, the run lost synchronism. `~`: half the
 integration step changes the figure by more than 1 %; such runs have no place in the orders. Beside the thesis's
 references, LLC and direct ANFTSC, are two that it does not have, the tuned lead-lag and the bound: ours; ours over the
@@ -61,7 +61,7 @@ def _table(table: str, results: Results, findings: Findings) -> list[str]:
         lines += [f"### {own[0].cell.system}, {scenario}", ""]
         for against in dict.fromkeys(c.cell.against for c in own):
             kept = [c for c in own if c.cell.against == against]
-            over = f"Improvement over {name(against)}:" if against else "Smoothness:"
+            over = f"Improvement over {name(against)}:" if against else "Roughness:"
             lines += [over, "", *_cells(kept, results), ""]
         if own[0].cell.against is None:
             lines += [_smooth_beside(own, results), ""]
@@ -79,7 +79,7 @@ def _table(table: str, results: Results, findings: Findings) -> list[str]:
 
 
 def _cells(kept: Sequence[Compared], results: Results) -> list[str]:
-    """A row a controller, a column a quantity (of smoothness an architecture and scheme)."""
+    """A row a controller, a column a quantity (of roughness an architecture and scheme)."""
     smooth = kept[0].cell.against is None
     columns = list(dict.fromkeys(_column(c, smooth=smooth) for c in kept))
     rows = dict.fromkeys(c.cell.controller for c in kept)
@@ -104,11 +104,11 @@ def _beside(kept: Sequence[Compared], against: ControllerId, results: Results) -
 
 
 def _smooth_beside(own: Sequence[Compared], results: Results) -> str:
-    """The smoothness of the controllers that the thesis does not have, of the architectures in a table."""
+    """The roughness of the controllers that the thesis does not have, of the architectures in a table."""
     (system, scenario), architectures = own[0].cell[1:3], dict.fromkeys(c.cell.architecture for c in own)
     whos = [who._replace(architecture=one) for one in architectures for who in BESIDE]
     found = {name(who): results.figures[ComparedRun(system, scenario, who)] for who in whos}
-    told = [f"{who} {'-' if one is None else format(one[SMOOTHNESS], '.4g')}" for who, one in found.items()]
+    told = [f"{who} {'-' if one is None else format(one[ROUGHNESS], '.4g')}" for who, one in found.items()]
     return f"Ours alone: {', '.join(told)}."
 
 

@@ -41,7 +41,7 @@ def make_record(ticks: int = 1200, damping: float = 0.3, **changes: Any) -> Reco
                 "name": "pair",
                 "measures": {"local": ["w12"], "interarea": []},
                 "signals": {"w12": {"weights": {"G1": 1.0, "G2": -1.0}}},
-                "devices": [{"name": "sssc", "v_max": 0.1}],
+                "devices": [{"name": "sssc", "setpoint_max": 0.1}],
             },
             "frame_rate": RATE,
             "duration": ticks / RATE,

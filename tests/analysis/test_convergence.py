@@ -74,7 +74,7 @@ def test_by_command(tmp_path: Path) -> None:
     assert main(asked) == 0
     found = json.loads((tmp_path / "a.json").read_text())
     assert found["converged"] is True
-    assert set(found["step_change"]) >= {"ITAE", "IAE", "ITSE", "ISE", "smoothness"}
+    assert set(found["step_change"]) >= {"ITAE", "IAE", "ITSE", "ISE", "roughness"}
     assert main([one for one in asked if one != "--check-step"]) == 0
     assert "converged" not in json.loads((tmp_path / "a.json").read_text())
 

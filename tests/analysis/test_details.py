@@ -41,7 +41,7 @@ def test_of_a_run_that_is_lost_there_is_no_improvement(swing_record: Callable[..
     lost[-1] = False
     results = [told(swing_record()), told(swing_record(in_synchronism=lost))]
     compare(results, 0)
-    assert results[0]["improvement_percent"] == dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE", "smoothness"), 0.0)
+    assert results[0]["improvement_percent"] == dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE", "roughness"), 0.0)
     assert results[1]["improvement_percent"] is None
     assert results[1]["regions"] == {}
     assert "ITAE" in "\n".join(lines(["a", "b"], results, 0))

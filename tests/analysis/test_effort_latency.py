@@ -1,4 +1,4 @@
-"""Smoothness, peak voltage, latency and losses of records made to measure."""
+"""Roughness, peak voltage, latency and losses of records made to measure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from facts_damping.analysis.effort import max_injected_voltage, record_smoothness, saturation_duty, smoothness
+from facts_damping.analysis.effort import max_injected_voltage, record_roughness, roughness, saturation_duty
 from facts_damping.analysis.latency import ages_ms, cdf, frames_lost, hops_ms, latency, left_out
 from facts_damping.api import simulate
 from facts_damping.case.loading import load_case
@@ -25,33 +25,33 @@ if TYPE_CHECKING:
     from facts_damping.signals import Record
 
 
-def test_smoothness_of_a_parabola_is_its_curvature() -> None:
+def test_roughness_of_a_parabola_is_its_curvature() -> None:
     t = np.arange(100) / 60
-    assert smoothness(3 * t**2, 1 / 60) == pytest.approx(6.0)
-    assert smoothness(3 * t**2) == pytest.approx(6.0 / 3600)
+    assert roughness(3 * t**2, 1 / 60) == pytest.approx(6.0)
+    assert roughness(3 * t**2) == pytest.approx(6.0 / 3600)
 
 
 @given(omega=st.floats(0.5, 30))
-def test_smoothness_of_a_sine(omega: float) -> None:
+def test_roughness_of_a_sine(omega: float) -> None:
     # Second difference of sin(wt): -4 sin^2(w dt / 2) sin(wt); its mean square over whole periods is half.
     dt = 2 * np.pi / omega / 100
     t = dt * np.arange(1002)
     expected = 4 * np.sin(omega * dt / 2) ** 2 / np.sqrt(2)
-    assert smoothness(np.sin(omega * t).astype(np.float64), dt) == pytest.approx(expected / dt**2, rel=1e-3)
+    assert roughness(np.sin(omega * t).astype(np.float64), dt) == pytest.approx(expected / dt**2, rel=1e-3)
 
 
 @given(slope=st.floats(-10, 10), offset=st.floats(-10, 10))
 def test_straight_lines_are_smooth(slope: float, offset: float) -> None:
-    assert smoothness(slope * np.linspace(0, 49, 50) + offset) == pytest.approx(0, abs=1e-12)
+    assert roughness(slope * np.linspace(0, 49, 50) + offset) == pytest.approx(0, abs=1e-12)
 
 
 def test_too_short_or_no_device() -> None:
-    assert smoothness(np.array([1.0, 2.0])) == 0
-    assert smoothness(np.zeros((50, 0))) == 0
+    assert roughness(np.array([1.0, 2.0])) == 0
+    assert roughness(np.zeros((50, 0))) == 0
 
 
-def test_record_smoothness(swing_record: Callable[..., Record]) -> None:
-    found = record_smoothness(swing_record())
+def test_record_roughness(swing_record: Callable[..., Record]) -> None:
+    found = record_roughness(swing_record())
     assert found["per_second"] == pytest.approx(3600 * found["per_frame"], rel=1e-6)
     assert found["per_frame"] > 0
 

@@ -162,7 +162,7 @@ def test_the_summary_marks_the_better_damped_run(swing_record: Callable[..., Rec
     rows = {row[0].text: row[1:] for row in items(found)["summary"].rows}
     for name in ("ITAE", "IAE", "ITSE", "ISE", "its damping ratio", "settling time [s]"):
         assert [cell.mark for cell in rows[name]] == ["worst", "best"], name
-    assert {cell.mark for name in ("latency, mean [ms]", "smoothness [p.u./s²]") for cell in rows[name]} == {""}
+    assert {cell.mark for name in ("latency, mean [ms]", "roughness [p.u./s²]") for cell in rows[name]} == {""}
     improved = {row[0].text: [cell.text for cell in row[1:]] for row in items(found)["improvement"].rows}
     assert improved["ITAE"][0] == "0.0"
     assert 50 < float(improved["ITAE"][1]) < 100

@@ -27,7 +27,7 @@ KEYS = {
     "damped",
     "duration_s",
     "indices",
-    "smoothness",
+    "roughness",
     "settling_time_s",
     "max_injected_voltage_pu",
     "modes",

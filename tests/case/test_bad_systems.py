@@ -104,7 +104,11 @@ REFUSED: dict[str, tuple[str, Changes, str]] = {
     ),
     "name given twice": ("two_area", {"devices.+": {**IN_LINE_1, "name": "sssc"}}, "'sssc' stands twice"),
     "name of a line": ("two_area", {"devices.+": {**IN_LINE_1, "name": "line_1"}}, "'line_1' stands twice"),
-    "statcom without a limit of its offset": ("two_area", {"devices.1.v_max": ...}, "devices.1.v_max: missing"),
+    "statcom without a limit of its offset": (
+        "two_area",
+        {"devices.1.setpoint_max": ...},
+        "devices.1.setpoint_max: missing",
+    ),
     "statcom without a limit of the rate": ("two_area", {"devices.1.rate_max": ...}, "devices.1.rate_max: missing"),
     "statcom without a limit of its current": ("two_area", {"devices.1.I_max": ...}, "devices.1.I_max: missing"),
     "statcom with no current": ("two_area", {"devices.1.I_max": 0.0}, "I_max: 0.0 given; allowed: greater than 0"),

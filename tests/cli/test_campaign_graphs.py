@@ -19,7 +19,7 @@ seed: 6
 draws: 1
 graphs: 2
 graph_duration: 4
-beds: {smib: {run: smib_supervised, choose: {link: {ideal: {link: ideal}, late: {link: delay_100ms}}}}}
+base_runs: {smib: {run: smib_supervised, choose: {link: {ideal: {link: ideal}, late: {link: delay_100ms}}}}}
 faults: {biased: 1, hung: 1}
 window: [1, 2]
 """

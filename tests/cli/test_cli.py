@@ -85,7 +85,7 @@ def test_simulate_gives_the_promised_fields(json_of: Callable[..., Any]) -> None
     assert result["run"]["link"] == "delay_100ms"
     assert len(result["digest"]) == 16
     assert {"facts_damping", "python", "processor", "numpy", "scipy", "numba", "llvmlite"} == result["versions"].keys()
-    assert {"smoothness", "settling_time_s", "max_injected_voltage_pu", "modes", "wall_s"} <= set(result)
+    assert {"roughness", "settling_time_s", "max_injected_voltage_pu", "modes", "wall_s"} <= set(result)
 
 
 def test_a_run_whose_device_let_go_ends_with_3_and_one_line() -> None:
@@ -345,7 +345,8 @@ def test_all_that_is_missing_is_said_at_once(tmp_path: Path, capsys: pytest.Capt
     system = (share_folder() / "config" / "systems" / "two_area.yaml").read_text(encoding="utf-8")
     path = tmp_path / "grid.yaml"
     path.write_text(re.sub(r"kind: statcom, bus: B8W, .*}", "kind: statcom}", system))
-    said = "devices.1: bus, v_max, rate_max, I_max: missing; allowed: bus: a value of this field; v_max: in p.u., "
+    said = "devices.1: bus, setpoint_max, rate_max, I_max: missing; allowed: bus: a value of this field; "
+    said += "setpoint_max: in p.u., "
     assert_one_line(2, ["modes", str(path)], f"{path}: {said}more than 0, at most 1, usual 0.1; rate_max: ", capsys)
 
 

@@ -56,7 +56,7 @@ def test_a_continuous_one_is_discretised_exactly() -> None:
     )
     A, B, C, D, dt = cont2discrete(tf2ss(5.0 * np.array(NUM), DEN), 1.0 / 60.0, method="zoh")
     _, wanted, _ = dlsim((A, B, C, D, dt), signal)
-    limit = case.system.device("sssc").v_max
+    limit = case.system.device("sssc").setpoint_max
     got = record.issued["value"]
     assert len(got) == len(wanted)
     assert np.abs(got - np.clip(wanted[:, 0], -limit, limit)).max() < 1e-10 * limit + 1e-9

@@ -33,7 +33,7 @@ def system_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def modal(system_file: Path) -> Modal:
-    sets = ["devices=[{name: damper, kind: statcom, bus: B7, v_max: 0.1, rate_max: 10, I_max: 1}]"]
+    sets = ["devices=[{name: damper, kind: statcom, bus: B7, setpoint_max: 0.1, rate_max: 10, I_max: 1}]"]
     return modal_analysis.analyse(load_system(str(system_file), sets), ["damper"])
 
 

@@ -129,7 +129,7 @@ def statcom(name: str, bus: str, **fields: Any) -> Row:
         "name": name,
         "kind": "statcom",
         "bus": bus,
-        "v_max": 0.1,
+        "setpoint_max": 0.1,
         "rate_max": 10.0,
         "I_max": 3.0,
         "Ki": 50.0,
@@ -139,7 +139,7 @@ def statcom(name: str, bus: str, **fields: Any) -> Row:
 
 def svc(name: str, bus: str, **fields: Any) -> Row:
     """An SVC."""
-    limits = {"v_max": 0.05, "rate_max": 2.0, "B_max": 1.5, "B_min": -1.0}
+    limits = {"setpoint_max": 0.05, "rate_max": 2.0, "B_max": 1.5, "B_min": -1.0}
     return {"name": name, "kind": "svc", "bus": bus, **limits, "K": 25.0, **fields}
 
 
@@ -274,7 +274,7 @@ CASES: dict[str, Case] = {
     "deployed": Case(deployed, [load_step("load_2", -0.03)], LARGE, 1.0, 2e-6, "LSODA"),  # bypassed at times
     "hvdc": Case(hvdc, [load_step("load_2", -0.05)], HVDC, 1.6, 1e-9),
     "hvdc_limited": Case(
-        lambda: hvdc(v_max=3.0, rate_max=5.0, P_min=100.0, pf_to=1.0, dead_time=0.03, response_time=0.0),
+        lambda: hvdc(setpoint_max=3.0, rate_max=5.0, P_min=100.0, pf_to=1.0, dead_time=0.03, response_time=0.0),
         [fault(location=0.9, x=0.01)],
         MODULATED,
         1.3,

@@ -152,7 +152,9 @@ class Ramp:
     def __init__(self, p: Sssc | Statcom | Svc | Hvdc, targets: Targets, end: float) -> None:
         t, u = [0.0], [0.0]
         finite = [
-            (max(time, 0.0) + p.dead_time, clip(value, p.v_max)) for time, value in targets if math.isfinite(value)
+            (max(time, 0.0) + p.dead_time, clip(value, p.setpoint_max))
+            for time, value in targets
+            if math.isfinite(value)
         ]
         for (time, goal), (until, _) in pairwise([*finite, (end, 0.0)]):
             reach = p.rate_max * max(until - time, 0.0)

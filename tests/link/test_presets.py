@@ -223,7 +223,7 @@ def any_link(device: str) -> st.SearchStrategy[dict[str, Any]]:
 def test_any_link_gives_a_run(link: dict[str, Any], seed: int, name: str) -> None:
     """Nothing crashes, whatever comes late, twice, out of order or wrong; setpoints stay within the limits."""
     record = run(link, f"seed={seed}", "duration=3", f"controllers.0.name={name}")
-    limit = load_case(None).system.device("sssc").v_max
+    limit = load_case(None).system.device("sssc").setpoint_max
     for truth in ("rotor_angle", "speed_deviation"):
         assert np.isfinite(record.machines[truth][record.in_synchronism]).all()
     assert np.isfinite(record.issued["value"]).all()

@@ -32,7 +32,7 @@ def assert_let_go(case: Case, record: Record, deadline_misses: int) -> None:
         acted = record.applied[(record.applied["device"] == d) & (record.applied["tick"] < first)]
         last = int(np.maximum(acted["effective_ns"], record.time_ns[acted["tick"]]).max(initial=0))
         assert record.time_ns[first] <= last + int(watchdog.timeout * NANOSECONDS) + slack
-        ramp = case.system.device(name).v_max / watchdog.release_rate
+        ramp = case.system.device(name).setpoint_max / watchdog.release_rate
         rest = record.time_ns > record.time_ns[first] + int(ramp * NANOSECONDS) + slack
         assert not record.devices["reference"][rest, d].any()
     assert [row["rearmed_s"] for row in summarise(record)["releases"]] == [None] * len(case.run.devices)

@@ -60,7 +60,7 @@ def test_lockstep_recording_equals_in_process_run_bit_for_bit(
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LEAD_LAG = f"{EXAMPLES / 'lead_lag.py'}:LeadLag"
 LLC = {"name": "LLC", "signals": ["speed"]}
-SVC = {"kind": "svc", "v_max": 0.05, "rate_max": 5, "B_max": 2, "B_min": -1, "K": 30}
+SVC = {"kind": "svc", "setpoint_max": 0.05, "rate_max": 5, "B_max": 2, "B_min": -1, "K": 30}
 PLANTS = {
     "SSSC and STATCOM, two controllers": [
         *("scenario=large", "duration=4", "devices=[sssc, statcom]"),

@@ -242,7 +242,7 @@ def test_it_rests_where_it_starts_within_its_limits() -> None:
     for model in MODELS:
         data = made(model)
         control, rest = at_rest(data)
-        assert rest.strains == []
+        assert rest.violations == []
         values, dx = np.zeros(len(SENSED) + len(control.rows)), np.ones(len(rest.states))
         reference = {"exciter": "Vref", "governor": "Pref"}.get(MODELS[model].role, "none")
         for name, value in {"one": 1.0, **sensed(), reference: rest.reference}.items():
@@ -303,10 +303,10 @@ def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(ValueError, match=r"TA must be 0 or at least 0.002 s, given 0.001"):
         made("IEEEX1", TA=0.001)
     _, rest = at_rest(made("IEEEX1", VRMAX=1.0))
-    (strain,) = rest.strains
-    assert str(strain).startswith("exciters: G1: IEEEX1: VR is ")
-    assert str(strain).endswith(" p.u. at the start; allowed by its limits: -10 to 1")
-    assert (strain.field, strain.wanted) == ("VRMAX", strain.value)
+    (violation,) = rest.violations
+    assert str(violation).startswith("exciters: G1: IEEEX1: VR is ")
+    assert str(violation).endswith(" p.u. at the start; allowed by its limits: -10 to 1")
+    assert (violation.field, violation.wanted) == ("VRMAX", violation.value)
 
 
 def test_blocks_fit_into_their_rows() -> None:

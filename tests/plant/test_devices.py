@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from facts_damping.plant.build import Built
 
 # One of each kind: a new kind must be entered here.
-LIMITS = {"v_max": 0.04, "rate_max": 2.0}
+LIMITS = {"setpoint_max": 0.04, "rate_max": 2.0}
 ROWS: dict[str, dict[str, Any]] = {
     "sssc": {"line": "line_1", **LIMITS},
     "statcom": {"bus": "B9", "I_max": 1.0, "Ki": 100.0, **LIMITS},

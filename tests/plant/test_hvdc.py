@@ -32,7 +32,7 @@ FAULT = {"time": 0.1, "kind": "fault", "bus": "S", "x": 0.02, "duration": 0.2}
 def row(**fields: Any) -> dict[str, Any]:
     """A link of 100 MW from S, at the end of a reactance, to an infinite bus."""
     own = {"name": "hvdc", "kind": "hvdc", "from": "S", "to": "B", "P": 100.0, "P_max": 1000.0}
-    return {**own, "v_max": 0.5, "rate_max": 10.0, **fields}
+    return {**own, "setpoint_max": 0.5, "rate_max": 10.0, **fields}
 
 
 def link(**fields: Any) -> System:
@@ -58,7 +58,7 @@ def at_constant_power(P: float, Q: float, X: float = SPUR) -> float:
 )
 def test_powers_at_both_ends(P: float, loss: float, R: float, pf: float, modulation: float) -> None:
     """What the rectifier takes, less losses, is given at the other end; the voltage is that of constant power."""
-    system = link(P=P, loss=loss, R=R, pf_from=pf, pf_to=pf, v_max=0.1, rate_max=100.0)
+    system = link(P=P, loss=loss, R=R, pf_from=pf, pf_to=pf, setpoint_max=0.1, rate_max=100.0)
     trace = follow(plant(system, installed=["hvdc"]), [0.0, 0.05], [(0.0, 0.1 * modulation)])
     for k, power in enumerate((P / 100, P / 100 + 0.1 * modulation)):
         V = at_constant_power(power, power * tangent(pf))
@@ -108,7 +108,7 @@ def test_a_bolted_fault_at_either_end_takes_all_power_and_no_more() -> None:
 @pytest.mark.parametrize(("setpoint", "order"), [(0.7, 2.5), (-0.9, 0.8), (0.3, 2.3)])
 def test_modulation_keeps_limits_ramp_and_capacity(setpoint: float, order: float) -> None:
     """200 MW between 80 and 250, modulation within 2 p.u., at 4 p.u./s."""
-    system = link(P=200.0, P_min=80.0, P_max=250.0, v_max=2.0, rate_max=4.0)
+    system = link(P=200.0, P_min=80.0, P_max=250.0, setpoint_max=2.0, rate_max=4.0)
     setpoint = setpoint * (2.0 if abs(setpoint) > 0.5 else 1.0)
     times = frame_times(1.0, 500)
     trace = follow(plant(system, installed=["hvdc"]), times, [(0.1, setpoint)])

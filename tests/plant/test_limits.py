@@ -41,7 +41,7 @@ def device(**fields: Any) -> Any:
 
 
 THESIS = {"Kp": 0.00375, "Ki": 0.1875, "Kd": 0.4, "Kdi": 8.0, "tau": 0.006, "rs": 0.000053, "xs": 0.0016}
-LIMITS = {"v_max": 0.1, "rate_max": 5.0, "vp_max": 0.1, "vc_max": 0.11, "I_rated": 10.0, "I_min": 0.02}
+LIMITS = {"setpoint_max": 0.1, "rate_max": 5.0, "vp_max": 0.1, "vc_max": 0.11, "I_rated": 10.0, "I_min": 0.02}
 RATED = Series(parameters(**THESIS, **LIMITS), 1.0)
 
 

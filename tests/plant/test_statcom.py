@@ -31,7 +31,15 @@ LOAD_STEP = {"time": 0.0, "kind": "load_step", "load": "load_2", "change": -0.1}
 
 
 def row(bus: str = "S", **fields: Any) -> dict[str, Any]:
-    return {"name": "statcom", "kind": "statcom", "bus": bus, "v_max": 0.1, "rate_max": 10.0, "I_max": 1.0, **fields}
+    return {
+        "name": "statcom",
+        "kind": "statcom",
+        "bus": bus,
+        "setpoint_max": 0.1,
+        "rate_max": 10.0,
+        "I_max": 1.0,
+        **fields,
+    }
 
 
 def small(bus: str = "S", **fields: Any) -> Built:

@@ -27,7 +27,7 @@ AT_ONCE = 1000.0  # p.u./s
 
 
 def row(bus: str = "S", **fields: Any) -> dict[str, Any]:
-    limits = {"v_max": 0.1, "rate_max": AT_ONCE, "B_max": 4.0, "B_min": -3.0}
+    limits = {"setpoint_max": 0.1, "rate_max": AT_ONCE, "B_max": 4.0, "B_min": -3.0}
     return {"name": "svc", "kind": "svc", "bus": bus, **limits, "K": 20.0, **fields}
 
 

@@ -234,11 +234,11 @@ def test_whatever_comes_the_reference_keeps_its_limits_and_is_zero_in_time(shipp
         come = np.sort(come, order="effective_ns")
         taken += len(come)
         advance(plant, state, start, end, come, len(come), work)
-        assert abs(state.reference[0]) <= row["v_max"]
+        assert abs(state.reference[0]) <= row["setpoint_max"]
         assert np.isfinite(state.x).all()
     watch = state.watch[0]
     assert watch["refused_value"] + watch["refused_stamp"] + watch["refused_order"] <= taken
-    slow = 0.2 + row["v_max"] / row["watchdog"]["release_rate"]
+    slow = 0.2 + row["setpoint_max"] / row["watchdog"]["release_rate"]
     nothing = np.zeros(0, SETPOINT)
     for k in range(30, 31 + int(np.ceil(RATE * slow))):
         advance(plant, state, tick_ns(k, RATE), tick_ns(k + 1, RATE), nothing, 0, work)

@@ -40,7 +40,7 @@ def as_printed() -> Found:
     for cell in CELLS:
         run = ComparedRun(cell.system, cell.scenario, cell.who)
         if cell.against is None:
-            found.setdefault(run, {})["smoothness"] = cell.corrected
+            found.setdefault(run, {})["roughness"] = cell.corrected
         elif cell.against == LLC:
             found.setdefault(run, {})[cell.quantity] = 1 - cell.corrected / 100
             found.setdefault(run._replace(who=LLC), {})[cell.quantity] = 1.0
@@ -68,10 +68,10 @@ def test_ours_is_the_cell_itself_where_the_runs_are_theirs() -> None:
         assert c.ours - c.cell.corrected == c.difference
 
 
-def test_an_improvement_is_4_109_and_a_smoothness_stands_as_it_is() -> None:
+def test_an_improvement_is_4_109_and_a_roughness_stands_as_it_is() -> None:
     figures = as_printed()
     run = ComparedRun("smib", "heavy", INDIRECT)
-    figures[run] |= {"ITAE": 3.0, "smoothness": 7.0}
+    figures[run] |= {"ITAE": 3.0, "roughness": 7.0}
     figures[run._replace(who=LLC)]["ITAE"] = 4.0
     figures[run._replace(who=DIRECT)]["ITAE"] = 2.0
     ours = {
@@ -81,7 +81,7 @@ def test_an_improvement_is_4_109_and_a_smoothness_stands_as_it_is() -> None:
     }
     assert ours["ITAE", LLC] == (3.0, 25.0)
     assert ours["ITAE", DIRECT] == (3.0, -50.0)
-    assert ours["smoothness", None] == (7.0, 7.0)
+    assert ours["roughness", None] == (7.0, 7.0)
 
 
 def test_the_thesis_agrees_with_itself() -> None:
@@ -115,7 +115,7 @@ def test_the_thesis_turned_round_agrees_nowhere() -> None:
     assert len(contradictions(found)) == len(found) == 1540
 
 
-def test_smoothness_claims_of_the_thesis_itself() -> None:
+def test_roughness_claims_of_the_thesis_itself() -> None:
     """Of figures 5.39 and 6.22 by hand."""
     found = {(s.table, s.scenario, s.controller, s.scheme, s.what): s.theirs for s in stated(as_printed())}
     indirect = found["5.4", "multiple", "HBsWC", "indirect", "smoother than direct"]
@@ -163,7 +163,7 @@ def test_an_unstable_run_contradicts_everything_that_is_said_of_it() -> None:
     ranked = [r for r in rankings(compare(CELLS, figures)) if r.missing]
     assert {(r.table, r.quantity, r.scenario) for r in ranked} == {
         (table, q, "light")
-        for table, names in (("5.1", ("ITAE", "IAE", "ITSE", "ISE")), ("5.2", ("smoothness",)))
+        for table, names in (("5.1", ("ITAE", "IAE", "ITSE", "ISE")), ("5.2", ("roughness",)))
         for q in names
     }
     assert all(r.ours[r.controllers.index("ANFLeC")] == 11 and r.missing == ("ANFLeC",) for r in ranked)
@@ -216,7 +216,7 @@ def test_best_and_second_by_hand() -> None:
     found = {(r.table, r.scenario, r.quantity, r.scheme): r for r in rankings(compare(CELLS, as_printed()))}
     first = found["5.1", "nominal", "ITAE", "indirect"]
     assert (first.best, first.second) == (("HBsWC",), ("ANFLeWC",))  # by the corrected 69.90, printed are 68.32
-    assert found["5.2", "multiple", "smoothness", "direct"].best == ("ANFTrMeC",)
+    assert found["5.2", "multiple", "roughness", "direct"].best == ("ANFTrMeC",)
     assert found["6.2", "small", "ISE", "indirect"].controllers == ("HBsWC", "ANFLeWC", "ANFTSC", "LLC")
     means = mean_ranks(list(found.values()))
     hbs = next(m for m in means if (m.table, m.quantity, m.controller) == ("4.2", "ITAE", "HBsWC"))

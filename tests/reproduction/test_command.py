@@ -90,9 +90,9 @@ def test_cells_are_those_of_a_run(folder: Path) -> None:
     """Of the MIMO ANFTSC, by hand."""
     with (folder / "cells.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if (row["architecture"], row["controller"]) == ("MIMO", "ANFTSC")]
-    assert {row["quantity"] for row in rows} == {"smoothness"}
+    assert {row["quantity"] for row in rows} == {"roughness"}
     assert {row["scenario"] for row in rows} == {"small", "large"}
     for row in rows:
         sets = [f"scenario={row['scenario']}", "controllers.0.name=ANFTSC", "link=ideal"]
         told = summarise(loop.run(load_case("two_area_centralised", sets)))
-        assert float(row["ours"]) == pytest.approx(told["smoothness"], rel=1e-9)
+        assert float(row["ours"]) == pytest.approx(told["roughness"], rel=1e-9)

@@ -52,10 +52,10 @@ def test_every_cell_has_a_place_of_its_own_and_names_that_are_known() -> None:
     assert len(found) == sum(table.figures for table in TABLES.values())
     assert len({c[:8] for c in found}) == len(found)
     assert {c.controller for c in found} == {"LLC", *VARIANTS}
-    assert {c.quantity for c in found} == {*INDICES, "smoothness"}
+    assert {c.quantity for c in found} == {*INDICES, "roughness"}
     assert {f"{c.system}/{c.scenario}" for c in found} <= set(shipped("scenarios"))
     assert all((c.scheme is None) == (c.controller == "LLC") for c in found)
-    assert all((c.against is None) == (c.quantity == "smoothness") for c in found)
+    assert all((c.against is None) == (c.quantity == "roughness") for c in found)
     assert all(c.who != c.against for c in found)
     assert all(float(f"{c.printed:.{c.decimals}f}") == c.printed for c in found)
 
@@ -66,10 +66,10 @@ def test_figures_stand_where_they_are_printed() -> None:
     assert one("4.1", "light", DIRECT, "ISE", LLC).printed == -3.296
     assert one("4.1", "light", DIRECT, "IAE", LLC).decimals == 3
     assert one("5.1", "multiple", ControllerId("MISO", "HBsWC", "indirect"), "ISE", LLC).printed == 46.48
-    assert one("5.2", "multiple", ControllerId("MISO", "ANFGuMeC", "indirect"), "smoothness").printed == 11704
-    assert one("5.4", "large", LLC, "smoothness").printed == 10829
-    assert one("6.1", "multiple", hbs, "smoothness").printed == 26.24
-    assert one("6.1", "large", ControllerId("MIMO", "LLC", None), "smoothness").printed == 275.66
+    assert one("5.2", "multiple", ControllerId("MISO", "ANFGuMeC", "indirect"), "roughness").printed == 11704
+    assert one("5.4", "large", LLC, "roughness").printed == 10829
+    assert one("6.1", "multiple", hbs, "roughness").printed == 26.24
+    assert one("6.1", "large", ControllerId("MIMO", "LLC", None), "roughness").printed == 275.66
     assert one("6.2", "large", hbs, "IAE", DIRECT).printed == 53.56
     assert one("6.2", "small", ControllerId("MIMO", "LLC", None), "ISE", LLC).printed == 1.826
 
@@ -81,16 +81,16 @@ def test_miso_columns_of_6_1_repeat_5_4() -> None:
     assert all(figures[c.scenario, c.who] == c.printed for c in repeated)
 
 
-def test_what_the_text_says_of_smoothness_is_what_the_tables_give() -> None:
+def test_what_the_text_says_of_roughness_is_what_the_tables_give() -> None:
     """11.48 % of HBsWC over ANFLeWC (6.5); 99.64 and 99.61 % of ANFGuMeC and HBsWC by indirect control (5.4.2)."""
 
     def reduced(a: Cell, b: Cell) -> float:
         return round(100 * (a.printed - b.printed) / a.printed, 2)
 
-    mimo = [one("6.1", "small", ControllerId("MIMO", name, "indirect"), "smoothness") for name in ("ANFLeWC", "HBsWC")]
+    mimo = [one("6.1", "small", ControllerId("MIMO", name, "indirect"), "roughness") for name in ("ANFLeWC", "HBsWC")]
     assert reduced(*mimo) == 11.48
     for name, percent in (("ANFGuMeC", 99.64), ("HBsWC", 99.61)):
-        both = [one("5.4", "small", ControllerId("MISO", name, s), "smoothness") for s in ("direct", "indirect")]
+        both = [one("5.4", "small", ControllerId("MISO", name, s), "roughness") for s in ("direct", "indirect")]
         assert reduced(*both) == percent
 
 

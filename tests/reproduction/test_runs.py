@@ -31,10 +31,10 @@ def test_a_run_of_the_tables_is_that_of_the_comparison_and_of_the_shipped_run(tm
             place = (scenario, who.controller, who.scheme)
             (row,) = [r for r in compared if (r["scenario"], r["controller"], r["scheme"]) == place]
             ours = found[ComparedRun("two_area", scenario, who)]
-            assert ours == {name: row[name] for name in (*THESIS_INDICES, "smoothness")}
+            assert ours == {name: row[name] for name in (*THESIS_INDICES, "roughness")}
         both = ["controllers.0.name=ANFTSC", f"scenario={scenario}", "link=ideal", "duration=4"]
         told = summarise(loop.run(load_case("two_area_centralised", both)))
-        expected = {**told["indices"], "smoothness": told["smoothness"]}
+        expected = {**told["indices"], "roughness": told["roughness"]}
         assert found[ComparedRun("two_area", scenario, asked[2])] == expected
 
 
@@ -84,9 +84,7 @@ def test_the_set_up_of_the_tables_agrees_with_itself() -> None:
     system, tables = "smib", cells(("4.1",))
     asked = [who for who in whos(tables, system) if who == LLC or who.scheme]
     made: Made = {
-        ComparedRun(system, scenario, who): dict.fromkeys(
-            ("ITAE", "IAE", "ITSE", "ISE", "smoothness"), 1.0 + i * 7 % 12
-        )
+        ComparedRun(system, scenario, who): dict.fromkeys(("ITAE", "IAE", "ITSE", "ISE", "roughness"), 1.0 + i * 7 % 12)
         for scenario in SCENARIOS[system].values()
         for i, who in enumerate(asked)
     }

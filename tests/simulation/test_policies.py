@@ -110,7 +110,7 @@ def test_it_knows_what_it_is_made_for(tmp_path: Path) -> None:
     spec, case = find(policy, "policy").made, load_case("two_area_large", [])
     assert (spec.name, spec.signals, spec.devices, spec.frame_rate) == ("mine", ["w13"], ["sssc"], 60)
     assert spec.parameters == {"gain": 3.0, "taps": [1.0, 2.0], "a": "b"}
-    assert (spec.limits, spec.rates) == (case.system.device("sssc").v_max, case.system.device("sssc").rate_max)
+    assert (spec.limits, spec.rates) == (case.system.device("sssc").setpoint_max, case.system.device("sssc").rate_max)
     plant = spec.plant
     assert plant.devices == ["sssc", "statcom"]
     assert plant.A.shape[0] == len(plant.states)
@@ -132,7 +132,7 @@ def test_its_seed_is_of_the_run_and_its_place(tmp_path: Path) -> None:
 def test_setpoints_are_limited_like_others(tmp_path: Path) -> None:
     policy = written(tmp_path, "class Mine:\n    def __init__(self, spec): pass\n    def step(self, *a): return 7.0\n")
     record = run(policy)
-    assert set(record.issued["value"]) == {load_case("two_area_large", []).system.device("sssc").v_max}
+    assert set(record.issued["value"]) == {load_case("two_area_large", []).system.device("sssc").setpoint_max}
 
 
 def test_a_file_is_read_again_when_it_is_written_anew(tmp_path: Path) -> None:

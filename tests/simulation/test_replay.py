@@ -142,7 +142,7 @@ def test_saturation_duty_counts_ticks_at_the_limit() -> None:
     part, issued, *_ = played(record, "controllers.0.parameters.gain=1000")
     (row,) = replay.beside(replay.case_of(record, "recording", None, []), part, issued)
     grid = record.arrays["issued.controller_0_LLC.sssc_pu"]
-    limit = record.configuration["system"]["devices"][0]["v_max"]
+    limit = record.configuration["system"]["devices"][0]["setpoint_max"]
     assert row["saturated_recorded"] == np.mean(np.abs(np.nan_to_num(grid)) == limit)
     assert row["saturated_replayed"] > 0.5
 

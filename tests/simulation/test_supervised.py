@@ -179,7 +179,7 @@ KINDS = ControllerFault.model_json_schema()["properties"]["kind"]["enum"]
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fault_does_what_it_is_said_to_do_while_it_lasts(kind: str) -> None:
     found, sound = faulty(kind)
-    limit = load_case(None, FREE).system.device("sssc").v_max
+    limit = load_case(None, FREE).system.device("sssc").setpoint_max
     assert between(found, 0, 120).tobytes() == between(sound, 0, 120).tobytes()
     wrong, right = between(found), between(sound)
     if kind in ("hung", "dead"):

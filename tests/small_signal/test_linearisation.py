@@ -319,7 +319,7 @@ def test_sinusoidal_setpoint_gives_the_frequency_response(device: int) -> None:
     Setpoints are held, which makes the wave smaller and late by half a hold; what goes through at once is seen
     at the end of a hold.
     """
-    statcom = {"name": "statcom", "kind": "statcom", "bus": "B3", "v_max": 0.1, "rate_max": 10, "I_max": 5}
+    statcom = {"name": "statcom", "kind": "statcom", "bus": "B3", "setpoint_max": 0.1, "rate_max": 10, "I_max": 5}
     system = shipped("smib")
     system = changed(system, devices=[*(d.model_dump(by_alias=True) for d in system.devices), statcom])
     found = modal_analysis.analyse(system, BOTH)

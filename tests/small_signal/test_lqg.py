@@ -147,7 +147,7 @@ def reduced_of(case: Case) -> DesignModel:
     whole = model(plant, case.system, controller)
     size = np.abs([plant.ratio(name, controller.signals[0]) for name in controller.signals])
     size *= np.linalg.norm(plant.model.C[plant.signals.index(controller.signals[0])] @ plant.shape)
-    limits = np.array([case.system.device(name).v_max for name in controller.devices])
+    limits = np.array([case.system.device(name).setpoint_max for name in controller.devices])
     return reduced(whole, plant.names, limits, size / np.linalg.norm(whole.Z @ plant.shape))
 
 

@@ -28,7 +28,7 @@ description: a few seconds of two_area
 seed: 5
 draws: 6
 window: [0.8, 1.2]
-beds:
+base_runs:
   two_area:
     run: two_area_supervised
     set: {duration: 3, arm_at: 0.2, supervision.arming.ramp: 0.1}
@@ -161,7 +161,7 @@ def test_a_page_has_a_table_of_each_part(small: Path, tmp_path: Path, capsys: py
         (("window: [0.8, 1.2]", "window: [2, 1]"), "window: 2 to 1 s given"),
         (("window: [0.8, 1.2]", "faults: {thunder: 1}"), "faults: 'thunder' given; allowed: none, lost"),
         (("window: [0.8, 1.2]", "faults: {lost: -1}"), "faults.lost: -1 given"),
-        ((SUPERVISED, "run: two_area_small"), "beds.two_area: a run without supervision given"),
+        ((SUPERVISED, "run: two_area_small"), "base_runs.two_area: a run without supervision given"),
         (("link: {ideal", "link: {}\n      other: {ideal"), "choose.link: none given"),
         (("{controllers.0.name: LLC}", "{controllers.0.nam: LLC}"), "controllers.0.nam"),
         (("{controllers.0.name: HBsWC}", "{controllers.0.nam: HBsWC}"), "controllers.0.nam"),
@@ -182,9 +182,9 @@ def test_another_campaign_s_folder_is_refused(small: Path, tmp_path: Path) -> No
 
 
 def test_healthy_is_the_share_in_which_nothing_fails() -> None:
-    beds = {"it": {"run": "two_area_supervised"}}
+    base_runs = {"it": {"run": "two_area_supervised"}}
     for share in (0.0, 0.25, 1.0):
-        own = campaign.weights(Campaign.model_validate({"draws": 1, "beds": beds, "healthy": share}))
+        own = campaign.weights(Campaign.model_validate({"draws": 1, "base_runs": base_runs, "healthy": share}))
         assert own.get("none", 0.0) / sum(own.values()) == pytest.approx(share)
 
 

@@ -69,7 +69,7 @@ def test_every_row_has_the_figures_that_simulate_gives(tmp_path: Path) -> None:
         own = [f"link.up.0.delay={row['delay'] / 2}", f"link.down.0.delay={row['delay'] / 2}", "duration=4"]
         gain = f"controllers.0.parameters.gain={row['controllers.0.parameters.gain']}"
         told = summarise(loop.run(load_case("two_area_small", [*own, gain])))
-        for name in ("stable", "damped", "instability", "duration_s", "smoothness", "max_injected_voltage_pu"):
+        for name in ("stable", "damped", "instability", "duration_s", "roughness", "max_injected_voltage_pu"):
             assert row[name] == told[name], name
         assert row["settling_time_s"] == told["settling_time_s"]
         assert {name: row[name] for name in told["indices"]} == told["indices"]

@@ -122,7 +122,7 @@ def test_while_a_device_is_probed_the_other_rests() -> None:
     times = [said["issued_ns"][(said["device"] == d) & (said["value"] != 0.0)] / 1e9 for d in (0, 1)]
     assert times[0].min() == pytest.approx(0.5, abs=0.05)
     assert times[0].max() < times[1].min()
-    limits = [device.v_max for device in load_case(None, [*QUIET, *BOTH]).system.devices]
+    limits = [device.setpoint_max for device in load_case(None, [*QUIET, *BOTH]).system.devices]
     for d in (0, 1):
         largest = np.abs(said["value"][said["device"] == d]).max()
         assert 0.15 * limits[d] < largest <= 0.2 * limits[d]  # two tones of a tenth

@@ -54,7 +54,7 @@ class Member:
     ) -> None:
         """`role`, `index`: what it is in the run; `hardware`: what it stands for, or commands.
 
-        `graph`: what leads to the graph's topics (node.py); `say`: as in Guard.
+        `graph`: what leads to the graph's topics (topics.py); `say`: as in MessageFilter.
         """
         self._node, self._options, self._role, self._index, self._hardware = node, options, role, index, hardware
         self._rate, self._name = case.run.frame_rate, node.get_fully_qualified_name()

@@ -29,7 +29,7 @@ class Refusals:
     """Counts of a node, and how it tells them."""
 
     def __init__(self, node: Node, graph: str, say: Callable[[bytes], None] | None, *, peer: bool = True) -> None:
-        """`graph`: what leads to the graph's topics; `say`, `peer`: as in Guard."""
+        """`graph`: what leads to the graph's topics; `say`, `peer`: as in MessageFilter."""
         self._node, self._log, self._say = node, NodeLog(node), say
         if peer:  # by its publisher others know it as one
             publisher = node.create_publisher(RefusedMessages, f"{graph}{TOPIC}", PUBLISHER_QOS)

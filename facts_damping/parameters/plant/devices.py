@@ -14,7 +14,7 @@ class DeviceModel(ParameterModel):
     """What all kinds of devices have."""
 
     if TYPE_CHECKING:
-        v_max: float
+        setpoint_max: float
         rate_max: float
 
     name: Name = Field(..., description="name, unique among lines, transformers and devices")
@@ -112,7 +112,7 @@ class Sssc(Series):
     kind: Literal["sssc"] = _kind()
     rs: float = quantity(0.000053, "p.u.", "resistance of the coupling transformer", ge=1e-6, le=1)
     xs: float = quantity(0.0016, "p.u.", "reactance of the coupling transformer", gt=0, le=1)
-    v_max: float = quantity(0.1, "p.u.", "limit of the setpoint, the quadrature voltage", gt=0, le=1)
+    setpoint_max: float = quantity(0.1, "p.u.", "limit of the setpoint, the quadrature voltage", gt=0, le=1)
     rate_max: float = quantity(5.0, "p.u./s", "rate limit of the quadrature voltage reference", gt=0, le=1000)
     vp_max: float = quantity(0.1, "p.u.", "limit of the active converter voltage, below `vc_max`", gt=0, le=1)
     vc_max: float = quantity(0.11, "p.u.", "limit of the whole converter voltage", gt=0, le=1)
@@ -143,7 +143,7 @@ class Statcom(Parallel):
     kind: Literal["statcom"] = _kind()
     R: float = quantity(0.0073, "p.u.", "resistance of the coupling transformer", ge=0, le=10)
     L: float = quantity(0.22, "p.u.", "reactance of the coupling transformer", gt=0, le=10)
-    v_max: float = quantity(
+    setpoint_max: float = quantity(
         ..., "p.u.", "limit of the setpoint, an offset of the voltage reference", usual=0.1, gt=0, le=1
     )
     rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", usual=10, gt=0, le=1000)
@@ -176,7 +176,7 @@ class Svc(Parallel):
     """
 
     kind: Literal["svc"] = _kind()
-    v_max: float = quantity(
+    setpoint_max: float = quantity(
         ..., "p.u.", "limit of the setpoint, an offset of the voltage reference", usual=0.05, gt=0, le=1
     )
     rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", usual=5, gt=0, le=1000)
@@ -193,7 +193,8 @@ class Hvdc(Transmission):
     """An [HVDC link](hvdc.md) that carries power from a rectifier's bus to an inverter's bus.
 
     Its setpoint is power added to its order. Setpoints are in p.u. of the system base, powers of the link in MW: with a
-    base of 100 MVA a `v_max` of 0.5 is 50 MW. A link that is not installed stays in service and carries its order.
+    base of 100 MVA a `setpoint_max` of 0.5 is 50 MW. A link that is not installed stays in service and carries its
+    order.
     """
 
     kind: Literal["hvdc"] = _kind()
@@ -202,7 +203,9 @@ class Hvdc(Transmission):
     )
     P_max: float = quantity(..., "MW", "largest power, also with modulation", usual=300, gt=0, le=1e5)
     P_min: float = quantity(0.0, "MW", "smallest power, also with modulation", ge=0, le=1e5)
-    v_max: float = quantity(..., "p.u.", "limit of the setpoint, power added to the order", usual=0.5, gt=0, le=1000)
+    setpoint_max: float = quantity(
+        ..., "p.u.", "limit of the setpoint, power added to the order", usual=0.5, gt=0, le=1000
+    )
     rate_max: float = quantity(..., "p.u./s", "rate limit of the setpoint", usual=10, gt=0, le=1e4)
     loss: float = quantity(0.0, "-", "losses of the converters, as a share of the power", ge=0, le=0.2)
     R: float = quantity(0.0, "p.u.", "resistance of the DC line, which loses R P^2", ge=0, le=10)

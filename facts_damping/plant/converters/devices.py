@@ -95,7 +95,7 @@ CODES = {name: code for code, name in enumerate(KINDS)}  # in compiled code
 DEVICE = np.dtype(
     [
         *((name, "i8") for name in ("port", "other", "kind", "offset", "states", "dead_ns", "lag")),
-        *((name, "f8") for name in ("v_max", "rate_max", "response_time")),
+        *((name, "f8") for name in ("setpoint_max", "rate_max", "response_time")),
         ("watchdog", WATCHDOG),
         *((name, kind.table) for name, kind in KINDS.items()),
     ]
@@ -107,7 +107,7 @@ def install(row: Any, device: Device, site: Site) -> Start:
     kind = KINDS[device.kind]
     start = kind.start(device, site)
     row["kind"], row["offset"], row["states"] = CODES[device.kind], site.offset, len(kind.states)
-    row["v_max"], row["rate_max"] = device.v_max, device.rate_max
+    row["setpoint_max"], row["rate_max"] = device.setpoint_max, device.rate_max
     row["dead_ns"], row["response_time"] = to_ns(device.dead_time), device.response_time
     row["lag"] = site.offset + len(kind.states)
     row[device.kind] = start.row

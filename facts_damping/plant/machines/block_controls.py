@@ -224,7 +224,7 @@ class Rest(NamedTuple):
 
     states: NDArray[np.float64]
     reference: float
-    strains: list[LimitViolation]
+    violations: list[LimitViolation]
 
 
 def at_rest(made: Control, data: Any, sensed: Mapping[str, float], gives: float | None, reference: str | None) -> Rest:

@@ -51,7 +51,7 @@ class Plan(NamedTuple):
     name: str
     text: str  # as YAML
     campaign: Campaign
-    contents: dict[str, tuple[dict[str, Any], str]]  # of the beds: content of the run, and what it is from
+    contents: dict[str, tuple[dict[str, Any], str]]  # of the base runs: content of the run, and what it is from
     set: dict[str, Any]  # of all runs
     fingerprint: str
 
@@ -60,7 +60,7 @@ class Draw(NamedTuple):
     """A draw: its number, the run's content, its source and what it changes, the fault, and what was chosen."""
 
     number: int
-    bed: str
+    base_run: str
     changes: dict[str, Any]
     fault: str
     start: float
@@ -75,37 +75,40 @@ def plan(name: str, sets: Sequence[str] = (), draws: int | None = None, graphs: 
     campaign = campaign.model_copy(update={name: count for name, count in asked.items() if count is not None})
     for fault in campaign.faults:
         check_known(f"{path}: faults", fault, list(FAULTS))
-    contents = {bed: read_run(one.run) for bed, one in campaign.beds.items()}
+    contents = {base_run: read_run(one.run) for base_run, one in campaign.base_runs.items()}
     changed, _ = read_sets(sets)
     told = [campaign.model_dump(exclude={"draws", "graphs"}), contents, changed, __version__]
     digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
     made = Plan(path.stem, read_text(path), campaign, contents, changed, digest)
     try:
-        for bed in campaign.beds:
-            _check(made, bed)
+        for base_run in campaign.base_runs:
+            _check(made, base_run)
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
     return made
 
 
-def _check(made: Plan, bed: str) -> None:
-    """Raise `InputError` where a bed's run cannot be made, with any of its choices beside the first of all others."""
-    lists = made.campaign.beds[bed].choose
+def _check(made: Plan, base_run: str) -> None:
+    """Raise `InputError` where a base run cannot be made with any of its choices beside the first of all others."""
+    lists = made.campaign.base_runs[base_run].choose
     first = {name: next(iter(choices)) for name, choices in lists.items()}
     for chosen in [first, *(first | {name: label} for name, choices in lists.items() for label in choices)]:
-        if _case(made, bed, {**made.set, **_chosen(made.campaign.beds[bed], chosen)}).supervision is None:
-            raise InputError(f"beds.{bed}: a run without supervision given; allowed: one with `supervision`")
+        if (
+            _case(made, base_run, {**made.set, **_chosen(made.campaign.base_runs[base_run], chosen)}).supervision
+            is None
+        ):
+            raise InputError(f"base_runs.{base_run}: a run without supervision given; allowed: one with `supervision`")
 
 
-def _case(made: Plan, bed: str, changes: dict[str, Any]) -> Case:
-    """The case of a bed with changes."""
-    content, source = made.contents[bed]
-    return changed_case(deepcopy(content), source, {**made.campaign.beds[bed].set, **changes})
+def _case(made: Plan, base_run: str, changes: dict[str, Any]) -> Case:
+    """The case of a base run with changes."""
+    content, source = made.contents[base_run]
+    return changed_case(deepcopy(content), source, {**made.campaign.base_runs[base_run].set, **changes})
 
 
-def _chosen(bed: BaseRun, labels: dict[str, str]) -> dict[str, Any]:
+def _chosen(base_run: BaseRun, labels: dict[str, str]) -> dict[str, Any]:
     """What labels set in a run, one of each list."""
-    return {path: value for name, choices in bed.choose.items() for path, value in choices[labels[name]].items()}
+    return {path: value for name, choices in base_run.choose.items() for path, value in choices[labels[name]].items()}
 
 
 def weights(campaign: Campaign, *, real: bool = False) -> dict[str, float]:
@@ -129,10 +132,10 @@ def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
     """A draw of a campaign by its number; the same whenever it is asked for."""
     campaign = made.campaign
     random = np.random.default_rng((campaign.seed, number))
-    bed = list(campaign.beds)[int(random.integers(len(campaign.beds)))]
-    lists = campaign.beds[bed].choose
+    base_run = list(campaign.base_runs)[int(random.integers(len(campaign.base_runs)))]
+    lists = campaign.base_runs[base_run].choose
     chosen = {name: list(choices)[int(random.integers(len(choices)))] for name, choices in lists.items()}
-    changes = _chosen(campaign.beds[bed], chosen)
+    changes = _chosen(campaign.base_runs[base_run], chosen)
     given = weights(campaign, real=real)
     fault = str(random.choice(list(given), p=np.array(list(given.values())) / sum(given.values())))
     low, high = campaign.window
@@ -142,21 +145,23 @@ def draw(made: Plan, number: int, *, real: bool = False) -> Draw:
     changes = {**made.set, **changes, "seed": int(random.integers(2**31))}
     if real:
         changes["duration"] = campaign.graph_duration
-    case = _case(made, bed, changes)
+    case = _case(made, base_run, changes)
     changes |= FAULTS[fault].draw(Chance(random, start, duration, case))
-    return Draw(number, bed, changes, fault, start, chosen | {"lasts": "" if duration is None else f"{duration:g}"})
+    return Draw(
+        number, base_run, changes, fault, start, chosen | {"lasts": "" if duration is None else f"{duration:g}"}
+    )
 
 
 def healthy(made: Plan, drawn: Draw) -> Draw:
     """A draw without its fault: that is done to the nodes of a graph."""
     drawn_too: dict[str, Any] = {name: drawn.changes[name] for name in ("seed", "duration") if name in drawn.changes}
-    chosen = _chosen(made.campaign.beds[drawn.bed], drawn.chosen)
+    chosen = _chosen(made.campaign.base_runs[drawn.base_run], drawn.chosen)
     return drawn._replace(changes={**made.set, **chosen, **drawn_too})
 
 
 def case_of(made: Plan, drawn: Draw, more: dict[str, Any] | None = None) -> Case:
     """The case of a draw, perhaps with changes on top."""
-    return _case(made, drawn.bed, {**drawn.changes, **(more or {})})
+    return _case(made, drawn.base_run, {**drawn.changes, **(more or {})})
 
 
 def run_file(made: Plan, drawn: Draw) -> str:
@@ -198,7 +203,13 @@ def without_supervision(record: Record, reference: Record) -> dict[str, Any]:
 def identity(drawn: Draw) -> dict[str, Any]:
     """What tells draws apart."""
     own = FAULTS[drawn.fault]
-    found = {"bed": drawn.bed, "fault": drawn.fault, "group": own.group, "wrong": own.wrong, "start_s": drawn.start}
+    found = {
+        "base_run": drawn.base_run,
+        "fault": drawn.fault,
+        "group": own.group,
+        "wrong": own.wrong,
+        "start_s": drawn.start,
+    }
     return found | {name: label for name, label in drawn.chosen.items() if name != "controller"}
 
 
@@ -215,9 +226,9 @@ def judged(case: Case, record: Record, reference: Record, drawn: Draw, late: int
 def uncontrolled(made: Plan, drawn: Draw) -> Record:
     """The same without control: the plant and its events count, no measurement, link or controller."""
     plain = {path: value for path, value in drawn.changes.items() if _of_plant(path)}
-    key = json.dumps([drawn.bed, plain], default=str, sort_keys=True)
+    key = json.dumps([drawn.base_run, plain], default=str, sort_keys=True)
     changes = {"link": "ideal", "measurement": "ideal", **plain, **UNCONTROLLED}
-    return batch.shared(_uncontrolled, key, lambda: batch.closed_loop(_case(made, drawn.bed, changes)))
+    return batch.shared(_uncontrolled, key, lambda: batch.closed_loop(_case(made, drawn.base_run, changes)))
 
 
 def _of_plant(path: str) -> bool:

@@ -44,7 +44,7 @@ def invariant_table(rows: Rows, names: Sequence[str] = INVARIANTS) -> list[str]:
     for name in names:
         asked = [row for row in rows if row.get(name) is not None]
         failed = [row for row in asked if not row[name]]
-        places = _most(failed, lambda row: f"{row['fault']}, {row['bed']} {row.get('scenario', '')}".strip())
+        places = _most(failed, lambda row: f"{row['fault']}, {row['base_run']} {row.get('scenario', '')}".strip())
         lines.append([WORDS[name], str(len(asked)), str(len(failed)), percent(len(failed), len(asked)), places])
     return table(["what must hold", "cases", "violated", "%", "most frequent"], lines, 1, markdown=True)
 
@@ -88,8 +88,8 @@ def grid_table(rows: Rows) -> list[str]:
 def place_table(rows: Rows) -> list[str]:
     """By system and scenario: how often ITAE is above that without control, and before or without any fault."""
     lines = []
-    for place in sorted({(row["bed"], row.get("scenario", "")) for row in rows}):
-        own = [row for row in rows if (row["bed"], row.get("scenario", "")) == place]
+    for place in sorted({(row["base_run"], row.get("scenario", "")) for row in rows}):
+        own = [row for row in rows if (row["base_run"], row.get("scenario", "")) == place]
         above = [row for row in own if not row["does_no_harm"]]
         calm = sum(row["early"] or row["fault"] == NOTHING for row in above)
         bare = [row for row in own if row.get("unsupervised_does_no_harm") is False]

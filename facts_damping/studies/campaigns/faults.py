@@ -45,7 +45,7 @@ class Chance:
     @property
     def limit(self) -> float:
         """Of the controller's first device, p.u."""
-        return float(self.case.system.device(self.case.controllers[0].devices[0]).v_max)
+        return float(self.case.system.device(self.case.controllers[0].devices[0]).setpoint_max)
 
     def station(self) -> str:
         """One of the stations that the controller's signals are made of."""

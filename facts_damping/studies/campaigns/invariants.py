@@ -34,8 +34,8 @@ def limits(case: Case, record: Record, _late: int = 0) -> bool:
         reference = record.devices["reference"][:, d]
         steps = np.abs(np.diff(reference)) - device.rate_max * np.diff(record.time_s)
         if not (
-            np.all(np.abs(said) <= device.v_max * share + TOLERANCE)
-            and np.all(np.abs(reference) <= device.v_max + TOLERANCE)
+            np.all(np.abs(said) <= device.setpoint_max * share + TOLERANCE)
+            and np.all(np.abs(reference) <= device.setpoint_max + TOLERANCE)
             and np.all(steps <= TOLERANCE)
         ):
             return False
@@ -57,24 +57,24 @@ def lets_go(case: Case, record: Record, late: int = 0) -> bool:
     if watchdog is None:
         return True
     for d, name in enumerate(case.run.devices):
-        reference, v_max = record.devices["reference"][:, d], case.system.device(name).v_max
-        accepted = _accepted(record, d, v_max, watchdog.max_age)
+        reference, setpoint_max = record.devices["reference"][:, d], case.system.device(name).setpoint_max
+        accepted = _accepted(record, d, setpoint_max, watchdog.max_age)
         if not len(accepted):
             continue
         newest = np.searchsorted(accepted, record.time_ns, side="right") - 1
         since = (record.time_ns - accepted[np.maximum(newest, 0)]) / NANOSECONDS
-        allowed = watchdog.timeout + v_max / watchdog.release_rate + (2.0 + late) / record.frame_rate
+        allowed = watchdog.timeout + setpoint_max / watchdog.release_rate + (2.0 + late) / record.frame_rate
         if np.any(np.abs(reference[(newest >= 0) & (since > allowed)]) > TOLERANCE):
             return False
     return True
 
 
-def _accepted(record: Record, d: int, v_max: float, max_age: float) -> NDArray[np.int64]:
+def _accepted(record: Record, d: int, setpoint_max: float, max_age: float) -> NDArray[np.int64]:
     """Times at which the watchdog of a device may have accepted a setpoint, ns: `plant.watchdog` in other words."""
     rows = record.applied[record.applied["device"] == d]
     age = (rows["effective_ns"] - rows["measured_ns"]) / NANOSECONDS
     frame = 1.0 / record.frame_rate
-    fit = (np.abs(rows["value"]) <= v_max) & (age <= max_age) & (age >= -frame)
+    fit = (np.abs(rows["value"]) <= setpoint_max) & (age <= max_age) & (age >= -frame)
     return np.asarray(rows["effective_ns"][fit])
 
 

@@ -197,7 +197,7 @@ def _pairs(task: Task, system: System, tried: Sequence[Tried], modes: Sequence[E
         [task.signal] if task.signal is not None else [n for n in names if system.signals[n].channel == places.SPEED]
     )
     worth = [
-        (abs(one.residue[target, s]) * float(one.place.device.v_max), i, s)
+        (abs(one.residue[target, s]) * float(one.place.device.setpoint_max), i, s)
         for i, one in enumerate(tried)
         if task.place is None or task.place in one.place.names
         for s, name in enumerate(names)

@@ -26,7 +26,7 @@ SHOWN_MACHINES = 4
 LOAD_LEVEL = {"distribution": "uniform", "low": 0.98, "high": 1.02}
 FILES = ("system", "fault", "line_out", "run", "training_cases")
 MOVED = 0.05  # of its damping ratio: a mode that changes by less is not listed
-TRAINING = "fault"  # the scenario of `made_scenarios` on which `search` chooses
+TRAINING = "fault"  # the scenario of `scenario_generation` on which `search` chooses
 
 
 def mode_name(mode: Eigenmode) -> str:
@@ -122,7 +122,7 @@ def _pair(found: Design, pair: Pair) -> list[str]:
     sign = "+" if pair.law.sign > 0.0 else "-"
     place = found.tried[pair.tried].place
     size = abs(pair.residue)
-    told = f"{size:.4g}", f"{size * place.device.v_max:.3g}", f"{angle:.1f}", sign, f"{pair.law.lead_deg:.1f}"
+    told = f"{size:.4g}", f"{size * place.device.setpoint_max:.3g}", f"{angle:.1f}", sign, f"{pair.law.lead_deg:.1f}"
     return [place.label, pair.signal, *told, *others]
 
 

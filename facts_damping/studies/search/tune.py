@@ -91,7 +91,7 @@ class Trainer:
 
     def parameters(self, at: NDArray[np.float64]) -> dict[str, Value]:
         """Parameters at a point of the search, each coordinate from 0 to 1."""
-        limit = self.case.system.device(self.space.devices[0]).v_max
+        limit = self.case.system.device(self.space.devices[0]).setpoint_max
         return self.space.parameters(at, self.residues, limit)
 
     def with_parameters(self, values: dict[str, Value]) -> Case:
@@ -121,7 +121,7 @@ def objective(case: Case, plant: Residues) -> float:
     t = record.time_s
     if not record.in_synchronism.all():
         return LOST - float(t[-1])
-    limits = [case.system.device(name).v_max for name in record.device_names]
+    limits = [case.system.device(name).setpoint_max for name in record.device_names]
     effort = RHO * record.devices["setpoint"] / np.array(limits)
     judged = np.hstack([columns(speed_differences(record)), effort])
     return performance_indices(t, judged)["ITAE"]

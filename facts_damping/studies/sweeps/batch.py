@@ -39,7 +39,7 @@ INTERAREA_HZ = 0.9  # below it a mode of the ringdown is the interarea one
 QUANTILES = (0, 1, 5, 10, 25, 50, 75, 90, 95, 99, 100)  # %, of the latency
 MOST_SHARED = 256  # plants that a process keeps; some kB each
 LATENCIES = ("latency_mean_ms", *(f"latency_p{q}_ms" for q in QUANTILES[:-1]), "latency_max_ms")
-SUMMED = ("settling_time_s", "smoothness", "max_injected_voltage_pu")
+SUMMED = ("settling_time_s", "roughness", "max_injected_voltage_pu")
 OUTCOME = ("verdict", "damped", "instability", "duration_s")
 GROWTH = {"value": "growth_per_s", "low": "growth_low_per_s", "high": "growth_high_per_s"}
 # With half the integration step; the second is the change of the index that changes most.

@@ -30,7 +30,7 @@ STYLES = ("-", "--", ":", "-.")
 CURVES = {
     "ITAE": "ITAE [p.u. s²]",
     "interarea_damping_ratio": "interarea damping ratio",
-    "smoothness": "smoothness [p.u./s²]",
+    "roughness": "roughness [p.u./s²]",
 }
 SHARES = {"unstable": "share of unstable runs", "not_damped": "share of runs not damped"}
 BINS = 20  # of a drawn variable
@@ -118,7 +118,7 @@ def _legend(figure: Figure) -> None:
 
 
 def draw_curves(rows: Rows, x: str, swept: Sequence[str], axes: Sequence[str]) -> Figure | None:
-    """Index, damping ratio and smoothness against a numeric axis: medians, and points where values are drawn.
+    """Index, damping ratio and roughness against a numeric axis: medians, and points where values are drawn.
 
     Runs that are not converged are left out.
 

@@ -1,0 +1,68 @@
+"""Words that were given up stay out of code, files and pages; what the glossary names is where it says."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from facts_damping.errors import OLD_NAMES
+
+ROOT = Path(__file__).parents[1]
+GLOSSARY = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+
+# Given up, and the word instead.
+OLD = {
+    **OLD_NAMES,
+    "Voice": "NodeLog",
+    "SAYING": "PUBLISHER_QOS",
+    "HEARING": "SUBSCRIBER_QOS",
+    "Guard": "MessageFilter",
+    "Blow": "GraphFault",
+    "Struck": "FaultedRun",
+    "Heard": "TopicState, ServerState, NewMessages",
+    "sift": "drop_foreign",
+    "sifting": "validation",
+    "halves(": "run_half_ticks",
+    "go_on(": "advance_with_pmus",
+    "inner_life": "controller_health",
+    "look_inside": "read_health",
+    "pass_on": "forward_setpoints",
+    "take_off": "subtract_epoch",
+    "unfolded(": "expand_axis",
+    "made_scenarios": "scenario_generation",
+    "strains": "limit_violations",
+    "inner life": "health",
+}
+KEPT = ("CHANGELOG.md", "tests/test_names.py", "facts_damping/errors.py")
+
+
+def texts() -> list[tuple[str, str]]:
+    """Names and contents of what the repository holds as text."""
+    command = ["git", "ls-files", "*.py", "*.md", "*.yaml", "*.msg", "*.srv", "*.toml", "*.yml"]
+    listed = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.split()
+    return [(name, (ROOT / name).read_text(encoding="utf-8")) for name in listed if name not in KEPT]
+
+
+TEXTS = texts()
+
+
+@pytest.mark.parametrize("old", OLD)
+def test_a_word_that_was_given_up_stays_out(old: str) -> None:
+    word = re.compile(rf"(?<![\w.]){re.escape(old)}" + ("" if old.endswith("(") else r"\b"))
+    places = [f"{name}: {OLD[old]}, not {old}" for name, text in TEXTS if word.search(text)]
+    assert places == []
+
+
+def test_the_glossary_leads_to_files_that_are_there() -> None:
+    places = re.findall(r"`([a-z_]+(?:/[a-z_]+)*(?:/|\.py))`", GLOSSARY)
+    assert len(places) > 20
+    assert [place for place in places if not (ROOT / "facts_damping" / place).exists()] == []
+
+
+def test_no_folder_has_more_than_twenty_modules() -> None:
+    folders = {path.parent for path in (ROOT / "facts_damping").rglob("*.py")}
+    crowded = {folder.name: sum(one.name != "__init__.py" for one in folder.glob("*.py")) for folder in folders}
+    assert {name: count for name, count in crowded.items() if count > 20} == {}
