@@ -1,7 +1,7 @@
-"""The door for files: whatever is read from a file that someone has named is read here.
+"""The door for files: every file whose name is given is read here.
 
-A file is a regular one, of a bounded size, also unpacked. Who names it may be a command line, or a file that it names;
-what recordings, messages, services and parameters name is opened by nobody (`naming_no_files`).
+Only regular files of a bounded size are read, bounded also when unpacked. A file may be named by the command line or by
+a file of the user's. A recording, message, service or parameter names no file: within `naming_no_files` none is opened.
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ def share_folder() -> Path:
 
 @contextmanager
 def naming_no_files(who: str) -> Iterator[None]:
-    """Within the block files are named by others than the user: none is opened but shipped ones.
+    """Within the block names of files come from somebody else than the user: only shipped files are opened.
 
-    What was read before may be read again. `who`: what errors call them.
+    Files that were read before may be read again. `who`: what errors call the source of the names.
     """
     before = _others.set(who)
     try:
@@ -64,7 +64,7 @@ def naming_no_files(who: str) -> Iterator[None]:
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is such a file. Raises `InputError` where who names it may not know."""
+    """Whether the file exists. Raises `InputError` where its name comes from somebody who may not know that."""
     _check_named(path)
     return path.is_file()
 
@@ -76,7 +76,7 @@ def read_bytes(path: Path, most: int = TEXT) -> bytes:
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
             about = os.fstat(file.fileno())
             _check_kind(path, about, most)
-            content = file.read(most + 1)  # what is written to now, or has no size, may hold more
+            content = file.read(about.st_size or min(most, TEXT) + 1)  # files of the kernel have no size
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}; allowed: a file that can be read") from error
     if len(content) > most:
